@@ -1,0 +1,16 @@
+"""The one place that names the compiler: kernels are compiled on first use, cached on disk, and free of the GIL."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a numeric function to machine code (nopython, cached, without the GIL)."""
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(function))

@@ -1,0 +1,163 @@
+"""What was measured, in memory: channels, runs and the campaign they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.errors import DataError
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+Quantity = Literal["acceleration", "velocity", "displacement", "force", "voltage", "current", "gain"]
+Use = Literal["fit", "holdout"]
+
+
+class Samples(Protocol):
+    """Anything that hands out raw samples by slice: an array in memory or a dataset on disk."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One sensor's record: raw samples and how they become physical values.
+
+    Parameters
+    ----------
+    name
+        Name of the channel: head, motor, table, heatblock, or as the rig's description names it.
+    samples
+        Raw values, shape (n,).
+    quantity, unit
+        What is measured and its SI unit.
+    scale, offset
+        Physical value = raw * scale + offset.
+    full_scale
+        Largest magnitude of the input in `unit`; beyond it the channel clips. None where unknown.
+    """
+
+    name: str
+    samples: Samples
+    quantity: Quantity = "acceleration"
+    unit: str = "m/s^2"
+    scale: float = 1.0
+    offset: float = 0.0
+    full_scale: float | None = None
+
+    def __len__(self) -> int:
+        return int(self.samples.shape[0])
+
+    def read(self, start: int = 0, stop: int | None = None) -> FloatArray:
+        """Physical values from `start` up to `stop` (the end where None), shape (stop - start,)."""
+        raw = np.asarray(self.samples[start:stop], dtype=np.float64)
+        return raw * self.scale + self.offset
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """Ticks that the instrument took and nobody has: `count` of them missing before tick `first_tick` + `count`."""
+
+    first_tick: int
+    count: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One uninterrupted measurement.
+
+    Parameters
+    ----------
+    id
+        Name of the run in its campaign.
+    configuration
+        "locked", "unlocked", or as the rig's description names it.
+    sample_rate
+        Samples per second, Hz.
+    gain
+        Drive gain of the excitation.
+    channels
+        The records by channel name, all of one length.
+    excitation, started, band, period, use, gaps
+        As in the recording format; `band` in Hz, `period` in samples.
+    """
+
+    id: str
+    configuration: str
+    sample_rate: float
+    gain: float
+    channels: Mapping[str, Channel]
+    excitation: str = "other"
+    started: datetime | None = None
+    band: tuple[float, float] | None = None
+    period: int | None = None
+    use: Use = "fit"
+    gaps: tuple[Gap, ...] = ()
+
+    def __len__(self) -> int:
+        return len(next(iter(self.channels.values())))
+
+    @property
+    def duration(self) -> float:
+        """Length of the record in seconds."""
+        return len(self) / self.sample_rate
+
+    def channel(self, name: str) -> Channel:
+        """The channel of that name, or a DataError that says which there are."""
+        if name not in self.channels:
+            raise DataError(
+                f"run {self.id!r} has no channel {name!r}, only {', '.join(sorted(self.channels))}; "
+                "measure it or rename the channel when importing"
+            )
+        return self.channels[name]
+
+    def read(self, name: str) -> FloatArray:
+        """All physical values of one channel, shape (n,)."""
+        return self.channel(name).read()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """All runs measured on one rig, and what was known of it beforehand.
+
+    Parameters
+    ----------
+    runs
+        The runs, in the order in which they were measured where `started` tells.
+    known
+        The numbers of the recording's `rig` group by name (SI), e.g. head_mass in kg.
+    description
+        Text of the rig's own description, for a rig other than the wire bonder.
+    source
+        Where it came from, for messages and reports.
+    """
+
+    runs: tuple[Run, ...]
+    known: Mapping[str, float] = field(default_factory=dict)
+    description: str | None = None
+    source: str = ""
+
+    def select(self, *, configuration: str | None = None, gain: float | None = None) -> tuple[Run, ...]:
+        """The runs of that configuration and gain (any where None)."""
+        return tuple(
+            run
+            for run in self.runs
+            if (configuration is None or run.configuration == configuration)
+            and (gain is None or abs(run.gain - gain) <= 1e-6 * max(abs(gain), 1.0))
+        )
+
+    def seconds_since_start(self, run: Run) -> float:
+        """Seconds from the campaign's first `started` to this run's; 0 where unknown."""
+        times = [r.started for r in self.runs if r.started is not None]
+        if run.started is None or not times:
+            return 0.0
+        return (run.started - min(times)).total_seconds()

@@ -1,0 +1,1 @@
+"""The lab application: sessions, storage, pictures, reports, the command line."""
