@@ -14,3 +14,8 @@ R = TypeVar("R")
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a numeric function to machine code (nopython, cached, without the GIL)."""
     return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def fast_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile as `kernel`, letting sums be reordered so that they run in vector lanes."""
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, fastmath=True)(function))

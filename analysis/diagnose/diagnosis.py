@@ -1,0 +1,291 @@
+"""The whole diagnosis of a campaign: baseline, misfit, candidates, judgement, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from analysis.diagnose.judge import Score, confidence, margin_in_errors, noise_floor, score
+from analysis.diagnose.mechanisms import CATALOGUE, Candidate
+from analysis.diagnose.misfit import Discrepancy, discrepancies
+from analysis.diagnose.observe import observe
+from analysis.diagnose.search import Look, Progress, Screen, parameters_of, shortened
+from analysis.engine import Excitation
+from analysis.errors import FitError
+from analysis.fit import Fit, Problem, base_parameters, fit
+from analysis.measured import Campaign
+from analysis.model import RigModel
+from analysis.start import equation_start
+from analysis.trials import Trial, noise_levels, prepare
+
+#: Seconds of each run in the short look at candidates, and in the middle fits.
+GLANCE = 10.0
+#: Candidates that get a full fit, and steps at most.
+FINALISTS = 4
+MOST_STEPS = 3
+#: Below this multiple of what is allowed (the noise floor and the simulation's own limit) a model explains the data.
+ENOUGH = 1.5
+#: Error of the simulation itself, as a share of the signal: the sampling filter is not known to better than this.
+SIMULATION_LIMIT = 0.004
+#: Share of the excess over the floor that must go for a cause to be certain, and for the data to count as explained.
+EXPLAINED = 0.8
+#: Share of what is left of the excess that a further step must remove.
+WORTH = 0.15
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """Another candidate and its held-out error."""
+
+    cause: str
+    location: str
+    holdout_error: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """A named cause with what speaks for it.
+
+    Parameters
+    ----------
+    cause, location
+        Names of the findings' catalogue.
+    parameters
+        (value, standard deviation, unit) by name.
+    confidence
+        Share of resampled held-out blocks in which it beats every rival.
+    rivals
+        The others that were fitted in full, best first.
+    indistinguishable
+        Cause and location of rivals that the data cannot tell apart from it.
+    evidence
+        Sentences.
+    before, after
+        Held-out error without and with it.
+    """
+
+    cause: str
+    location: str
+    parameters: dict[str, tuple[float, float, str]]
+    confidence: float
+    rivals: tuple[Rival, ...]
+    indistinguishable: tuple[tuple[str, str], ...]
+    evidence: tuple[str, ...]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """What was found.
+
+    Parameters
+    ----------
+    verdict
+        "adequate", "explained", "partly explained" or "unexplained".
+    baseline, extended
+        The fitted models before and after.
+    discrepancies
+        What the baseline gets wrong.
+    steps
+        The named causes, largest first.
+    holdout
+        Held-out error of baseline and extended model, and the noise floor.
+    trials
+        The runs it rests on.
+    """
+
+    verdict: str
+    baseline: Fit
+    extended: Fit
+    discrepancies: tuple[Discrepancy, ...]
+    steps: tuple[Step, ...]
+    baseline_error: float
+    extended_error: float
+    floor: float
+    scores: tuple[Score, Score]
+    trials: tuple[Trial, ...]
+
+
+def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda text: None) -> Diagnosis:
+    """Fit the baseline, show its misfit, and name what explains it.
+
+    Parameters
+    ----------
+    campaign
+        What was measured.
+    model
+        The baseline with first guesses; its `free` parameters are fitted.
+    progress
+        Called with one line per stage.
+    """
+    trials = prepare(campaign, model)
+    fine = tuple(_refined(trial) for trial in trials)
+    progress(f"{len(trials)} runs prepared; fitting the baseline")
+    current = _baseline(model, trials)
+    baseline = current
+    first = score(current.model, fine)
+    drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
+    floors = noise_floor(current.model, fine, drive_noise)
+    floor = float(np.median(floors))
+    floors = np.hypot(floors, SIMULATION_LIMIT)
+    now = first
+    steps: list[Step] = []
+    fits: list[Fit] = []
+    scores: list[Score] = []
+    while len(steps) < MOST_STEPS and not _adequate(now, floors):
+        progress(f"held-out error {now.figure:.3g} against a noise floor of {floor:.3g}; looking for a cause")
+        found = _next_step(campaign, current, now, trials, fine, progress)
+        if found is None:
+            break
+        step, better, best = found
+        gained = (_excess(now, floors) - _excess(best, floors)) / max(_excess(now, floors), 1e-12)
+        if gained < WORTH:
+            break
+        steps.append(step)
+        fits.append(better)
+        scores.append(best)
+        current, now = better, best
+    verdict, kept = _verdict(first, scores, steps, floors)
+    extended = fits[kept - 1] if kept else baseline
+    last = scores[kept - 1] if kept else first
+    return Diagnosis(
+        verdict=verdict, baseline=baseline, extended=extended,
+        discrepancies=discrepancies(baseline.model, fine), steps=tuple(steps[:kept]),
+        baseline_error=first.figure, extended_error=last.figure, floor=floor, scores=(first, last), trials=fine,
+    )  # fmt: skip
+
+
+def _refined(trial: Trial) -> Trial:
+    # Judged on a finer grid than fitted.
+    if trial.excitation.oversample >= 8:
+        return trial
+    excitation = Excitation.prepare(trial.excitation.recorded, trial.excitation.sample_rate, oversample=8)
+    return replace(trial, excitation=excitation)
+
+
+def _baseline(model: RigModel, trials: Sequence[Trial]) -> Fit:
+    start = equation_start(model, trials)
+    rough = _patient(start, shortened(trials, GLANCE))
+    return _finished(rough, trials)
+
+
+def _patient(start: RigModel, trials: Sequence[Trial]) -> Fit:
+    # Wide allowances first: a resonance that is off by more than its width has no slope at narrow ones.
+    wide = fit(start, base_parameters(start), Problem(trials, share=0.3), iterations=6, tolerance=2e-2)
+    return fit(wide.model, base_parameters(wide.model), Problem(trials), iterations=12, tolerance=5e-3)
+
+
+def _finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
+    return fit(rough.model, rough.free, Problem(trials, share=0.004), iterations=4, tolerance=1e-3)
+
+
+def _excess(score_: Score, floors: np.ndarray) -> float:
+    # Mean over runs and channels of the log of the error over its floor: zero for a perfect model.
+    return float(np.mean(np.log(np.maximum(score_.error / floors, 1.0))))
+
+
+def _adequate(score_: Score, floors: np.ndarray) -> bool:
+    return bool(np.max(score_.error / floors) < ENOUGH)
+
+
+def _next_step(
+    campaign: Campaign,
+    current: Fit,
+    now: Score,
+    trials: Sequence[Trial],
+    fine: Sequence[Trial],
+    progress: Progress,
+) -> tuple[Step, Fit, Score] | None:
+    short = shortened(trials, GLANCE)
+    problem = Problem(short)
+    glance = fit(current.model, current.free, problem, iterations=1)
+    screen = Screen(glance, problem)
+    evidence = observe(campaign, glance.model, trials)
+    looks: list[Look] = []
+    for mechanism in CATALOGUE:
+        for candidate in mechanism.candidates(glance.model, evidence):
+            looks.append(screen.look(candidate))
+    looks = sorted((look for look in looks if np.isfinite(look.cost)), key=lambda look: look.cost)
+    if not looks:
+        return None
+    progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
+    refined: list[tuple[Look, Fit]] = []
+    for look in _diverse(looks):
+        try:
+            free = parameters_of(current.model, look.candidate, current.free)
+            refined.append((look, fit(look.model, free, problem, iterations=6, tolerance=1e-2)))
+        except FitError:
+            continue
+    refined.sort(key=lambda pair: pair[1].cost)
+    finalists: list[tuple[Candidate, Fit, Score]] = []
+    for look, rough in refined[:FINALISTS]:
+        if finalists and rough.cost > 5.0 * refined[0][1].cost and len(finalists) >= 2:
+            continue
+        done = _finished(rough, trials)
+        finalists.append((look.candidate, done, score(done.model, fine)))
+        progress(f"{look.candidate.cause} ({look.candidate.location}): held-out error {finalists[-1][2].figure:.3g}")
+    if not finalists:
+        return None
+    finalists.sort(key=lambda item: float(np.mean(np.log(item[2].blocks))))
+    return _choice(finalists, now)
+
+
+def _diverse(looks: Sequence[Look]) -> list[Look]:
+    # The best looks, and the best of each family that promises anything, so that no kind is lost to a rough first step.
+    chosen = list(looks[:5])
+    seen = {look.candidate.family for look in chosen}
+    for look in looks[5:]:
+        if look.candidate.family not in seen and look.cost < 1.05 * looks[-1].cost:
+            chosen.append(look)
+            seen.add(look.candidate.family)
+    return chosen[:8]
+
+
+def _choice(
+    finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score
+) -> tuple[Step, Fit, Score] | None:
+    candidate, fitted, best = finalists[0]
+    close = [item for item in finalists if item[2] is best or margin_in_errors(best, item[2]) < 2.0]
+    # Of those that the data cannot tell apart, the simplest is carried.
+    candidate, fitted, carried = min(close, key=lambda item: item[0].rank)
+    others = [item for item in finalists if item[2] is not carried]
+    apart = [item for item in others if all(item[2] is not other[2] for other in close)]
+    model = msgspec.structs.replace(fitted.model, free=tuple(free.path for free in fitted.free))
+    std = fitted.std
+    values = {
+        r.name: (fitted.model.get(r.path), std.get(r.path, 0.0), r.unit) for r in candidate.reported
+    }
+    step = Step(
+        cause=candidate.cause, location=candidate.location, parameters=values,
+        confidence=confidence(carried, [item[2] for item in apart]),
+        rivals=tuple(
+            Rival(cause=c.cause, location=c.location, holdout_error=s.figure) for c, _, s in others
+        ),
+        indistinguishable=tuple(c.key for c, _, s in close if s is not carried),
+        evidence=(
+            f"With {candidate.cause} at {candidate.location} the held-out error falls from {now.figure:.3g} to "
+            f"{carried.figure:.3g}.",
+        ),
+        before=now.figure, after=carried.figure,
+    )  # fmt: skip
+    return step, replace(fitted, model=model), carried
+
+
+def _verdict(
+    first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: np.ndarray
+) -> tuple[str, int]:
+    if not scores:
+        return ("adequate" if _adequate(first, floors) else "unexplained"), 0
+    total = _excess(first, floors)
+    for kept in range(len(scores), 0, -1):
+        removed = 1.0 - _excess(scores[kept - 1], floors) / max(total, 1e-12)
+        if removed >= EXPLAINED:
+            return "explained", kept
+    alone = 1.0 - _excess(scores[0], floors) / max(total, 1e-12)
+    if alone >= 0.6 and steps[0].confidence >= 0.95:
+        return "partly explained", 1
+    return "unexplained", 0

@@ -1,0 +1,115 @@
+"""The judgement on data that took no part in any fit: errors, their noise floor, and paired comparison by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.engine import Excitation, simulate
+from analysis.errors import SimulationError
+from analysis.fit import WORKERS
+from analysis.measured import FloatArray
+from analysis.model import RigModel
+from analysis.trials import Trial
+
+BLOCKS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """How a model does on held-out data.
+
+    Parameters
+    ----------
+    error
+        rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels).
+    blocks
+        Mean square error of each block of held-out data over the noise's, shape (runs, channels, blocks).
+    """
+
+    error: FloatArray
+    blocks: FloatArray
+
+    @property
+    def figure(self) -> float:
+        """The campaign's figure: the median over runs and channels."""
+        return float(np.median(self.error))
+
+
+def held_out(trial: Trial) -> slice:
+    """The samples of a trial that no fit has seen, without the edge of the record."""
+    return slice(trial.fitted, trial.samples)
+
+
+def score(model: RigModel, trials: Sequence[Trial]) -> Score:
+    """Simulate every run freely from its first sample, and compare where nothing was fitted."""
+
+    def one(trial: Trial) -> tuple[FloatArray, FloatArray]:
+        part = held_out(trial)
+        try:
+            response = simulate(
+                model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
+                as_recorded=True,
+            )  # fmt: skip
+            predicted = np.stack([response.channels[name] for name in trial.channels])[:, part]
+        except SimulationError:
+            predicted = np.full((len(trial.channels), trial.samples - trial.fitted), 1e6)
+        measured = trial.measured[:, part]
+        error = predicted - measured
+        size = np.sqrt(np.mean(measured**2, axis=1))
+        relative = np.sqrt(np.mean(error**2, axis=1)) / np.maximum(size, 1e-30)
+        floor = trial.noise**2 + (0.003 * size) ** 2
+        blocks = np.stack([np.mean(b**2, axis=1) for b in np.array_split(error, BLOCKS, axis=1)], axis=1)
+        return relative, blocks / np.maximum(floor, 1e-30)[:, None]
+
+    with ThreadPoolExecutor(WORKERS) as pool:
+        results = list(pool.map(one, trials))
+    return Score(error=np.stack([r[0] for r in results]), blocks=np.stack([r[1] for r in results]))
+
+
+def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
+    """The error that a perfect model would show in each run and channel, shape (runs, channels).
+
+    The responses' own noise, and the drive channel's through the model: the difference that noise of its size, added to the recorded
+    drive, makes in the simulation.
+    """
+    generator = np.random.default_rng(7)
+
+    def one(trial: Trial, noise: FloatArray) -> FloatArray:
+        part = held_out(trial)
+        excitation = trial.excitation
+        shaken = Excitation.prepare(
+            excitation.recorded + noise, excitation.sample_rate, oversample=excitation.oversample
+        )
+        options = {"configuration": trial.run.configuration, "start_time": trial.start_time}
+        a, b = simulate(model, excitation, **options), simulate(model, shaken, **options)
+        measured = trial.measured[:, part]
+        through = np.stack([(a.channels[n] - b.channels[n])[part] for n in trial.channels])
+        power = trial.noise**2 + np.mean(through**2, axis=1)
+        return np.asarray(np.sqrt(power / np.maximum(np.mean(measured**2, axis=1), 1e-30)))
+
+    noises = [generator.normal(0.0, drive_noise, trial.samples) for trial in trials]
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return np.stack(list(pool.map(one, trials, noises)))
+
+
+def confidence(best: Score, rivals: Sequence[Score], *, draws: int = 400) -> float:
+    """Share of resampled held-out blocks in which the best beats every rival (mean log error over blocks)."""
+    if not rivals:
+        return 1.0
+    generator = np.random.default_rng(11)
+    own = np.log(best.blocks).reshape(-1, BLOCKS).mean(axis=0)
+    others = np.stack([np.log(r.blocks).reshape(-1, BLOCKS).mean(axis=0) for r in rivals])
+    margin = others - own
+    picks = generator.integers(0, BLOCKS, (draws, BLOCKS))
+    return float(np.mean(margin[:, picks].mean(axis=2).min(axis=0) > 0.0))
+
+
+def margin_in_errors(best: Score, rival: Score) -> float:
+    """How many standard errors of the paired blocks the rival lies behind the best."""
+    difference = (np.log(rival.blocks) - np.log(best.blocks)).reshape(-1, BLOCKS).mean(axis=0)
+    spread = float(difference.std(ddof=1) / np.sqrt(BLOCKS))
+    return float(difference.mean() / max(spread, 1e-12))

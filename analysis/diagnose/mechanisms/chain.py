@@ -1,0 +1,107 @@
+"""Faults of the measurement chain: delay, gain, clipping, crosstalk."""
+
+from __future__ import annotations
+
+import msgspec
+
+from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
+from analysis.fit import Free
+from analysis.model import Chain, RigModel
+
+
+def chain_of(model: RigModel, channel: str) -> tuple[Chain, str]:
+    """The chain of a channel and its path in the model."""
+    if channel == model.drive.channel:
+        return model.drive.chain, "drive.chain"
+    return model.sensor(channel).chain, f"sensors.{channel}.chain"
+
+
+def with_chain(model: RigModel, channel: str, chain: Chain) -> RigModel:
+    """The rig with another chain on a channel."""
+    if channel == model.drive.channel:
+        return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=chain))
+    return msgspec.structs.replace(model, sensors=exchange(model.sensors, channel, chain=chain))
+
+
+def channels_of(model: RigModel) -> tuple[str, ...]:
+    """The drive's channel and the sensors'."""
+    return (model.drive.channel, *(sensor.channel for sensor in model.sensors))
+
+
+class ChannelDelay:
+    """A channel that comes late."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        sample = 1.0 / evidence.sample_rate
+        found = []
+        for channel in channels_of(model):
+            path = f"{chain_of(model, channel)[1]}.delay"
+            found.append(
+                Candidate(
+                    cause="channel_delay", location=channel, family="chain", starts=(model,),
+                    free=(Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample),),
+                    reported=(Reported(name="delay", path=path, unit="s"),), rank=0,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class SensorGain:
+    """A factor on the recorded value."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for channel in channels_of(model):
+            path = f"{chain_of(model, channel)[1]}.gain"
+            found.append(
+                Candidate(
+                    cause="sensor_gain", location=channel, family="chain", starts=(model,),
+                    free=(Free(path=path, low=0.2, high=5.0),),
+                    reported=(Reported(name="factor", path=path, unit="1"),), rank=0,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class Clipping:
+    """A recorded value limited below its range: proposed only where the record's tops are flat."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for channel, level in evidence.flat_tops.items():
+            if channel not in channels_of(model):
+                continue
+            chain, path = chain_of(model, channel)
+            path = f"{path}.limit"
+            start = with_chain(model, channel, msgspec.structs.replace(chain, limit=level))
+            found.append(
+                Candidate(
+                    cause="clipping", location=channel, family="chain", starts=(start,),
+                    free=(Free(path=path, low=0.9 * level, high=1.1 * level),),
+                    reported=(Reported(name="limit", path=path, unit="m/s^2"),), rank=0,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class Crosstalk:
+    """A share of another channel in this one."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for channel in channels_of(model)[1:]:
+            chain, path = chain_of(model, channel)
+            for source in channels_of(model):
+                if source == channel or source in chain.crosstalk:
+                    continue
+                mixed = msgspec.structs.replace(chain, crosstalk={**chain.crosstalk, source: 0.0})
+                share = f"{path}.crosstalk.{source}"
+                found.append(
+                    Candidate(
+                        cause="crosstalk", location=channel, family="chain",
+                        starts=(with_chain(model, channel, mixed),),
+                        free=(Free(path=share, low=-0.9, high=0.9, log=False, step=1e-3),),
+                        reported=(Reported(name="fraction", path=share, unit="1"),),
+                    )
+                )  # fmt: skip
+        return tuple(found)

@@ -1,0 +1,144 @@
+"""Friction other than the baseline's: dry friction it lacks, Stribeck, presliding, another level each way."""
+
+from __future__ import annotations
+
+import msgspec
+
+from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
+from analysis.fit import Free
+from analysis.laws import Asymmetric, Coulomb, Dahl, FrictionLaw, Stribeck
+from analysis.model import Contact, Link, RigModel
+
+
+def _moving_links(model: RigModel) -> tuple[Link, ...]:
+    """The links across which bodies slide: those that some configuration blocks, or all where none does."""
+    blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
+    return tuple(link for link in model.links if link.name in blocked or not blocked)
+
+
+def _dry(model: RigModel) -> tuple[tuple[Contact, Coulomb], ...]:
+    return tuple((c, c.law) for c in model.contacts if isinstance(c.law, Coulomb))
+
+
+def _exchanged(model: RigModel, contact: Contact, law: FrictionLaw) -> RigModel:
+    return msgspec.structs.replace(model, contacts=exchange(model.contacts, contact.name, law=law), free=())
+
+
+class CoulombFriction:
+    """Dry friction where the baseline has none."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _moving_links(model):
+            if any(contact.name == link.name for contact in model.contacts):
+                continue
+            force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
+            starts = tuple(
+                msgspec.structs.replace(
+                    model,
+                    contacts=(
+                        *model.contacts,
+                        Contact(name=link.name, a=link.a, b=link.b, law=Coulomb(friction_force=share * force)),
+                    ),
+                )
+                for share in (0.02, 0.15)
+            )
+            path = f"contacts.{link.name}.law.friction_force"
+            found.append(
+                Candidate(
+                    cause="coulomb_friction", location=link.name, family="friction", starts=starts,
+                    free=(Free(path=path, low=1e-4 * force, high=3.0 * force),),
+                    reported=(Reported(name="friction_force", path=path, unit="N"),), rank=0,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class StribeckFriction:
+    """Breakaway above sliding friction, falling with speed."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for contact, law in _dry(model):
+            speed = evidence.speed.get(contact.name, 0.1)
+            path = f"contacts.{contact.name}.law"
+            force = law.friction_force
+            starts = tuple(
+                _exchanged(
+                    model, contact,
+                    Stribeck(friction_force=0.8 * force, static_force=1.3 * force, stribeck_velocity=share * speed),
+                )
+                for share in (0.02, 0.1)
+            )  # fmt: skip
+            found.append(
+                Candidate(
+                    cause="stribeck_friction", location=contact.name, family="friction", starts=starts,
+                    free=(
+                        Free(path=f"{path}.static_force", low=1e-3 * force, high=20.0 * force),
+                        Free(path=f"{path}.stribeck_velocity", low=2e-4 * speed, high=2.0 * speed),
+                    ),
+                    reported=(
+                        Reported(name="static_force", path=f"{path}.static_force", unit="N"),
+                        Reported(name="friction_force", path=f"{path}.friction_force", unit="N"),
+                        Reported(name="stribeck_velocity", path=f"{path}.stribeck_velocity", unit="m/s"),
+                    ),
+                    rank=2,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class PreslidingFriction:
+    """Elastic before it slides (Dahl)."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for contact, law in _dry(model):
+            deflection = evidence.deflection.get(contact.name, 1e-3)
+            path = f"contacts.{contact.name}.law.bristle_stiffness"
+            force = max(law.friction_force, 1e-6)
+            starts = tuple(
+                _exchanged(model, contact, Dahl(friction_force=force, bristle_stiffness=force / (share * deflection)))
+                for share in (0.01, 0.05)
+            )
+            found.append(
+                Candidate(
+                    cause="presliding_friction", location=contact.name, family="friction", starts=starts,
+                    free=(Free(path=path, low=0.1 * force / deflection, high=3e3 * force / deflection),),
+                    reported=(Reported(name="bristle_stiffness", path=path, unit="N/m"),),
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class AsymmetricFriction:
+    """Another dry or viscous level each way."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for contact, law in _dry(model):
+            path = f"contacts.{contact.name}.law"
+            force = law.friction_force
+            speed = max(evidence.speed.get(contact.name, 0.1), 1e-9)
+            start = _exchanged(model, contact, Asymmetric(forward_force=force, backward_force=force))
+            viscosity = force / speed
+            found.append(
+                Candidate(
+                    cause="asymmetric_friction", location=contact.name, family="friction", starts=(start,),
+                    free=(
+                        Free(path=f"{path}.forward_force", low=1e-3 * force, high=20.0 * force),
+                        Free(path=f"{path}.backward_force", low=1e-3 * force, high=20.0 * force),
+                        Free(path=f"{path}.forward_viscosity", high=1e3 * viscosity, log=False, step=0.02 * viscosity),
+                        Free(path=f"{path}.backward_viscosity", high=1e3 * viscosity, log=False, step=0.02 * viscosity),
+                    ),
+                    dropped=(f"{path}.friction_force",),
+                    reported=(
+                        Reported(name="forward_force", path=f"{path}.forward_force", unit="N"),
+                        Reported(name="backward_force", path=f"{path}.backward_force", unit="N"),
+                        Reported(name="forward_viscosity", path=f"{path}.forward_viscosity", unit="N s/m"),
+                        Reported(name="backward_viscosity", path=f"{path}.backward_viscosity", unit="N s/m"),
+                    ),
+                    rank=3,
+                )
+            )  # fmt: skip
+        return tuple(found)

@@ -1,0 +1,147 @@
+"""Linear causes of structure: an oscillator that nobody modelled, a rocking motor, a mass that is not what was weighed."""
+
+from __future__ import annotations
+
+from math import pi
+
+import msgspec
+
+from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
+from analysis.fit import Free
+from analysis.model import GROUND, Body, Link, RigModel
+
+ROCKING_RADIUS = 0.1  # m: the motor's radius of gyration; only products with arms show, so any value serves
+
+
+def _blocked(model: RigModel) -> frozenset[str]:
+    return frozenset(name for configuration in model.configurations.values() for name in configuration.rigid)
+
+
+class ExtraMode:
+    """An oscillator riding on a body."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for body in model.bodies:
+            name = f"{body.name}_rider"
+            if any(other.name == name for other in model.bodies) or body.name.endswith("_rider"):
+                continue
+            mass = 0.04 * body.mass
+            starts = tuple(self._with_rider(model, name, body, mass, f) for f in evidence.misfit_frequencies)
+            if not starts:
+                continue
+            mass_path, stiffness, damping = f"bodies.{name}.mass", f"links.{name}.stiffness", f"links.{name}.damping"
+            found.append(
+                Candidate(
+                    cause="extra_mode", location=body.name, family="mode", starts=starts,
+                    free=(
+                        Free(path=mass_path, low=1e-4 * body.mass, high=body.mass),
+                        Free(path=stiffness, low=mass * 2.0, high=mass * (2 * pi * evidence.sample_rate) ** 2),
+                        Free(path=damping, low=1e-6, high=mass * 2 * pi * evidence.sample_rate),
+                    ),
+                    reported=(
+                        Reported(name="mode_mass", path=mass_path, unit="kg"),
+                        Reported(name="mode_stiffness", path=stiffness, unit="N/m"),
+                        Reported(name="mode_coefficient", path=damping, unit="N s/m"),
+                    ),
+                    rank=3,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+    @staticmethod
+    def _with_rider(model: RigModel, name: str, body: Body, mass: float, frequency: float) -> RigModel:
+        omega = 2.0 * pi * frequency
+        link = Link(name=name, a=name, b=body.name, stiffness=mass * omega**2, damping=2 * 0.03 * mass * omega)
+        # Below its own frequency the rider moves along: a mass that was fitted held the rider's too.
+        bodies = model.bodies
+        if f"bodies.{body.name}.mass" in model.free:
+            bodies = exchange(bodies, body.name, mass=body.mass - mass)
+        return msgspec.structs.replace(
+            model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*model.links, link)
+        )
+
+
+class MomentCoupling:
+    """The drive pushes off the centre of gravity and the body rocks on its bearings."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for pushed, weight in model.drive.pushes.items():
+            sensors = [s.channel for s in model.sensors if s.body == pushed]
+            links = [link.name for link in model.links if link.name in _blocked(model) and pushed in (link.a, link.b)]
+            if not sensors or not links or any(body.name == "rocking" for body in model.bodies):
+                continue
+            starts = tuple(
+                self._rocking(model, pushed, weight, sensors, links[0], frequency)
+                for frequency in evidence.misfit_frequencies
+            )
+            inertia = model.body(pushed).mass * ROCKING_RADIUS**2
+            arm = "drive.pushes.rocking"
+            height = f"sensors.{sensors[0]}.arms.rocking"
+            bearing = f"links.{links[0]}.arms.rocking"
+            stiffness, damping = "links.bearing.stiffness", "links.bearing.damping"
+            found.append(
+                Candidate(
+                    cause="moment_coupling", location=pushed, family="mode", starts=starts,
+                    free=(
+                        Free(path=arm, low=-1.0, high=1.0, log=False, step=1e-3),
+                        Free(path=height, low=-1.0, high=1.0, log=False, step=1e-3),
+                        Free(path=bearing, low=-1.0, high=1.0, log=False, step=1e-3),
+                        Free(path=stiffness, low=inertia, high=inertia * (2 * pi * evidence.sample_rate) ** 2),
+                        Free(path=damping, low=1e-8, high=inertia * 2 * pi * evidence.sample_rate),
+                    ),
+                    reported=(
+                        Reported(name="drive_arm", path=arm, unit="m"),
+                        Reported(name="sensor_height", path=height, unit="m"),
+                        Reported(name="bearing_height", path=bearing, unit="m"),
+                        Reported(name="rocking_stiffness", path=stiffness, unit="N m/rad"),
+                    ),
+                    rank=5,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+    @staticmethod
+    def _rocking(
+        model: RigModel, pushed: str, weight: float, sensors: list[str], link: str, frequency: float
+    ) -> RigModel:
+        inertia = model.body(pushed).mass * ROCKING_RADIUS**2
+        omega = 2.0 * pi * frequency
+        bearing = Link(
+            name="bearing", a="rocking", b=GROUND, stiffness=inertia * omega**2, damping=2 * 0.03 * inertia * omega
+        )
+        arms = {"rocking": 0.02}
+        locked = {
+            name: msgspec.structs.replace(c, rigid=(*c.rigid, "bearing")) if link in c.rigid else c
+            for name, c in model.configurations.items()
+        }
+        return msgspec.structs.replace(
+            model,
+            bodies=(*model.bodies, Body(name="rocking", mass=inertia)),
+            links=(*exchange(model.links, link, arms=arms), bearing),
+            sensors=exchange(model.sensors, sensors[0], arms=arms),
+            drive=msgspec.structs.replace(model.drive, pushes={**model.drive.pushes, "rocking": 0.02 * weight}),
+            configurations=locked,
+        )
+
+
+class WrongMass:
+    """A mass taken as known that is not so."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        places = [("drive.factor", "head")] if model.drive.quantity == "acceleration" else []
+        places += [(f"bodies.{body.name}.mass", body.name) for body in model.bodies if _weighed(model, body)]
+        return tuple(
+            Candidate(
+                cause="wrong_mass", location=location, family="mass", starts=(model,),
+                free=(Free(path=path, low=0.2 * model.get(path), high=5.0 * model.get(path)),),
+                reported=(Reported(name="mass", path=path, unit="kg"),), rank=0,
+            )
+            for path, location in places
+            if path not in model.free
+        )  # fmt: skip
+
+
+def _weighed(model: RigModel, body: Body) -> bool:
+    return f"bodies.{body.name}.mass" not in model.free and not body.name.endswith("_rider") and body.name != "rocking"

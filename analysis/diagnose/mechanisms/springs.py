@@ -1,0 +1,179 @@
+"""Links that are not a constant linear spring and damper."""
+
+from __future__ import annotations
+
+import msgspec
+
+from analysis import laws
+from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
+from analysis.fit import Free
+from analysis.laws import LinkLaw
+from analysis.model import Link, RigModel
+
+
+def added(model: RigModel, link: Link, law: LinkLaw) -> RigModel:
+    """The rig with one more law on a link."""
+    return msgspec.structs.replace(model, links=exchange(model.links, link.name, laws=(*link.laws, law)))
+
+
+def _path(link: Link, key: str) -> str:
+    return f"links.{link.name}.laws.{len(link.laws)}.{key}"
+
+
+def _springs(model: RigModel, law: type) -> tuple[Link, ...]:
+    # A law that is there already is not proposed twice.
+    return tuple(
+        link for link in model.links if link.stiffness > 0.0 and not any(isinstance(old, law) for old in link.laws)
+    )
+
+
+def _sliding(model: RigModel, law: type) -> tuple[Link, ...]:
+    # Play, stops and drag belong to the link that a configuration blocks, or to any link of a rig without a lock.
+    blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
+    return tuple(link for link in _springs(model, law) if link.name in blocked or not blocked)
+
+
+def _cubic(model: RigModel, evidence: Evidence, link: Link, share: float) -> RigModel:
+    return added(
+        model, link, laws.Cubic(cubic_stiffness=share * link.stiffness / evidence.deflection[link.name] ** 2)
+    )
+
+
+class HardeningStiffness:
+    """k d + k3 d^3, k3 > 0."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _springs(model, laws.Cubic):
+            scale = link.stiffness / evidence.deflection[link.name] ** 2
+            path = _path(link, "cubic_stiffness")
+            found.append(
+                Candidate(
+                    cause="hardening_stiffness", location=link.name, family="spring",
+                    starts=tuple(_cubic(model, evidence, link, share) for share in (0.05, 0.6)),
+                    free=(Free(path=path, low=1e-5 * scale, high=1e3 * scale),),
+                    reported=(Reported(name="cubic_stiffness", path=path, unit="N/m^3"),),
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class SofteningStiffness:
+    """k ((1 - r) d + r s tanh(d / s))."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _springs(model, laws.BoundedSoftening):
+            deflection = evidence.deflection[link.name]
+            share, scale = _path(link, "softening"), _path(link, "scale")
+            starts = tuple(
+                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection))
+                for r, s in ((0.3, 0.3), (0.6, 0.1))
+            )
+            found.append(
+                Candidate(
+                    cause="softening_stiffness", location=link.name, family="spring", starts=starts,
+                    free=(
+                        Free(path=share, low=1e-3, high=0.99),
+                        Free(path=scale, low=5e-3 * deflection, high=5.0 * deflection),
+                    ),
+                    reported=(
+                        Reported(name="softening", path=share, unit="1"),
+                        Reported(name="scale", path=scale, unit="m"),
+                    ),
+                    rank=2,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class Backlash:
+    """The spring acts only beyond a clearance."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _sliding(model, laws.Backlash):
+            deflection = evidence.deflection[link.name]
+            path = _path(link, "clearance")
+            found.append(
+                Candidate(
+                    cause="backlash", location=link.name, family="spring",
+                    starts=tuple(
+                        added(model, link, laws.Backlash(clearance=share * deflection)) for share in (0.03, 0.12)
+                    ),
+                    free=(Free(path=path, low=1e-4 * deflection, high=0.9 * deflection),),
+                    reported=(Reported(name="clearance", path=path, unit="m"),),
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class EndStop:
+    """A second, stiffer spring beyond a deflection."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _sliding(model, laws.EndStop):
+            deflection = evidence.deflection[link.name]
+            stroke, stiffness = _path(link, "stroke"), _path(link, "contact_stiffness")
+            starts = tuple(
+                added(model, link, laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness))
+                for share, factor in ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0))
+            )
+            found.append(
+                Candidate(
+                    cause="end_stop", location=link.name, family="spring", starts=starts,
+                    free=(
+                        Free(path=stroke, low=0.05 * deflection, high=1.2 * deflection),
+                        Free(path=stiffness, low=1e-2 * link.stiffness, high=1e4 * link.stiffness),
+                    ),
+                    reported=(
+                        Reported(name="stroke", path=stroke, unit="m"),
+                        Reported(name="contact_stiffness", path=stiffness, unit="N/m"),
+                    ),
+                    rank=2,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class QuadraticDamping:
+    """c v + q v |v|."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _sliding(model, laws.QuadraticDamping):
+            path = _path(link, "quadratic_damping")
+            scale = max(link.damping, 1e-9) / evidence.speed[link.name]
+            starts = tuple(
+                added(model, link, laws.QuadraticDamping(quadratic_damping=share * scale)) for share in (0.3, 2.0)
+            )
+            found.append(
+                Candidate(
+                    cause="quadratic_damping", location=link.name, family="damping", starts=starts,
+                    free=(Free(path=path, low=1e-4 * scale, high=1e4 * scale),),
+                    reported=(Reported(name="quadratic_damping", path=path, unit="N s^2/m^2"),),
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+class StiffnessDrift:
+    """k (1 + rate t)."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        if evidence.end_time <= 0.0:
+            return ()
+        found = []
+        for link in _springs(model, laws.Drift):
+            path = _path(link, "drift_rate")
+            law = laws.Drift(drift_rate=0.0, until=evidence.end_time)
+            most = 0.95 / evidence.end_time
+            found.append(
+                Candidate(
+                    cause="stiffness_drift", location=link.name, family="drift", starts=(added(model, link, law),),
+                    free=(Free(path=path, low=-most, high=10.0 * most, log=False, step=0.01 * most),),
+                    reported=(Reported(name="drift_rate", path=path, unit="1/s"),),
+                )
+            )  # fmt: skip
+        return tuple(found)

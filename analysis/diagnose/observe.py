@@ -1,0 +1,106 @@
+"""Evidence before any candidate is fitted: how far the links swing, what the records look like, where the misfit lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.diagnose.mechanisms.base import Evidence
+from analysis.engine import simulate
+from analysis.measured import Campaign
+from analysis.model import GROUND, RigModel
+from analysis.motion import integrals
+from analysis.trials import Trial
+
+#: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
+FLAT_SHARE = 2e-3
+FLAT_SAMPLES = 12
+
+
+def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> Evidence:
+    """What the fitted baseline and the data say."""
+    deflection, speed = swings(model, trials)
+    rate = trials[0].run.sample_rate
+    last = max(t.start_time + t.samples / t.run.sample_rate for t in trials)
+    peaks: dict[str, float] = {}
+    for run in campaign.runs:
+        for name in run.channels:
+            peaks[name] = max(peaks.get(name, 0.0), float(np.abs(run.read(name)).max()))
+    return Evidence(
+        deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
+        flat_tops=flat_tops(campaign, peaks), misfit_frequencies=misfit_frequencies(model, trials),
+        configurations=frozenset(t.run.configuration for t in trials),
+    )  # fmt: skip
+
+
+def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
+    """Largest relative displacement (m) and velocity (m/s) of each link, from the measured accelerations.
+
+    Accelerations of the two ends are integrated in the frequency domain above the drive's lowest frequency. A link whose ends are
+    not measured gets the values of the largest one.
+    """
+    channel = {s.body: s.channel for s in model.sensors if s.quantity == "acceleration"}
+    deflection: dict[str, float] = {}
+    speed: dict[str, float] = {}
+    for link in model.links:
+        for trial in trials:
+            ends = [channel.get(end) for end in (link.a, link.b) if end != GROUND]
+            if any(end is None for end in ends):
+                continue
+            if link.name in model.configurations[trial.run.configuration].rigid:
+                continue
+            rows = [trial.measured[trial.channels.index(end)] for end in ends if end is not None]
+            relative = rows[0] - rows[1] if len(rows) == 2 else rows[0]
+            v, d = integrals(relative, trial.run.sample_rate, trial.run.band)
+            deflection[link.name] = max(deflection.get(link.name, 0.0), float(np.abs(d).max()))
+            speed[link.name] = max(speed.get(link.name, 0.0), float(np.abs(v).max()))
+    largest = max(deflection.values(), default=1e-3), max(speed.values(), default=1e-1)
+    for link in model.links:
+        deflection.setdefault(link.name, largest[0])
+        speed.setdefault(link.name, largest[1])
+    return deflection, speed
+
+
+def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
+    """Channels that stay at their largest magnitude, as a clipped record does, with that magnitude."""
+    found: dict[str, float] = {}
+    for name, peak in peaks.items():
+        if peak <= 0.0:
+            continue
+        count = sum(int((np.abs(run.read(name)) > (1 - FLAT_SHARE) * peak).sum()) for run in campaign.runs if name in run.channels)
+        if count >= FLAT_SAMPLES:
+            found[name] = peak * (1 - FLAT_SHARE / 2)
+    return found
+
+
+def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 4) -> tuple[float, ...]:
+    """Centres of the third-octave bands where the misfit stands highest above the noise, strongest first."""
+    edges = 2.0 ** np.arange(np.log2(2.0), np.log2(trials[0].run.sample_rate / 2.2), 1.0 / 6.0)
+    excess = np.zeros(len(edges) - 1)
+    for trial in trials:
+        n = trial.fitted
+        if n == 0:
+            continue
+        response = simulate(
+            model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
+            as_recorded=True, samples=n,
+        )  # fmt: skip
+        frequency = np.fft.rfftfreq(n, 1.0 / trial.run.sample_rate)
+        for row, name in enumerate(trial.channels):
+            error = np.abs(np.fft.rfft(response.channels[name] - trial.measured[row, :n])) ** 2 / n
+            signal = np.abs(np.fft.rfft(trial.measured[row, :n])) ** 2 / n
+            for k in range(len(excess)):
+                inside = (frequency >= edges[k]) & (frequency < edges[k + 1])
+                if inside.sum() >= 4:
+                    allowed = trial.noise[row] ** 2 + (0.02**2) * signal[inside].mean()
+                    excess[k] = max(excess[k], float(error[inside].mean() / allowed))
+    order = np.argsort(excess)[::-1]
+    chosen: list[float] = []
+    for k in order:
+        centre = float(np.sqrt(edges[k] * edges[k + 1]))
+        if all(abs(np.log2(centre / other)) > 0.3 for other in chosen):
+            chosen.append(centre)
+        if len(chosen) == most:
+            break
+    return tuple(chosen)

@@ -1,0 +1,311 @@
+"""Fitting a rig's parameters to what was measured, on the simulation's own error.
+
+The model runs free from each run's first sample on, driven by the recorded drive alone. Residuals are taken in the frequency domain
+(an orthonormal transform, so least squares is the same) up to each run's ceiling: a sliding friction reverses in steps, and
+its full-band residuals make the cost too rough to descend. Levenberg-Marquardt (Moré 1978) with finite differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from analysis.errors import FitError, ModelError, SimulationError
+from analysis.measured import ComplexArray, FloatArray
+from analysis.model import Chain, RigModel
+from analysis.engine import record, simulate, true_drive
+from analysis.trials import SIGNAL_SHARE, Trial
+
+WORKERS = 2
+#: Models whose motion a problem remembers.
+CACHED = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Free:
+    """A parameter that a fit may change.
+
+    Parameters
+    ----------
+    path
+        Dotted path in the model.
+    low, high
+        Bounds of the value.
+    log
+        Whether it is searched on a logarithmic scale (it is positive).
+    step
+        Size of a finite difference: relative where `log`, absolute otherwise.
+    """
+
+    path: str
+    low: float = 0.0
+    high: float = np.inf
+    log: bool = True
+    step: float = 1e-3
+
+    def encode(self, value: float) -> float:
+        """The search coordinate of a value."""
+        return float(np.log(max(value, 1e-300))) if self.log else value
+
+    def decode(self, coordinate: float) -> float:
+        """The value of a search coordinate, kept within the bounds."""
+        value = float(np.exp(min(coordinate, 700.0))) if self.log else coordinate
+        return float(min(max(value, self.low), self.high))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """A fitted model.
+
+    Parameters
+    ----------
+    model
+        The rig with the fitted values.
+    free
+        What was fitted.
+    covariance
+        Of the values in the order of `free`, shape (k, k), from the residuals with their autocorrelation.
+    cost
+        Mean square of the weighted residuals (1 where noise and `SIGNAL_SHARE` explain all).
+    evaluations
+        Number of simulated campaigns it took.
+    at_bound
+        Paths of the parameters that ended on a bound.
+    """
+
+    model: RigModel
+    free: tuple[Free, ...]
+    covariance: FloatArray
+    cost: float
+    evaluations: int
+    at_bound: tuple[str, ...] = ()
+    jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted value by path."""
+        return {free.path: self.model.get(free.path) for free in self.free}
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation by path."""
+        return dict(zip((free.path for free in self.free), np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+
+class Problem:
+    """The residuals of models over a set of trials, as one weighted vector.
+
+    Parameters
+    ----------
+    trials
+        The runs, made ready.
+    ceiling
+        Whether residuals stop at each trial's ceiling (to converge) or reach half the sample rate (to finish).
+    share
+        Share of a channel's rms that counts as noise in the weights.
+    """
+
+    def __init__(self, trials: Sequence[Trial], *, ceiling: bool = True, share: float = SIGNAL_SHARE) -> None:
+        self.trials = tuple(trial for trial in trials if trial.fitted > 0)
+        if not self.trials:
+            raise FitError("every run is held out, so nothing is left to fit; mark at least one run for fitting")
+        self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
+        self._lines: list[int] = []
+        self._weights: list[FloatArray] = []
+        self._spectra: list[ComplexArray] = []
+        for trial in self.trials:
+            n, rate = trial.fitted, trial.run.sample_rate
+            top = trial.ceiling if ceiling else rate / 2.0
+            measured = trial.measured[:, :n]
+            sigma = np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2)
+            self._lines.append(int(top / rate * n) + 1)
+            self._weights.append(np.sqrt(2.0 / n) / sigma)
+            self._spectra.append(np.fft.rfft(measured, axis=1)[:, : self._lines[-1]])
+        self.size = sum(2 * lines * len(w) for lines, w in zip(self._lines, self._weights, strict=True))
+
+    def residual_of(self, model: RigModel, index: int) -> FloatArray:
+        """Weighted residual of one trial, shape (2 * lines * channels,)."""
+        trial = self.trials[index]
+        motion = self._motion(model, index)
+        recorded = record(model, motion, trial.run.sample_rate)
+        predicted = np.stack([recorded[name] for name in trial.channels])
+        spectra = np.fft.rfft(predicted[:, : trial.fitted], axis=1)[:, : self._lines[index]]
+        error = (spectra - self._spectra[index]) * self._weights[index][:, None]
+        return np.concatenate([error.real.ravel(), error.imag.ravel()])
+
+    def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
+        # The bodies' true motion; models that differ in their sensors' faults alone share it.
+        trial = self.trials[index]
+        sound = msgspec.structs.replace(
+            model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors)
+        )
+        key = (index, msgspec.json.encode(sound))
+        if key in self._cache:
+            return self._cache[key]
+        response = simulate(
+            sound, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
+            samples=trial.fitted,
+        )  # fmt: skip
+        motion = {model.drive.channel: true_drive(model, trial.excitation)[: trial.fitted], **response.channels}
+        if len(self._cache) >= CACHED * len(self.trials):
+            self._cache.pop(next(iter(self._cache)), None)
+        self._cache[key] = motion
+        return motion
+
+    def residuals(self, models: Sequence[RigModel]) -> FloatArray:
+        """Weighted residuals of several models side by side, shape (models, size); NaN where a model blew up."""
+
+        def one(job: tuple[int, int]) -> FloatArray:
+            which, index = job
+            try:
+                return self.residual_of(models[which], index)
+            except SimulationError:
+                return np.full(2 * self._lines[index] * len(self._weights[index]), np.nan)
+
+        jobs = [(which, index) for which in range(len(models)) for index in range(len(self.trials))]
+        with ThreadPoolExecutor(WORKERS) as pool:
+            parts = list(pool.map(one, jobs))
+        count = len(self.trials)
+        return np.stack([np.concatenate(parts[i * count : (i + 1) * count]) for i in range(len(models))])
+
+
+
+
+
+def fit(
+    model: RigModel,
+    free: Sequence[Free],
+    problem: Problem,
+    *,
+    iterations: int = 12,
+    tolerance: float = 1e-4,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit the free parameters by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    model
+        Where the search starts.
+    free
+        What may change.
+    problem
+        The residuals.
+    iterations
+        Jacobians at most.
+    tolerance
+        The search ends when a step lowers the cost by less than this share.
+    progress
+        Called with one line of text per step.
+
+    Raises
+    ------
+    FitError
+        Where the starting model cannot be simulated.
+    """
+    free = tuple(free)
+    theta = np.array([f.encode(model.get(f.path)) for f in free])
+
+    def build(coordinates: FloatArray) -> RigModel:
+        return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+
+    def misfit(coordinates: FloatArray) -> FloatArray:
+        try:
+            return problem.residuals([build(coordinates)])[0]
+        except ModelError:
+            return np.full(problem.size, np.nan)
+
+    residual = problem.residuals([build(theta)])[0]
+    cost = float(residual @ residual)
+    if not np.isfinite(cost):
+        raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
+    evaluations, damping = 1, 1e-3
+    jacobian = np.zeros((problem.size, len(free)))
+    for iteration in range(iterations):
+        jacobian = jacobian_of(problem, build, theta, free, residual)
+        evaluations += len(free)
+        normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+        before = cost
+        for _ in range(6):
+            scale = np.diag(normal).copy()
+            scale[scale <= 0.0] = 1.0
+            step = -np.linalg.solve(normal + damping * np.diag(scale), gradient)
+            trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + _limited(step, free), strict=True)])
+            candidate = misfit(trial)
+            evaluations += 1
+            new = float(candidate @ candidate)
+            if np.isfinite(new) and new < cost:
+                theta, residual, cost = trial, candidate, new
+                damping = max(damping / 9.0, 1e-9)
+                break
+            damping *= 8.0
+        if progress is not None:
+            progress(f"step {iteration + 1}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
+        if before - cost <= tolerance * before:
+            break
+    fitted = build(theta)
+    bounds = tuple(
+        f.path for f, c in zip(free, theta, strict=True)
+        if f.decode(c) <= f.low * (1 + 1e-9) + (0 if f.low else 1e-12) or f.decode(c) >= f.high * (1 - 1e-9)
+    )  # fmt: skip
+    return Fit(
+        model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
+        evaluations=evaluations, at_bound=bounds, jacobian=jacobian, residual=residual,
+    )  # fmt: skip
+
+
+def jacobian_of(
+    problem: Problem,
+    build: Callable[[FloatArray], RigModel],
+    theta: FloatArray,
+    free: Sequence[Free],
+    residual: FloatArray,
+) -> FloatArray:
+    """Forward differences of the residual, shape (size, parameters)."""
+    shifted = []
+    steps = np.array([parameter.step for parameter in free])
+    for i, parameter in enumerate(free):
+        moved = theta.copy()
+        moved[i] += parameter.step
+        try:
+            shifted.append(build(moved))
+        except ModelError:  # the step left what physics allows; the other side is inside
+            moved[i] -= 2.0 * parameter.step
+            steps[i] = -parameter.step
+            shifted.append(build(moved))
+    columns = (problem.residuals(shifted) - residual) / steps[:, None]
+    return np.nan_to_num(columns).T
+
+
+def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:
+    # No parameter on a logarithmic scale moves by more than a factor e^0.7 at once.
+    worst = max((abs(s) / 0.7 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
+    return step / max(worst, 1.0)
+
+
+def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, free: Sequence[Free]) -> FloatArray:
+    # White's (1980) sandwich: lines of a spectrum are independent, so colour of the residual is only unequal variance.
+    if jacobian.shape[1] == 0:
+        return np.zeros((0, 0))
+    normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
+    meat = jacobian.T @ (jacobian * (residual**2)[:, None])
+    covariance = normal @ meat @ normal
+    slope = np.array([f.decode(c) if f.log else 1.0 for f, c in zip(free, theta, strict=True)])
+    return np.asarray(covariance * np.outer(slope, slope))
+
+
+def positive(path: str, value: float, *, span: float = 1e3) -> Free:
+    """A positive parameter that may move by a factor `span` either way from its starting value."""
+    return Free(path=path, low=value / span, high=value * span)
+
+
+def base_parameters(model: RigModel) -> tuple[Free, ...]:
+    """The parameters that the rig's description marks as free; a value of exactly zero is searched on a linear scale."""
+    return tuple(positive(path, model.get(path)) for path in model.free)
+
+

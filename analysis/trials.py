@@ -1,0 +1,140 @@
+"""Runs made ready for fitting: the drive interpolated once, the measured responses, their noise, and what is held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.errors import DataError
+from analysis.measured import Campaign, FloatArray, Run
+from analysis.model import RigModel
+from analysis.engine import Excitation
+
+#: Share of every run that a fit may see; the rest takes part in no fit.
+FIT_SHARE = 0.6
+#: Errors below this share of a channel's rms are not worth a parameter: weights add it to the noise.
+SIGNAL_SHARE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One run made ready.
+
+    Parameters
+    ----------
+    run
+        The run it comes from.
+    start_time
+        Seconds since the campaign began.
+    excitation
+        The drive as recorded, interpolated.
+    channels
+        The responses' names, in the order of the model's sensors.
+    measured
+        What they recorded, shape (channels, n).
+    noise
+        Standard deviation of each channel's sensor noise, shape (channels,).
+    fitted
+        Number of leading samples that fits may see.
+    ceiling
+        Highest frequency in Hz at which residuals count while a fit converges.
+    """
+
+    run: Run
+    start_time: float
+    excitation: Excitation
+    channels: tuple[str, ...]
+    measured: FloatArray
+    noise: FloatArray
+    fitted: int
+    ceiling: float
+
+    @property
+    def samples(self) -> int:
+        """Length of the record."""
+        return int(self.measured.shape[1])
+
+
+def noise_levels(campaign: Campaign) -> dict[str, float]:
+    """Standard deviation of each channel's sensor noise, in the channel's unit.
+
+    The noise is taken as white. Its level is the lowest median power of any run in any quarter of the spectrum below
+    0.95 of half the sample rate: somewhere neither the drive nor friction reaches. The median of a chi-square variable with 2 degrees of
+    freedom is ln 2 times its mean.
+    """
+    levels: dict[str, float] = {}
+    for run in campaign.runs:
+        for name in run.channels:
+            values = run.read(name)
+            n = len(values)
+            if n < 256:
+                continue
+            power = np.abs(np.fft.rfft(values * np.hanning(n))) ** 2 / (n * 0.375)
+            top = int(0.95 * len(power))
+            quarters = [np.median(part) / np.log(2.0) for part in np.array_split(power[n // 64 : top], 6)]
+            level = float(np.sqrt(min(quarters)))
+            levels[name] = min(level, levels.get(name, np.inf))
+    return levels
+
+
+def prepare(
+    campaign: Campaign,
+    model: RigModel,
+    *,
+    oversample: int = 8,
+    share: float = FIT_SHARE,
+    seconds: float | None = None,
+    runs: Sequence[Run] | None = None,
+) -> tuple[Trial, ...]:
+    """Make the campaign's runs ready for fits of this rig.
+
+    Parameters
+    ----------
+    campaign
+        What was measured.
+    model
+        The rig: its drive and sensors say which channels are needed.
+    oversample
+        Fine steps per sample for a drive up to half the sample rate; a drive limited to a low band gets fewer.
+    share
+        Share of each run that fits may see; a run marked as held out gives none.
+    seconds
+        Cut the runs to this length (for a first look at many candidates).
+    runs
+        Take only these runs.
+
+    Raises
+    ------
+    DataError
+        Where a needed channel is missing or no run is left.
+    """
+    noise = noise_levels(campaign)
+    trials = []
+    for run in campaign.runs if runs is None else runs:
+        if run.configuration not in model.configurations:
+            raise DataError(
+                f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
+                f"{', '.join(model.configurations)}; add it to the rig's description"
+            )
+        stop = len(run) if seconds is None else min(len(run), round(seconds * run.sample_rate))
+        drive = run.channel(model.drive.channel).read(0, stop)
+        names = tuple(sensor.channel for sensor in model.sensors)
+        measured = np.stack([run.channel(name).read(0, stop) for name in names])
+        low = run.band is not None and run.band[1] <= run.sample_rate / 20.0
+        trials.append(
+            Trial(
+                run=run,
+                start_time=campaign.seconds_since_start(run),
+                excitation=Excitation.prepare(drive, run.sample_rate, oversample=max(2, oversample // 4) if low else oversample),
+                channels=names,
+                measured=measured,
+                noise=np.array([noise.get(name, 0.0) for name in names]),
+                fitted=0 if run.use == "holdout" else round(stop * share),
+                ceiling=min(run.sample_rate / 2.0, 4.0 * run.band[1] if low and run.band else run.sample_rate / 2.0),
+            )
+        )
+    if not trials:
+        raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
+    return tuple(trials)
