@@ -18,6 +18,8 @@ from analysis.motion import integrals
 from analysis.trials import Trial
 
 ROUNDS = 3
+#: A stiffness further than this factor from the first guess is not believed.
+FACTOR = 5.0
 
 
 def equation_start(model: RigModel, trials: Sequence[Trial]) -> RigModel:
@@ -106,4 +108,8 @@ def _solve(
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0.0] = 1.0
     solution = np.linalg.lstsq(matrix / size, np.concatenate(sides), rcond=1e-12)[0] / size
-    return model.replace({path: float(v) for path, v in zip(free, solution, strict=True) if v > 0.0})
+    values = dict(zip(free, solution.tolist(), strict=True))
+    stiffness = values.get(paths[0], link.stiffness)
+    if not link.stiffness / FACTOR < stiffness < link.stiffness * FACTOR:
+        return model  # far from the first guess: a fault of a sensor looks like this, and the guess is better
+    return model.replace({path: v for path, v in values.items() if v > 0.0})

@@ -125,8 +125,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     trials = prepare(campaign, model)
     fine = tuple(_refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
-    current = _baseline(model, trials)
-    baseline = current
+    current = baseline = _baseline(model, trials)
     first = score(current.model, fine)
     drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
     floors = noise_floor(current.model, fine, drive_noise)
@@ -157,6 +156,14 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         discrepancies=discrepancies(baseline.model, fine), steps=tuple(steps[:kept]),
         baseline_error=first.figure, extended_error=last.figure, floor=floor, scores=(first, last), trials=fine,
     )  # fmt: skip
+
+
+def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
+    """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
+    trials = prepare(campaign, model)
+    fine = tuple(_refined(trial) for trial in trials)
+    rough = _baseline(model, trials)
+    return _finished(rough, fine), fine
 
 
 def _refined(trial: Trial) -> Trial:

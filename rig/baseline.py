@@ -1,0 +1,49 @@
+"""The rig that a campaign was measured on: its own description, or the wire bonder with what is known of it."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Literal
+
+from analysis.errors import ModelError
+from analysis.measured import Campaign
+from analysis.model import RigModel, from_tree
+from analysis.rigs import THESIS, wire_bonder
+from rig.errors import RecordingError
+
+Baseline = Literal["coulomb", "linear"]
+
+
+def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigModel:
+    """The baseline with first guesses.
+
+    The wire bonder's known masses come from the recording; guesses for what is fitted from the recording where it has them,
+    else from the thesis.
+
+    Raises
+    ------
+    RecordingError
+        Where the campaign lacks a channel that the rig needs, or its description is unusable.
+    """
+    if campaign.description is not None:
+        try:
+            model = from_tree(tomllib.loads(campaign.description))
+        except tomllib.TOMLDecodeError as error:
+            raise RecordingError(f"{campaign.source}: the rig's description is not TOML ({error}); correct it") from None
+        except ModelError as error:
+            raise RecordingError(f"{campaign.source}: {error}") from None
+    else:
+        model = wire_bonder({**THESIS, **campaign.known}, friction=baseline == "coulomb")
+    for run in campaign.runs:
+        for name in (model.drive.channel, *(sensor.channel for sensor in model.sensors)):
+            if name not in run.channels:
+                raise RecordingError(
+                    f"{campaign.source}: run {run.id!r} lacks channel {name!r}, which the rig's model needs "
+                    f"(it has {', '.join(sorted(run.channels))}); measure it or remove the run"
+                )
+        if run.configuration not in model.configurations:
+            raise RecordingError(
+                f"{campaign.source}: run {run.id!r} has configuration {run.configuration!r}; the rig knows "
+                f"{', '.join(model.configurations)}, so correct it"
+            )
+    return model

@@ -1,0 +1,35 @@
+"""rig predict: what a model says that the sensors will record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def predict(
+    model: Path, runs: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], as_recorded: bool = False
+) -> None:
+    """Predict the responses of a model to the drive of a recording.
+
+    Example: rig predict diagnosis/model.json later.h5 -o predicted.h5
+
+    Parameters
+    ----------
+    model
+        A model.json or baseline.json of rig diagnose.
+    runs
+        A recording whose runs need only the drive's channel.
+    output
+        The recording to write: the same runs with the predicted responses, from rest.
+    as_recorded
+        Put the faults of the measurement chain that the model carries on the responses.
+    """
+    from rig.models import read_model
+    from rig.prediction import predicted
+    from rig.recording import read, write
+
+    rig, origin = read_model(model)
+    write(output, predicted(rig, read(runs), origin=origin, as_recorded=as_recorded))
+    print(output)

@@ -1,0 +1,61 @@
+"""A campaign's responses as a model predicts them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from analysis.engine import Excitation, simulate
+from analysis.measured import Campaign, Channel, Quantity, Run
+from analysis.model import RigModel
+from rig.errors import RecordingError
+
+UNIT: dict[Quantity, str] = {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m"}
+
+
+def predicted(
+    model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False
+) -> Campaign:
+    """The same runs with the drive as recorded and the responses simulated from rest.
+
+    `origin` is the time from which a drifting model counts; the campaign's own first sample where None.
+
+    Raises
+    ------
+    RecordingError
+        Where a run lacks the drive or has a configuration that the model does not know.
+    """
+    runs = []
+    for run in campaign.runs:
+        here = f"{campaign.source}: run {run.id!r}"
+        if model.drive.channel not in run.channels:
+            raise RecordingError(f"{here} lacks the drive's channel {model.drive.channel!r}; record it")
+        if run.configuration not in model.configurations:
+            raise RecordingError(
+                f"{here} has configuration {run.configuration!r}; the model knows {', '.join(model.configurations)}"
+            )
+        drive = run.channels[model.drive.channel]
+        excitation = Excitation.prepare(drive.read(), run.sample_rate, oversample=8)
+        response = simulate(
+            model, excitation, configuration=run.configuration, start_time=_seconds(campaign, run, origin),
+            as_recorded=as_recorded,
+        )  # fmt: skip
+        channels = {drive.name: drive}
+        for sensor in model.sensors:
+            channels[sensor.channel] = Channel(
+                name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,
+                unit=UNIT.get(sensor.quantity, "1"),
+            )  # fmt: skip
+        runs.append(
+            Run(
+                id=run.id, configuration=run.configuration, sample_rate=run.sample_rate, gain=run.gain,
+                channels=channels, excitation=run.excitation, started=run.started, band=run.band, period=run.period,
+                use=run.use,
+            )
+        )  # fmt: skip
+    return Campaign(runs=tuple(runs), known=campaign.known, description=campaign.description, source=campaign.source)
+
+
+def _seconds(campaign: Campaign, run: Run, origin: datetime | None) -> float:
+    if origin is None or run.started is None:
+        return campaign.seconds_since_start(run)
+    return max((run.started - origin).total_seconds(), 0.0)
