@@ -40,9 +40,7 @@ class Characterization:
     error: float
 
 
-def characterize(
-    campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None
-) -> Characterization:
+def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None) -> Characterization:
     """Fit all free parameters to all runs at once, and say how well each is known.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Deviations come from the residuals
@@ -92,10 +90,20 @@ def _rows(fitted: Fit, body: str, link: str, misfit: float, note: str) -> dict[s
     }
     rows = {
         f"{body}_frequency": _entry(
-            frequency, float(np.sqrt(slopes["frequency"] @ covariance @ slopes["frequency"])), "Hz", "frequency", misfit, note
+            frequency,
+            float(np.sqrt(slopes["frequency"] @ covariance @ slopes["frequency"])),
+            "Hz",
+            "frequency",
+            misfit,
+            note,
         ),
         f"{body}_damping": _entry(
-            damping, float(np.sqrt(slopes["damping"] @ covariance @ slopes["damping"])), "1", "damping", misfit, note
+            damping,
+            float(np.sqrt(slopes["damping"] @ covariance @ slopes["damping"])),
+            "1",
+            "damping",
+            misfit,
+            note,
         ),
     }
     if paths[0] in order:

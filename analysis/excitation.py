@@ -34,8 +34,9 @@ def multisine(
     if len(lines) == 0:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz holds no odd line of a period of {period} samples")
     generator = np.random.default_rng(seed)
-    kept = np.concatenate([np.delete(g, generator.integers(len(g))) if len(g) == 4 else g
-                           for g in np.array_split(lines, max(len(lines) // 4, 1))])
+    kept = np.concatenate(
+        [np.delete(g, generator.integers(len(g))) if len(g) == 4 else g for g in np.array_split(lines, max(len(lines) // 4, 1))]
+    )
     spectrum = np.zeros(period // 2 + 1, dtype=np.complex128)
     spectrum[kept] = np.exp(2j * np.pi * generator.random(len(kept)))
     values = np.fft.irfft(spectrum, period)

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.errors import FitError, ModelError, SimulationError
 from analysis.measured import ComplexArray, FloatArray
 from analysis.model import Chain, RigModel
-from analysis.engine import record, simulate, true_drive
+from analysis.simulate import record, simulate, true_drive
 from analysis.trials import SIGNAL_SHARE, Trial
 
 WORKERS = 2
@@ -151,7 +151,10 @@ class Problem:
             sound, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
             samples=trial.fitted,
         )  # fmt: skip
-        motion = {model.drive.channel: true_drive(model, trial.excitation)[: trial.fitted], **response.channels}
+        motion = {
+            model.drive.channel: true_drive(model, trial.excitation)[: trial.fitted],
+            **response.channels,
+        }
         if len(self._cache) >= CACHED * len(self.trials):
             self._cache.pop(next(iter(self._cache)), None)
         self._cache[key] = motion
@@ -172,9 +175,6 @@ class Problem:
             parts = list(pool.map(one, jobs))
         count = len(self.trials)
         return np.stack([np.concatenate(parts[i * count : (i + 1) * count]) for i in range(len(models))])
-
-
-
 
 
 def fit(
@@ -279,13 +279,13 @@ def jacobian_of(
             steps[i] = -parameter.step
             shifted.append(build(moved))
     columns = (problem.residuals(shifted) - residual) / steps[:, None]
-    return np.nan_to_num(columns).T
+    return np.asarray(np.nan_to_num(columns).T)
 
 
 def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:
     # No parameter on a logarithmic scale moves by more than a factor e^0.7 at once.
     worst = max((abs(s) / 0.7 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
-    return step / max(worst, 1.0)
+    return np.asarray(step / max(worst, 1.0))
 
 
 def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, free: Sequence[Free]) -> FloatArray:
@@ -307,5 +307,3 @@ def positive(path: str, value: float, *, span: float = 1e3) -> Free:
 def base_parameters(model: RigModel) -> tuple[Free, ...]:
     """The parameters that the rig's description marks as free; a value of exactly zero is searched on a linear scale."""
     return tuple(positive(path, model.get(path)) for path in model.free)
-
-

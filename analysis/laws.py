@@ -1,11 +1,12 @@
 """The laws by name: what a link or a contact may do beyond a linear spring and damper, as data.
 
 d is the relative displacement in m and v the relative velocity in m/s along the element; positive forces oppose
-positive d and v. Formulas stand in each class; `analysis.friction` evaluates and draws the friction laws.
+positive d and v. Formulas stand in each class.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import msgspec
@@ -14,7 +15,7 @@ from analysis.errors import ModelError
 
 
 def _finite(value: float) -> bool:
-    return value == value and abs(value) != float("inf")
+    return math.isfinite(value)
 
 
 class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="law"):
@@ -168,21 +169,6 @@ class Arctan(Law, frozen=True, kw_only=True, tag="arctan"):
         self.require("smoothing_velocity", above=0.0)
 
 
-class Karnopp(Law, frozen=True, kw_only=True, tag="karnopp"):
-    """Inside |v| < zero_velocity min(|Fex|, Fs) sign(Fex) + band_viscosity v, outside friction_force sign(v)."""
-
-    friction_force: float
-    static_force: float
-    zero_velocity: float
-    band_viscosity: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("friction_force", least=0.0)
-        self.require("zero_velocity", above=0.0)
-        self.require("band_viscosity", least=0.0)
-
-
 class Dahl(Law, frozen=True, kw_only=True, tag="dahl"):
     """df/dt = bristle_stiffness v (1 - f sign(v) / friction_force): elastic before it slides (N/m)."""
 
@@ -193,24 +179,6 @@ class Dahl(Law, frozen=True, kw_only=True, tag="dahl"):
         super().__post_init__()
         self.require("friction_force", above=0.0)
         self.require("bristle_stiffness", above=0.0)
-
-
-class LuGre(Law, frozen=True, kw_only=True, tag="lugre"):
-    """f = s0 z + s1 dz/dt + s2 v, dz/dt = v - s0 |v| z / g(v), g the Stribeck curve with exponent 2."""
-
-    friction_force: float
-    static_force: float
-    stribeck_velocity: float
-    bristle_stiffness: float
-    bristle_damping: float = 0.0
-    viscous_coefficient: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("friction_force", above=0.0)
-        self.require("stribeck_velocity", above=0.0)
-        self.require("bristle_stiffness", above=0.0)
-        self.require("bristle_damping", least=0.0)
 
 
 class Asymmetric(Law, frozen=True, kw_only=True, tag="asymmetric"):
@@ -227,16 +195,4 @@ class Asymmetric(Law, frozen=True, kw_only=True, tag="asymmetric"):
             self.require(name, least=0.0)
 
 
-class ThesisKarnopp(Law, frozen=True, kw_only=True, tag="thesis"):
-    """The thesis's literal law with its 1e-6 m/s band, for comparison only.
-
-    velocity: "relative" is the one that chattered, "own" the shortcut with the first body's own velocity.
-    """
-
-    friction_force: float
-    velocity: Literal["relative", "own"] = "relative"
-
-
-FrictionLaw = (
-    Viscous | Coulomb | Stribeck | Arctan | Karnopp | Dahl | LuGre | Asymmetric | ThesisKarnopp
-)
+FrictionLaw = Viscous | Coulomb | Stribeck | Arctan | Dahl | Asymmetric

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.errors import DataError
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
 Quantity = Literal["acceleration", "velocity", "displacement", "force", "voltage", "current", "gain"]

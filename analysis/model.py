@@ -7,8 +7,8 @@ is a moment of inertia; `arms` lets an element act on further coordinates, which
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn
 
 import msgspec
 import numpy as np
@@ -128,9 +128,7 @@ class RigModel(Part, frozen=True, kw_only=True):
     links: tuple[Link, ...] = ()
     contacts: tuple[Contact, ...] = ()
     sensors: tuple[Sensor, ...] = ()
-    configurations: dict[str, Configuration] = msgspec.field(
-        default_factory=lambda: {"unlocked": Configuration()}
-    )
+    configurations: dict[str, Configuration] = msgspec.field(default_factory=lambda: {"unlocked": Configuration()})
     free: tuple[str, ...] = ()
     note: str = ""
 
@@ -139,15 +137,15 @@ class RigModel(Part, frozen=True, kw_only=True):
 
     def body(self, name: str) -> Body:
         """The body of that name."""
-        return _named(self.bodies, name, "body")
+        return next((b for b in self.bodies if b.name == name), None) or _missing(self.bodies, name, "body")
 
     def link(self, name: str) -> Link:
         """The link of that name."""
-        return _named(self.links, name, "link")
+        return next((b for b in self.links if b.name == name), None) or _missing(self.links, name, "link")
 
     def contact(self, name: str) -> Contact:
         """The contact of that name."""
-        return _named(self.contacts, name, "contact")
+        return next((b for b in self.contacts if b.name == name), None) or _missing(self.contacts, name, "contact")
 
     def sensor(self, channel: str) -> Sensor:
         """The sensor that records that channel."""
@@ -198,11 +196,7 @@ def from_tree(tree: Mapping[str, Any]) -> RigModel:
         raise ModelError(f"the rig's description is wrong: {error}") from None
 
 
-def _named(parts: Iterable[Any], name: str, kind: str) -> Any:
-    parts = tuple(parts)
-    for part in parts:
-        if part.name == name:
-            return part
+def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
     raise ModelError(f"the rig has no {kind} {name!r}, only {[p.name for p in parts]}; name one of these")
 
 
@@ -278,7 +272,8 @@ def check(model: RigModel) -> None:
             value = getattr(link, key)
             if not (0.0 <= value < float("inf")):
                 raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
-    for part in (*model.links, *model.contacts):
+    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
+    for part in joints:
         _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
         if part.a == part.b:
             raise ModelError(f"{type(part).__name__.lower()} {part.name!r} joins {part.a!r} to itself; name two ends")
@@ -289,9 +284,7 @@ def check(model: RigModel) -> None:
     for name, configuration in model.configurations.items():
         for rigid in configuration.rigid:
             if rigid not in links:
-                raise ModelError(
-                    f"configuration {name!r} blocks link {rigid!r}, which does not exist; the rig has {links}"
-                )
+                raise ModelError(f"configuration {name!r} blocks link {rigid!r}, which does not exist; the rig has {links}")
     for path in model.free:
         model.get(path)
 

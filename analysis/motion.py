@@ -7,9 +7,7 @@ import numpy as np
 from analysis.measured import FloatArray
 
 
-def integrals(
-    acceleration: FloatArray, rate: float, band: tuple[float, float] | None
-) -> tuple[FloatArray, FloatArray]:
+def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
     """Velocity and displacement of an acceleration record, without what lies below the drive's band."""
     n = len(acceleration)
     frequency = np.fft.rfftfreq(n, 1.0 / rate)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.measured import ComplexArray, FloatArray
 from analysis.model import GROUND, Link, RigModel, direction
@@ -50,9 +51,7 @@ def _outboard(model: RigModel, link: Link) -> tuple[str, ...]:
     return tuple(body.name for body in model.bodies if body.name not in reached)
 
 
-def _solve(
-    model: RigModel, link: Link, outboard: tuple[str, ...], trials: Sequence[Trial], sensed: dict[str, str]
-) -> RigModel:
+def _solve(model: RigModel, link: Link, outboard: tuple[str, ...], trials: Sequence[Trial], sensed: dict[str, str]) -> RigModel:
     contact = next((c for c in model.contacts if c.name == link.name), None)
     paths = [f"links.{link.name}.stiffness", f"links.{link.name}.damping"]
     if contact is not None:
@@ -71,32 +70,30 @@ def _solve(
         band = trial.run.band or (0.5, rate / 2.56)
         keep = (frequency > max(1.0, 2.0 * band[0])) & (frequency < min(1.5 * band[1], 0.45 * rate))
         omega = 2j * np.pi * frequency[keep]
-        window = np.hanning(n)
-
-        def lines(values: FloatArray, window: FloatArray = window, keep: FloatArray = keep) -> ComplexArray:
-            return np.fft.rfft(values * window)[keep]
 
         rows = {name: trial.measured[trial.channels.index(channel), :n] for name, channel in sensed.items()}
         weights = direction(model, link.a, link.b, {})
         relative = sum(w * rows[b.name] for w, b in zip(weights, model.bodies, strict=True) if w)
         columns = {
-            paths[0]: sign * lines(relative) / omega**2,
-            paths[1]: sign * lines(relative) / omega,
+            paths[0]: sign * _lines(relative, keep) / omega**2,
+            paths[1]: sign * _lines(relative, keep) / omega,
         }
         if contact is not None:
             velocity, _ = integrals(relative, rate, trial.run.band)
             # Hardest run first: what is slow beside it is stuck, not sliding.
             slow = max(slow, 0.03 * float(velocity.std()), 1e-12)
-            columns[paths[2]] = sign * lines(np.tanh(velocity / slow))
+            columns[paths[2]] = sign * _lines(np.tanh(velocity / slow), keep)
         for name in outboard:
-            columns[f"bodies.{name}.mass"] = lines(rows[name])
+            columns[f"bodies.{name}.mass"] = _lines(rows[name], keep)
         pushed = sum(model.drive.pushes.get(name, 0.0) for name in outboard)
-        side = pushed * model.drive.factor * lines(trial.excitation.recorded[:n])
+        side = pushed * model.drive.factor * _lines(trial.excitation.recorded[:n], keep)
         for path in paths:
             if path not in free:
                 side = side - model.get(path) * columns[path]
-        noise = trial.noise.max() * np.sqrt(0.375 * n) * (
-            np.abs(link.stiffness / omega**2) + np.abs(link.damping / omega) + sum(model.body(b).mass for b in outboard)
+        noise = (
+            trial.noise.max()
+            * np.sqrt(0.375 * n)
+            * (np.abs(link.stiffness / omega**2) + np.abs(link.damping / omega) + sum(model.body(b).mass for b in outboard))
         )
         scale = noise + 0.01 * np.abs(side) + 1e-3 * np.abs(side).max()
         block = np.stack([columns[path] / scale for path in free], axis=1) if free else np.zeros((len(side), 0))
@@ -113,3 +110,7 @@ def _solve(
     if not link.stiffness / FACTOR < stiffness < link.stiffness * FACTOR:
         return model  # far from the first guess: a fault of a sensor looks like this, and the guess is better
     return model.replace({path: v for path, v in values.items() if v > 0.0})
+
+
+def _lines(values: FloatArray, keep: NDArray[np.bool_]) -> ComplexArray:
+    return np.asarray(np.fft.rfft(values * np.hanning(len(values)))[keep])

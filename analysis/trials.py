@@ -10,7 +10,7 @@ import numpy as np
 from analysis.errors import DataError
 from analysis.measured import Campaign, FloatArray, Run
 from analysis.model import RigModel
-from analysis.engine import Excitation
+from analysis.simulate import Excitation
 
 #: Share of every run that a fit may see; the rest takes part in no fit.
 FIT_SHARE = 0.6

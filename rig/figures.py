@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.diagnose.judge import Score
-from analysis.engine import simulate
 from analysis.measured import FloatArray
 from analysis.model import RigModel
+from analysis.simulate import simulate
 from analysis.trials import Trial
 
 
@@ -30,8 +30,19 @@ def misfit_figure(baseline: RigModel, extended: RigModel, trials: Sequence[Trial
                 axes[row, column].loglog(frequency, error, color=colour, lw=0.8, label=f"error of the {label}")
         for column, name in enumerate(trial.channels):
             axis = axes[row, column]
-            axis.loglog(*_spectrum(trial.measured[column], trial.run.sample_rate), color="0.3", lw=0.8, label="measured")
-            axis.axhline(trial.noise[column] * np.sqrt(2.0 / trial.run.sample_rate), color="0.7", lw=0.8, ls="--", label="noise")
+            axis.loglog(
+                *_spectrum(trial.measured[column], trial.run.sample_rate),
+                color="0.3",
+                lw=0.8,
+                label="measured",
+            )
+            axis.axhline(
+                trial.noise[column] * np.sqrt(2.0 / trial.run.sample_rate),
+                color="0.7",
+                lw=0.8,
+                ls="--",
+                label="noise",
+            )
             axis.set_title(f"{trial.run.id} ({trial.run.configuration}, gain {trial.run.gain:g}): {name}", fontsize=8)
             axis.tick_params(labelsize=7)
     axes[0, 0].legend(fontsize=6)
@@ -45,7 +56,7 @@ def _spectrum(values: FloatArray, rate: float, segments: int = 24) -> tuple[Floa
     window = np.hanning(n)
     blocks = values[: n * segments].reshape(segments, n) * window
     power = (np.abs(np.fft.rfft(blocks, axis=1)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
-    return np.fft.rfftfreq(n, 1.0 / rate)[1:], np.sqrt(power[1:])
+    return np.asarray(np.fft.rfftfreq(n, 1.0 / rate)[1:], dtype=np.float64), np.asarray(np.sqrt(power[1:]), dtype=np.float64)
 
 
 def scores_figure(scores: tuple[Score, Score], trials: Sequence[Trial]) -> Figure:

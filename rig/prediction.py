@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from analysis.engine import Excitation, simulate
 from analysis.measured import Campaign, Channel, Quantity, Run
 from analysis.model import RigModel
+from analysis.simulate import Excitation, simulate
 from rig.errors import RecordingError
 
 UNIT: dict[Quantity, str] = {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m"}
 
 
-def predicted(
-    model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False
-) -> Campaign:
+def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
     """The same runs with the drive as recorded and the responses simulated from rest.
 
     `origin` is the time from which a drifting model counts; the campaign's own first sample where None.

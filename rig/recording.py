@@ -270,9 +270,7 @@ def _write(file: h5py.File, campaign: Campaign) -> None:
             group.attrs["period"] = run.period
         for channel in run.channels.values():
             dataset = group.create_dataset(channel.name, data=np.asarray(channel.samples[:]), fletcher32=True, chunks=True)
-            dataset.attrs.update(
-                quantity=channel.quantity, unit=channel.unit, scale=channel.scale, offset=channel.offset
-            )
+            dataset.attrs.update(quantity=channel.quantity, unit=channel.unit, scale=channel.scale, offset=channel.offset)
             if channel.full_scale is not None:
                 dataset.attrs["range"] = channel.full_scale
         if run.gaps:

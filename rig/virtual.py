@@ -8,11 +8,12 @@ from datetime import UTC, datetime, timedelta
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.engine import Excitation, record, simulate
 from analysis.excitation import moves, random
-from analysis.measured import Campaign, Channel, FloatArray, Run, Use
+from analysis.measured import Campaign, Channel, FloatArray, Run, Samples, Use
 from analysis.model import Chain, RigModel
+from analysis.simulate import Excitation, record, simulate
 
 #: Full scale of a virtual accelerometer's input, m/s^2, and the bits of its converter.
 FULL_SCALE = 50.0
@@ -123,7 +124,7 @@ def _campaign(
     runs = []
     for take in takes:
         head = head_of(take, rate, int(generator.integers(2**31)))
-        records = {model.drive.channel: head}
+        records: dict[str, Samples] = {model.drive.channel: head}
         if noise is not None:
             excitation = Excitation.prepare(head, rate, oversample=oversample)
             response = simulate(sound, excitation, configuration=take.configuration, start_time=take.start)
@@ -155,6 +156,7 @@ def known_of(model: RigModel) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _converted(values: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:
+def _converted(values: FloatArray) -> NDArray[np.int32]:
     top = 2 ** (BITS - 1)
-    return np.clip(np.round(values / (2.0 * FULL_SCALE / 2**BITS)), -top, top - 1).astype(np.int32)
+    ticks: NDArray[np.int32] = np.clip(np.round(values / (2.0 * FULL_SCALE / 2**BITS)), -top, top - 1).astype(np.int32)
+    return ticks

@@ -13,11 +13,11 @@ from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.misfit import Discrepancy, discrepancies
 from analysis.diagnose.observe import observe
 from analysis.diagnose.search import Look, Progress, Screen, parameters_of, shortened
-from analysis.engine import Excitation
 from analysis.errors import FitError
 from analysis.fit import Fit, Problem, base_parameters, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
+from analysis.simulate import Excitation
 from analysis.start import equation_start
 from analysis.trials import Trial, noise_levels, prepare
 
@@ -252,9 +252,7 @@ def _diverse(looks: Sequence[Look]) -> list[Look]:
     return chosen[:8]
 
 
-def _choice(
-    finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score
-) -> tuple[Step, Fit, Score] | None:
+def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tuple[Step, Fit, Score] | None:
     candidate, fitted, best = finalists[0]
     close = [item for item in finalists if item[2] is best or margin_in_errors(best, item[2]) < 2.0]
     # Of those that the data cannot tell apart, the simplest is carried.
@@ -263,9 +261,7 @@ def _choice(
     apart = [item for item in others if all(item[2] is not other[2] for other in close)]
     model = msgspec.structs.replace(fitted.model, free=tuple(free.path for free in fitted.free))
     std = fitted.std
-    values = {
-        r.name: (fitted.model.get(r.path), std.get(r.path, 0.0), r.unit) for r in candidate.reported
-    }
+    values = {r.name: (fitted.model.get(r.path), std.get(r.path, 0.0), r.unit) for r in candidate.reported}
     step = Step(
         cause=candidate.cause, location=candidate.location, parameters=values,
         confidence=confidence(carried, [item[2] for item in apart]),
@@ -282,9 +278,7 @@ def _choice(
     return step, replace(fitted, model=model), carried
 
 
-def _verdict(
-    first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: np.ndarray
-) -> tuple[str, int]:
+def _verdict(first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: np.ndarray) -> tuple[str, int]:
     if not scores:
         return ("adequate" if _adequate(first, floors) else "unexplained"), 0
     total = _excess(first, floors)

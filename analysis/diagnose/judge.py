@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.engine import Excitation, simulate
 from analysis.errors import SimulationError
 from analysis.fit import WORKERS
 from analysis.measured import FloatArray
 from analysis.model import RigModel
+from analysis.simulate import Excitation, simulate
 from analysis.trials import Trial
 
 BLOCKS = 8
@@ -81,11 +81,10 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
     def one(trial: Trial, noise: FloatArray) -> FloatArray:
         part = held_out(trial)
         excitation = trial.excitation
-        shaken = Excitation.prepare(
-            excitation.recorded + noise, excitation.sample_rate, oversample=excitation.oversample
+        shaken = Excitation.prepare(excitation.recorded + noise, excitation.sample_rate, oversample=excitation.oversample)
+        a, b = (
+            simulate(model, e, configuration=trial.run.configuration, start_time=trial.start_time) for e in (excitation, shaken)
         )
-        options = {"configuration": trial.run.configuration, "start_time": trial.start_time}
-        a, b = simulate(model, excitation, **options), simulate(model, shaken, **options)
         measured = trial.measured[:, part]
         through = np.stack([(a.channels[n] - b.channels[n])[part] for n in trial.channels])
         power = trial.noise**2 + np.mean(through**2, axis=1)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.engine import simulate
 from analysis.model import RigModel
+from analysis.simulate import simulate
 from analysis.trials import Trial
 
 #: A band counts where the misfit's power exceeds the noise's by this factor.

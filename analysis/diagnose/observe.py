@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnose.mechanisms.base import Evidence
-from analysis.engine import simulate
 from analysis.measured import Campaign
 from analysis.model import GROUND, RigModel
 from analysis.motion import integrals
+from analysis.simulate import simulate
 from analysis.trials import Trial
 
 #: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
@@ -68,7 +68,9 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
     for name, peak in peaks.items():
         if peak <= 0.0:
             continue
-        count = sum(int((np.abs(run.read(name)) > (1 - FLAT_SHARE) * peak).sum()) for run in campaign.runs if name in run.channels)
+        count = sum(
+            int((np.abs(run.read(name)) > (1 - FLAT_SHARE) * peak).sum()) for run in campaign.runs if name in run.channels
+        )
         if count >= FLAT_SAMPLES:
             found[name] = peak * (1 - FLAT_SHARE / 2)
     return found

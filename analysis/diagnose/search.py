@@ -35,7 +35,10 @@ def parameters_of(model: RigModel, candidate: Candidate, known: Sequence[Free] =
     """What is fitted of a candidate: the current model's parameters and the candidate's own."""
     kept = known or base_parameters(model)
     own = {free.path for free in candidate.free}
-    return (*(free for free in kept if free.path not in candidate.dropped and free.path not in own), *candidate.free)
+    return (
+        *(free for free in kept if free.path not in candidate.dropped and free.path not in own),
+        *candidate.free,
+    )
 
 
 class Screen:
@@ -105,4 +108,8 @@ class Screen:
                 break
             theta, residual, best = tries[k], results[k], costs[k]
         reached = build(theta)
-        return Look(candidate=candidate, cost=best / self.problem.size, model=reached if reached is not None else start)
+        return Look(
+            candidate=candidate,
+            cost=best / self.problem.size,
+            model=reached if reached is not None else start,
+        )

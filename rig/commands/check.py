@@ -28,18 +28,34 @@ def check(*files: Path) -> None:
     for file in files:
         campaign = read(file)
         table = Table(title=str(file), title_justify="left")
-        for column in ("run", "configuration", "gain", "excitation", "s", "Hz", "channel", "rms", "peak", "clipped"):
+        for column in (
+            "run",
+            "configuration",
+            "gain",
+            "excitation",
+            "s",
+            "Hz",
+            "channel",
+            "rms",
+            "peak",
+            "clipped",
+        ):
             table.add_column(column, justify="right" if column in ("gain", "s", "Hz", "rms", "peak") else "left")
         for run in campaign.runs:
             first = True
             for name, channel in run.channels.items():
                 values = channel.read()
                 peak = float(np.abs(values).max())
-                clipped = (
-                    int((np.abs(values) >= channel.full_scale * (1 - 1e-6)).sum()) if channel.full_scale else None
-                )
+                clipped = int((np.abs(values) >= channel.full_scale * (1 - 1e-6)).sum()) if channel.full_scale else None
                 lead = (
-                    (run.id, run.configuration, f"{run.gain:g}", run.excitation, f"{run.duration:.1f}", f"{run.sample_rate:g}")
+                    (
+                        run.id,
+                        run.configuration,
+                        f"{run.gain:g}",
+                        run.excitation,
+                        f"{run.duration:.1f}",
+                        f"{run.sample_rate:g}",
+                    )
                     if first
                     else ("",) * 6
                 )

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
+from rich.status import Status
+
+
+def _tell(status: Status, name: str, text: str) -> None:
+    status.update(f"{name}: {text}")
 
 
 def diagnose(
@@ -46,13 +52,17 @@ def diagnose(
         folder = output / file.stem if len(files) > 1 or campaigns[0].is_dir() else output
         with console.status(f"{file.name}: reading") as status:
             found = run_diagnosis(
-                campaign, baseline_model(campaign, baseline), progress=lambda text, f=file: status.update(f"{f.name}: {text}")
+                campaign,
+                baseline_model(campaign, baseline),
+                progress=partial(_tell, status, file.name),
             )
             status.update(f"{file.name}: writing the report")
             write_findings(folder, found, campaign, baseline)
         named = ", ".join(f"{s.cause} at {s.location}" for s in found.steps) or "no cause named"
-        print(f"{file.name}: {found.verdict}; {named}; held-out error {found.baseline_error:.3g} -> "
-              f"{found.extended_error:.3g} (noise floor {found.floor:.3g})")
+        print(
+            f"{file.name}: {found.verdict}; {named}; held-out error {found.baseline_error:.3g} -> "
+            f"{found.extended_error:.3g} (noise floor {found.floor:.3g})"
+        )
         print(f"  {folder / 'report.html'}")
         lines.append(
             f"{file.stem},{found.verdict},{'+'.join(s.cause for s in found.steps)},"

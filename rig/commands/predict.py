@@ -9,7 +9,11 @@ from cyclopts import Parameter
 
 
 def predict(
-    model: Path, runs: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], as_recorded: bool = False
+    model: Path,
+    runs: Path,
+    *,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    as_recorded: bool = False,
 ) -> None:
     """Predict the responses of a model to the drive of a recording.
 

@@ -73,7 +73,11 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         + "."
         for s in diagnosis.steps
     ]
-    sections = [_runs(campaign), _misfit(diagnosis), _parameters("Baseline", content["baseline"]["parameters"])]
+    sections = [
+        _runs(campaign),
+        _misfit(diagnosis),
+        _parameters("Baseline", content["baseline"]["parameters"]),
+    ]
     sections += [_named(step) for step in diagnosis.steps]
     sections += [_gain(diagnosis), _provenance(campaign)]
     return build_page(f"Diagnosis of {Path(campaign.source).name}", WORDS[diagnosis.verdict], summary, sections)
@@ -81,7 +85,14 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
 
 def _runs(campaign: Campaign) -> Section:
     rows = [
-        (run.id, run.configuration, f"{run.gain:g}", run.excitation, f"{run.duration:.0f}", str(run.started or ""))
+        (
+            run.id,
+            run.configuration,
+            f"{run.gain:g}",
+            run.excitation,
+            f"{run.duration:.0f}",
+            str(run.started or ""),
+        )
         for run in campaign.runs
     ]
     known = ", ".join(f"{k.replace('_', ' ')} {v:g}" for k, v in campaign.known.items())
@@ -105,7 +116,10 @@ def _parameters(title: str, table: dict[str, Any]) -> Section:
 
 def _named(step: Any) -> Section:
     rows = [(name, f"{v:.6g}", f"{s:.2g}", u) for name, (v, s, u) in step.parameters.items()]
-    told = [*step.evidence, f"It beats every rival in {100 * step.confidence:.0f} % of resampled held-out blocks."]
+    told = [
+        *step.evidence,
+        f"It beats every rival in {100 * step.confidence:.0f} % of resampled held-out blocks.",
+    ]
     told += [f"Rival {r.cause} at {r.location}: held-out error {r.holdout_error:.3g}." for r in step.rivals]
     told += [f"The data cannot tell it apart from {cause} at {place}." for cause, place in step.indistinguishable]
     return Section(

@@ -101,10 +101,6 @@ class Mechanism(Protocol):
 def exchange(parts: tuple[Any, ...], name: str, **changes: Any) -> tuple[Any, ...]:
     """The parts with one of them (by name or channel) changed."""
     return tuple(
-        msgspec.structs.replace(part, **changes)
-        if getattr(part, "name", getattr(part, "channel", None)) == name
-        else part
+        msgspec.structs.replace(part, **changes) if getattr(part, "name", getattr(part, "channel", None)) == name else part
         for part in parts
     )
-
-

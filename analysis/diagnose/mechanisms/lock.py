@@ -27,7 +27,9 @@ class ImperfectLock:
                     configurations={
                         **model.configurations,
                         name: msgspec.structs.replace(
-                            configuration, lock_stiffness=factor * spring, lock_damping=0.5 * spring**0.5 * factor**0.5
+                            configuration,
+                            lock_stiffness=factor * spring,
+                            lock_damping=0.5 * spring**0.5 * factor**0.5,
                         ),
                     },
                 )

@@ -30,7 +30,11 @@ class ExtraMode:
             starts = tuple(self._with_rider(model, name, body, mass, f) for f in evidence.misfit_frequencies)
             if not starts:
                 continue
-            mass_path, stiffness, damping = f"bodies.{name}.mass", f"links.{name}.stiffness", f"links.{name}.damping"
+            mass_path, stiffness, damping = (
+                f"bodies.{name}.mass",
+                f"links.{name}.stiffness",
+                f"links.{name}.damping",
+            )
             found.append(
                 Candidate(
                     cause="extra_mode", location=body.name, family="mode", starts=starts,
@@ -57,9 +61,7 @@ class ExtraMode:
         bodies = model.bodies
         if f"bodies.{body.name}.mass" in model.free:
             bodies = exchange(bodies, body.name, mass=body.mass - mass)
-        return msgspec.structs.replace(
-            model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*model.links, link)
-        )
+        return msgspec.structs.replace(model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*model.links, link))
 
 
 class MomentCoupling:
@@ -73,8 +75,7 @@ class MomentCoupling:
             if not sensors or not links or any(body.name == "rocking" for body in model.bodies):
                 continue
             starts = tuple(
-                self._rocking(model, pushed, weight, sensors, links[0], frequency)
-                for frequency in evidence.misfit_frequencies
+                self._rocking(model, pushed, weight, sensors, links[0], frequency) for frequency in evidence.misfit_frequencies
             )
             inertia = model.body(pushed).mass * ROCKING_RADIUS**2
             arm = "drive.pushes.rocking"
@@ -103,13 +104,15 @@ class MomentCoupling:
         return tuple(found)
 
     @staticmethod
-    def _rocking(
-        model: RigModel, pushed: str, weight: float, sensors: list[str], link: str, frequency: float
-    ) -> RigModel:
+    def _rocking(model: RigModel, pushed: str, weight: float, sensors: list[str], link: str, frequency: float) -> RigModel:
         inertia = model.body(pushed).mass * ROCKING_RADIUS**2
         omega = 2.0 * pi * frequency
         bearing = Link(
-            name="bearing", a="rocking", b=GROUND, stiffness=inertia * omega**2, damping=2 * 0.03 * inertia * omega
+            name="bearing",
+            a="rocking",
+            b=GROUND,
+            stiffness=inertia * omega**2,
+            damping=2 * 0.03 * inertia * omega,
         )
         arms = {"rocking": 0.02}
         locked = {

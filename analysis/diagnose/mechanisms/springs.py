@@ -22,9 +22,7 @@ def _path(link: Link, key: str) -> str:
 
 def _springs(model: RigModel, law: type) -> tuple[Link, ...]:
     # A law that is there already is not proposed twice.
-    return tuple(
-        link for link in model.links if link.stiffness > 0.0 and not any(isinstance(old, law) for old in link.laws)
-    )
+    return tuple(link for link in model.links if link.stiffness > 0.0 and not any(isinstance(old, law) for old in link.laws))
 
 
 def _sliding(model: RigModel, law: type) -> tuple[Link, ...]:
@@ -34,9 +32,7 @@ def _sliding(model: RigModel, law: type) -> tuple[Link, ...]:
 
 
 def _cubic(model: RigModel, evidence: Evidence, link: Link, share: float) -> RigModel:
-    return added(
-        model, link, laws.Cubic(cubic_stiffness=share * link.stiffness / evidence.deflection[link.name] ** 2)
-    )
+    return added(model, link, laws.Cubic(cubic_stiffness=share * link.stiffness / evidence.deflection[link.name] ** 2))
 
 
 class HardeningStiffness:
@@ -67,8 +63,7 @@ class SofteningStiffness:
             deflection = evidence.deflection[link.name]
             share, scale = _path(link, "softening"), _path(link, "scale")
             starts = tuple(
-                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection))
-                for r, s in ((0.3, 0.3), (0.6, 0.1))
+                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection)) for r, s in ((0.3, 0.3), (0.6, 0.1))
             )
             found.append(
                 Candidate(
@@ -117,7 +112,11 @@ class EndStop:
             deflection = evidence.deflection[link.name]
             stroke, stiffness = _path(link, "stroke"), _path(link, "contact_stiffness")
             starts = tuple(
-                added(model, link, laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness))
+                added(
+                    model,
+                    link,
+                    laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness),
+                )
                 for share, factor in ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0))
             )
             found.append(
@@ -145,9 +144,7 @@ class QuadraticDamping:
         for link in _sliding(model, laws.QuadraticDamping):
             path = _path(link, "quadratic_damping")
             scale = max(link.damping, 1e-9) / evidence.speed[link.name]
-            starts = tuple(
-                added(model, link, laws.QuadraticDamping(quadratic_damping=share * scale)) for share in (0.3, 2.0)
-            )
+            starts = tuple(added(model, link, laws.QuadraticDamping(quadratic_damping=share * scale)) for share in (0.3, 2.0))
             found.append(
                 Candidate(
                     cause="quadratic_damping", location=link.name, family="damping", starts=starts,

@@ -1,0 +1,127 @@
+"""Between the sampled world and the fine grid: band-limited interpolation, differentiating decimation, delays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from analysis.errors import DataError
+from analysis.jit import fast_kernel
+from analysis.measured import FloatArray
+
+#: Half the length of the filters, in samples.
+TAPS = 16
+
+
+@lru_cache(maxsize=16)
+def _lowpass(factor: int, half: int) -> FloatArray:
+    from scipy.signal import firwin
+
+    return firwin(2 * half * factor + 1, 1.0 / factor, window=("kaiser", 8.0)) if factor > 1 else np.ones(1)
+
+
+def interpolate(x: FloatArray, factor: int) -> FloatArray:
+    """Band-limited interpolation by a whole factor, shape (n * factor,)."""
+    from scipy.signal import upfirdn
+
+    if factor == 1:
+        return x
+    h = _lowpass(factor, TAPS) * factor
+    y = upfirdn(h, x, up=factor)
+    lead = TAPS * factor
+    return y[lead : lead + len(x) * factor]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """A drive made ready once for many simulations.
+
+    Parameters
+    ----------
+    recorded
+        The drive channel as recorded, shape (n,).
+    sample_rate
+        Hz.
+    oversample
+        Fine steps per sample.
+    fine
+        The drive on the fine grid, shape (n * oversample,).
+    """
+
+    recorded: FloatArray
+    sample_rate: float
+    oversample: int
+    fine: FloatArray
+
+    @classmethod
+    def prepare(cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8) -> Excitation:
+        """Interpolate a drive with a band-limited filter.
+
+        Raises
+        ------
+        DataError
+            Where the drive is shorter than two samples or not finite, or the rate is not positive.
+        """
+        recorded = np.asarray(drive, dtype=np.float64)
+        if recorded.ndim != 1 or len(recorded) < 2:
+            raise DataError(f"the drive has shape {recorded.shape}; give one record of at least two samples")
+        if not np.isfinite(recorded).all():
+            raise DataError("the drive holds values that are not finite; cut or measure it again")
+        if not 0.0 < sample_rate < np.inf:
+            raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
+        fine = interpolate(recorded, oversample)
+        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine)
+
+
+@lru_cache(maxsize=16)
+def _sampler(factor: int, differentiate: bool) -> FloatArray:
+    h = _lowpass(factor, TAPS)
+    g = np.convolve(h, [0.5, 0.0, -0.5]) if differentiate else h
+    # zeros in front bring the filter's middle onto the decimated grid
+    return np.concatenate([np.zeros(-(len(g) // 2) % factor), g])
+
+
+@fast_kernel
+def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatArray:
+    """Filter and keep every `down`-th value from the `lead`-th on, shape (n,)."""
+    length = len(taps)
+    flipped = taps[::-1].copy()
+    out = np.zeros(n)
+    for k in range(n):
+        last = (k + lead) * down
+        first = last - length + 1
+        lo = max(0, -first)
+        hi = min(length, len(x) - first)
+        acc = 0.0
+        for j in range(lo, hi):
+            acc += flipped[j] * x[first + j]
+        out[k] = acc
+    return out
+
+
+def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: bool) -> FloatArray:
+    """Low-pass (linear phase, -6 dB at half the sample rate) and decimate; with `differentiate` the derivative.
+
+    Accelerations have steps where friction reverses, and sampling steps aliases: velocities are continuous.
+    """
+    tail = TAPS * factor + 2
+    # Beyond the record's end the motion goes on straight.
+    slope = fine[-1] - fine[-2]
+    fine = np.concatenate([fine, fine[-1] + slope * np.arange(1, tail)])
+    g = _sampler(factor, differentiate)
+    lead = TAPS + (1 if differentiate and factor > 1 else 0)
+    if factor == 1:
+        lead = 1 if differentiate else 0
+    return fir(g / h if differentiate else g, fine, factor, lead, n)
+
+
+def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
+    """x(t - delay), band-limited, on zero-padded spectrum."""
+    if delay == 0.0:
+        return x
+    n = len(x)
+    size = 1 << int(np.ceil(np.log2(n + 2 * abs(delay) * rate + 64)))
+    f = np.fft.rfftfreq(size, 1.0 / rate)
+    return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.exp(-2j * np.pi * f * delay), size)[:n])

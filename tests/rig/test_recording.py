@@ -1,0 +1,161 @@
+"""The recording format: what is written comes back, and damage is refused in one sentence."""
+
+import os
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from analysis.measured import Campaign, Channel, Gap, Run
+from rig.cli import main
+from rig.recording import read, write
+
+
+def example() -> Campaign:
+    channels = {
+        name: Channel(name=name, samples=np.arange(300, dtype=np.int32), scale=1e-3, offset=0.5, full_scale=50.0)
+        for name in ("head", "motor", "table", "heatblock")
+    }
+    run = Run(
+        id="u70", configuration="unlocked", sample_rate=1024.0, gain=70.0, channels=channels, excitation="random",
+        started=datetime(2026, 1, 2, tzinfo=UTC), band=(0.5, 20.0), period=100, use="holdout",
+        gaps=(Gap(first_tick=10, count=3),),
+    )  # fmt: skip
+    return Campaign(runs=(run,), known={"head_mass": 6.5}, description=None)
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    write(tmp_path / "a.h5", example())
+    got, want = read(tmp_path / "a.h5"), example()
+    assert got.known == want.known
+    for name in (
+        "id",
+        "configuration",
+        "sample_rate",
+        "gain",
+        "excitation",
+        "started",
+        "band",
+        "period",
+        "use",
+        "gaps",
+    ):
+        assert getattr(got.runs[0], name) == getattr(want.runs[0], name)
+    for name, channel in want.runs[0].channels.items():
+        assert np.array_equal(got.runs[0].read(name), channel.read())
+        assert got.runs[0].channels[name].full_scale == 50.0
+
+
+Damage = Callable[[h5py.File], None]
+
+
+def attribute(where: str, key: str, value: object) -> Damage:
+    def damage(file: h5py.File) -> None:
+        if value is None:
+            del file[where].attrs[key]
+        else:
+            file[where].attrs[key] = value
+
+    return damage
+
+
+def dataset(name: str, values: np.ndarray) -> Damage:
+    def damage(file: h5py.File) -> None:
+        del file[f"runs/u70/{name}"]
+        file[f"runs/u70/{name}"] = values
+
+    return damage
+
+
+def remove(where: str) -> Damage:
+    def damage(file: h5py.File) -> None:
+        del file[where]
+
+    return damage
+
+
+DAMAGES: dict[str, tuple[Damage, str]] = {
+    "no format": (attribute("/", "format", None), "format"),
+    "other format": (attribute("/", "format", "tdms"), "tdms"),
+    "no version": (attribute("/", "format_version", None), "format_version"),
+    "unknown version": (attribute("/", "format_version", 2), "2"),
+    "version as text": (attribute("/", "format_version", "1"), "format_version"),
+    "no runs": (remove("runs"), "runs"),
+    "runs empty": (remove("runs/u70"), "runs"),
+    "no configuration": (attribute("runs/u70", "configuration", None), "configuration"),
+    "no rate": (attribute("runs/u70", "sample_rate", None), "sample_rate"),
+    "no gain": (attribute("runs/u70", "gain", None), "gain"),
+    "zero rate": (attribute("runs/u70", "sample_rate", 0.0), "sample_rate 0"),
+    "negative rate": (attribute("runs/u70", "sample_rate", -1.0), "-1"),
+    "rate not finite": (attribute("runs/u70", "sample_rate", np.inf), "inf"),
+    "rate as text": (attribute("runs/u70", "sample_rate", "fast"), "fast"),
+    "gain is NaN": (attribute("runs/u70", "gain", np.nan), "nan"),
+    "configuration a number": (attribute("runs/u70", "configuration", 3.0), "configuration"),
+    "started without offset": (attribute("runs/u70", "started", "2026-01-02T00:00:00"), "offset"),
+    "started not a date": (attribute("runs/u70", "started", "yesterday"), "yesterday"),
+    "band reversed": (attribute("runs/u70", "band", [20.0, 0.5]), "band"),
+    "band of one": (attribute("runs/u70", "band", [20.0]), "band"),
+    "period zero": (attribute("runs/u70", "period", 0), "period"),
+    "unknown use": (attribute("runs/u70", "use", "test"), "use"),
+    "unknown unit": (attribute("runs/u70/motor", "unit", "furlong"), "furlong"),
+    "unknown quantity": (attribute("runs/u70/motor", "quantity", "smell"), "smell"),
+    "scale zero": (attribute("runs/u70/motor", "scale", 0.0), "scale"),
+    "scale NaN": (attribute("runs/u70/motor", "scale", np.nan), "scale"),
+    "offset infinite": (attribute("runs/u70/motor", "offset", np.inf), "offset"),
+    "NaN sample": (dataset("motor", np.array([1.0, np.nan] * 150)), "nan"),
+    "infinite sample": (dataset("motor", np.array([1.0, np.inf] * 150)), "inf"),
+    "unequal lengths": (dataset("motor", np.arange(299)), "unequal"),
+    "two dimensions": (dataset("motor", np.zeros((300, 2))), "dimensions"),
+    "text samples": (dataset("motor", np.array([b"x"] * 300)), "numbers"),
+    "mass of zero": (attribute("rig", "head_mass", 0.0), "head_mass"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_damage_is_refused(tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bad.h5"
+    write(path, example())
+    damage, named = DAMAGES[kind]
+    with h5py.File(path, "a") as file:
+        damage(file)
+    refused(path, tmp_path, named, capsys)
+
+
+def refused(path: Path, folder: Path, named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(folder.rglob("*"))
+    assert main(["check", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert named in told
+    assert told.count("\n") == 1
+    assert "Traceback" not in told
+    assert main(["diagnose", str(path), "-o", str(folder / "out")]) == 2
+    assert sorted(folder.rglob("*")) == before
+    capsys.readouterr()
+
+
+def test_files_that_are_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = tmp_path / "whole.h5"
+    write(whole, example())
+    content = whole.read_bytes()
+    for name, data, named in (
+        ("empty.h5", b"", "empty"),
+        ("text.h5", b"time,head\n0,1\n", "not an HDF5"),
+        ("cut.h5", content[: len(content) // 2], "cut short"),
+        ("headless.h5", content[64:], "not an HDF5"),
+    ):
+        path = tmp_path / name
+        path.write_bytes(data)
+        refused(path, tmp_path, named, capsys)
+    refused(tmp_path / "absent.h5", tmp_path, "does not exist", capsys)
+    refused(Path(__file__), tmp_path, "not an HDF5", capsys)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
+def test_no_permission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "secret.h5"
+    write(path, example())
+    path.chmod(0)
+    refused(path, tmp_path, "permissions", capsys)
