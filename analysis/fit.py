@@ -1,6 +1,7 @@
 """Fitting a rig's parameters to what was measured, on the simulation's own error.
 
-The model runs free from each run's first sample on, driven by the recorded drive alone. Residuals are taken in the frequency domain
+The model runs free from each run's first sample on, driven by the recorded drive alone. Residuals are taken in the
+frequency domain
 (an orthonormal transform, so least squares is the same) up to each run's ceiling: a sliding friction reverses in steps, and
 its full-band residuals make the cost too rough to descend. Levenberg-Marquardt (Moré 1978) with finite differences.
 """
@@ -216,7 +217,7 @@ def fit(
 
     def misfit(coordinates: FloatArray) -> FloatArray:
         try:
-            return problem.residuals([build(coordinates)])[0]
+            return np.asarray(problem.residuals([build(coordinates)])[0])
         except ModelError:
             return np.full(problem.size, np.nan)
 

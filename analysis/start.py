@@ -2,7 +2,8 @@
 
 A link whose removal cuts some bodies off the ground carries their inertia forces and nothing else. Where those bodies have
 accelerometers, the link's force is therefore measured, and its stiffness, damping and dry friction (and masses taken as unknown)
-follow by linear least squares over the lines of all runs: displacement and velocity are the acceleration divided by (i omega)^2 and
+follow by linear least squares over the lines of all runs: displacement and velocity are the
+acceleration divided by (i omega)^2 and
 i omega. Noise biases such values, but they are close enough for a fit on simulation error to converge from them.
 """
 

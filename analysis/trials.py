@@ -61,7 +61,8 @@ def noise_levels(campaign: Campaign) -> dict[str, float]:
     """Standard deviation of each channel's sensor noise, in the channel's unit.
 
     The noise is taken as white. Its level is the lowest median power of any run in any quarter of the spectrum below
-    0.95 of half the sample rate: somewhere neither the drive nor friction reaches. The median of a chi-square variable with 2 degrees of
+    0.95 of half the sample rate: somewhere neither the drive nor friction reaches. The median of a chi-square
+    variable with 2 degrees of
     freedom is ln 2 times its mean.
     """
     levels: dict[str, float] = {}

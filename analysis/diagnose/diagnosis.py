@@ -10,6 +10,7 @@ import numpy as np
 
 from analysis.diagnose.judge import Score, confidence, margin_in_errors, noise_floor, score
 from analysis.diagnose.mechanisms import CATALOGUE, Candidate
+from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.misfit import Discrepancy, discrepancies
 from analysis.diagnose.observe import observe
 from analysis.diagnose.search import Look, Progress, Screen, parameters_of, shortened
@@ -125,7 +126,8 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     trials = prepare(campaign, model)
     fine = tuple(_refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
-    current = baseline = _baseline(model, trials)
+    guess = equation_start(model, trials)
+    current = baseline = _baseline(guess, trials)
     first = score(current.model, fine)
     drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
     floors = noise_floor(current.model, fine, drive_noise)
@@ -137,7 +139,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     scores: list[Score] = []
     while len(steps) < MOST_STEPS and not _adequate(now, floors):
         progress(f"held-out error {now.figure:.3g} against a noise floor of {floor:.3g}; looking for a cause")
-        found = _next_step(campaign, current, now, trials, fine, progress)
+        found = _next_step(campaign, guess, current, now, trials, fine, progress)
         if found is None:
             break
         step, better, best = found
@@ -162,7 +164,7 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
     """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
     trials = prepare(campaign, model)
     fine = tuple(_refined(trial) for trial in trials)
-    rough = _baseline(model, trials)
+    rough = _baseline(equation_start(model, trials), trials)
     return _finished(rough, fine), fine
 
 
@@ -174,9 +176,8 @@ def _refined(trial: Trial) -> Trial:
     return replace(trial, excitation=excitation)
 
 
-def _baseline(model: RigModel, trials: Sequence[Trial]) -> Fit:
-    start = equation_start(model, trials)
-    rough = _patient(start, shortened(trials, GLANCE))
+def _baseline(guess: RigModel, trials: Sequence[Trial]) -> Fit:
+    rough = _patient(guess, shortened(trials, GLANCE))
     return _finished(rough, trials)
 
 
@@ -201,6 +202,7 @@ def _adequate(score_: Score, floors: np.ndarray) -> bool:
 
 def _next_step(
     campaign: Campaign,
+    guess: RigModel,
     current: Fit,
     now: Score,
     trials: Sequence[Trial],
@@ -211,7 +213,7 @@ def _next_step(
     problem = Problem(short)
     glance = fit(current.model, current.free, problem, iterations=1)
     screen = Screen(glance, problem)
-    evidence = observe(campaign, glance.model, trials)
+    evidence = observe(campaign, glance.model, trials, guess)
     looks: list[Look] = []
     for mechanism in CATALOGUE:
         for candidate in mechanism.candidates(glance.model, evidence):
@@ -221,12 +223,18 @@ def _next_step(
         return None
     progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
     refined: list[tuple[Look, Fit]] = []
+    wide = Problem(short, share=0.3)
     for look in _diverse(looks):
+        free = parameters_of(current.model, look.candidate, current.free)
         try:
-            free = parameters_of(current.model, look.candidate, current.free)
-            refined.append((look, fit(look.model, free, problem, iterations=6, tolerance=1e-2)))
+            start = look.model
+            if look.candidate.family == "chain" and look.cost > 10.0:
+                start = fit(start, free, wide, iterations=5, tolerance=2e-2).model
+            done = fit(start, free, problem, iterations=8, tolerance=1e-2)
         except FitError:
             continue
+        if look.candidate.plausible(done.model):
+            refined.append((look, done))
     refined.sort(key=lambda pair: pair[1].cost)
     finalists: list[tuple[Candidate, Fit, Score]] = []
     for look, rough in refined[:FINALISTS]:
@@ -260,8 +268,7 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
     others = [item for item in finalists if item[2] is not carried]
     apart = [item for item in others if all(item[2] is not other[2] for other in close)]
     model = msgspec.structs.replace(fitted.model, free=tuple(free.path for free in fitted.free))
-    std = fitted.std
-    values = {r.name: (fitted.model.get(r.path), std.get(r.path, 0.0), r.unit) for r in candidate.reported}
+    values = {r.name: (r.of(fitted.model), _deviation(r, fitted), r.unit) for r in candidate.reported}
     step = Step(
         cause=candidate.cause, location=candidate.location, parameters=values,
         confidence=confidence(carried, [item[2] for item in apart]),
@@ -276,6 +283,17 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
         before=now.figure, after=carried.figure,
     )  # fmt: skip
     return step, replace(fitted, model=model), carried
+
+
+def _deviation(reported: Reported, fitted: Fit) -> float:
+    # First-order propagation through whatever the reported figure is made of.
+    middle = reported.of(fitted.model)
+    slope = np.zeros(len(fitted.free))
+    for k, free in enumerate(fitted.free):
+        value = fitted.model.get(free.path)
+        step = 1e-5 * abs(value) or 1e-9
+        slope[k] = (reported.of(fitted.model.replace({free.path: value + step})) - middle) / step
+    return float(np.sqrt(max(float(slope @ fitted.covariance @ slope), 0.0)))
 
 
 def _verdict(first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: np.ndarray) -> tuple[str, int]:

@@ -73,7 +73,8 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
 def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
     """The error that a perfect model would show in each run and channel, shape (runs, channels).
 
-    The responses' own noise, and the drive channel's through the model: the difference that noise of its size, added to the recorded
+    The responses' own noise, and the drive channel's through the model: the difference that noise of its size, added to
+    the recorded
     drive, makes in the simulation.
     """
     generator = np.random.default_rng(7)

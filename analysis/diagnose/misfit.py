@@ -66,7 +66,8 @@ def discrepancies(model: RigModel, trials: Sequence[Trial], *, most: int = 12) -
             noise = float(np.sqrt(quiet[inside].sum() / s[inside].sum()))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
             text = (
-                f"{trial.run.configuration} at gain {trial.run.gain:g} ({trial.run.id}) the {name} between {band[0]:g} and {band[1]:g} Hz "
+                f"{trial.run.configuration} at gain {trial.run.gain:g} ({trial.run.id}) the {name} "
+                f"between {band[0]:g} and {band[1]:g} Hz "
                 f"is simulated with an error of {100 * size:.1f} % of the signal, where noise alone would be {100 * noise:.2g} %"
             )
             found.append(

@@ -18,7 +18,7 @@ FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
 
 
-def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> Evidence:
+def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
     """What the fitted baseline and the data say."""
     deflection, speed = swings(model, trials)
     rate = trials[0].run.sample_rate
@@ -30,6 +30,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> Evi
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), misfit_frequencies=misfit_frequencies(model, trials),
+        guess=guess,
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 

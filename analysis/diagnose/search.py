@@ -15,6 +15,8 @@ from analysis.model import RigModel
 from analysis.trials import Trial
 
 Progress = Callable[[str], None]
+#: Starts of a candidate that are followed; of more, those with the least misfit.
+MOST_STARTS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +57,12 @@ class Screen:
 
     def look(self, candidate: Candidate, *, steps: int = 2) -> Look:
         """One step from each of the candidate's starts, a few more from the best."""
-        looks = [self._descend(candidate, start, 1) for start in candidate.starts]
+        starts = candidate.starts
+        if len(starts) > MOST_STARTS:
+            costs = [float(r @ r) for r in self.problem.residuals(starts)]
+            order = np.argsort(np.nan_to_num(costs, nan=np.inf))
+            starts = tuple(starts[k] for k in order[:MOST_STARTS])
+        looks = [self._descend(candidate, start, 1) for start in starts]
         best = min(looks, key=lambda look: look.cost)
         return self._descend(candidate, best.model, steps) if best.cost < np.inf else best
 

@@ -117,12 +117,12 @@ def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
     elements = _elements(model, frozenset(setup.rigid), basis)
     n = basis.shape[1]
     directions = np.array([e.direction for e in elements]).reshape(len(elements), n)
-    inverse = np.linalg.inv(basis.T @ mass @ basis)
+    inverse: FloatArray = np.linalg.inv(basis.T @ mass @ basis).astype(np.float64)
     push = np.zeros(len(model.bodies))
     for name, factor in model.drive.pushes.items():
         push += factor * model.drive.factor * direction(model, name, GROUND, {})
     sticking = [k for k, e in enumerate(elements) if e.limits is not None]
-    motion = -inverse @ np.column_stack([basis.T @ stiffness @ basis, basis.T @ damping @ basis])
+    motion: FloatArray = -inverse @ np.column_stack([basis.T @ stiffness @ basis, basis.T @ damping @ basis])
     inputs = inverse @ np.column_stack([basis.T @ push, directions.T])
     return Compiled(
         basis=basis,

@@ -134,7 +134,8 @@ def run(
     A phase is the set of sticking contacts, a bit each; each has its own system (A, B) and full step (PA, G0, G1). Inputs are
     the drive's force and every element's; a smooth element's is predicted and corrected over the step. A step that breaks a
     stick or reverses a slip is cut at the event, which is located on the Taylor series of the motion. On landing the contact's
-    momentum is shared so that both velocities agree; then the force that would hold it says whether it sticks. Returns -1 where the
+    momentum is shared so that both velocities agree; then the force that would hold it says whether it sticks.
+    Returns -1 where the
     motion grows without bound.
     """
     # phases: bitmask over contacts. A,B: (P, m, m),(P,m,q); PA,G0,G1 step matrices; rows: (P, c, m+q) stick force rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -32,6 +32,8 @@ class Evidence:
         Frequencies in Hz where the baseline misfits most, strongest first.
     configurations
         The configurations that were measured.
+    guess
+        The rig as it was before any fit on simulation error.
     """
 
     deflection: Mapping[str, float]
@@ -42,6 +44,7 @@ class Evidence:
     flat_tops: Mapping[str, float]
     misfit_frequencies: tuple[float, ...]
     configurations: frozenset[str]
+    guess: RigModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +54,16 @@ class Reported:
     name: str
     path: str
     unit: str
+    value: Callable[[RigModel], float] | None = None
+
+    def of(self, model: RigModel) -> float:
+        """The value in a model: at the path, or worked out from several parameters."""
+        return model.get(self.path) if self.value is None else self.value(model)
+
+
+def always(model: RigModel) -> bool:
+    """Every fit of most causes is plausible."""
+    return True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +86,8 @@ class Candidate:
         What is said of it in the findings.
     rank
         Simplicity: of two that fit alike the lower is kept.
+    plausible
+        Whether a fitted model still is what the cause's name says.
     """
 
     cause: str
@@ -83,6 +98,7 @@ class Candidate:
     reported: tuple[Reported, ...]
     dropped: tuple[str, ...] = ()
     rank: int = 1
+    plausible: Callable[[RigModel], bool] = always
 
     @property
     def key(self) -> tuple[str, str]:

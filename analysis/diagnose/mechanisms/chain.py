@@ -29,16 +29,21 @@ def channels_of(model: RigModel) -> tuple[str, ...]:
 
 
 class ChannelDelay:
-    """A channel that comes late."""
+    """A channel that comes late.
+
+    A delay bends the baseline's own fit, so starts also lie on a grid of delays from the rig before that fit.
+    """
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         sample = 1.0 / evidence.sample_rate
         found = []
         for channel in channels_of(model):
             path = f"{chain_of(model, channel)[1]}.delay"
+            grid = tuple(evidence.guess.replace({path: 0.5 * k * sample}) for k in range(-8, 9) if k)
             found.append(
                 Candidate(
-                    cause="channel_delay", location=channel, family="chain", starts=(model,),
+                    cause="channel_delay", location=channel, family="chain",
+                    starts=(model, *(grid if evidence.guess.free == model.free else ())),
                     free=(Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample),),
                     reported=(Reported(name="delay", path=path, unit="s"),), rank=0,
                 )

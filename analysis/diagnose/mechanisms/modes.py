@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import pi
+from functools import partial
+from math import pi, sqrt
 
 import msgspec
 
@@ -45,8 +46,8 @@ class ExtraMode:
                     ),
                     reported=(
                         Reported(name="mode_mass", path=mass_path, unit="kg"),
-                        Reported(name="mode_stiffness", path=stiffness, unit="N/m"),
-                        Reported(name="mode_coefficient", path=damping, unit="N s/m"),
+                        Reported(name="mode_frequency", path=stiffness, unit="Hz", value=partial(_frequency, name)),
+                        Reported(name="mode_damping", path=damping, unit="1", value=partial(_damping_ratio, name)),
                     ),
                     rank=3,
                 )
@@ -62,6 +63,14 @@ class ExtraMode:
         if f"bodies.{body.name}.mass" in model.free:
             bodies = exchange(bodies, body.name, mass=body.mass - mass)
         return msgspec.structs.replace(model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*model.links, link))
+
+
+def _frequency(name: str, model: RigModel) -> float:
+    return float(sqrt(model.link(name).stiffness / model.body(name).mass) / (2.0 * pi))
+
+
+def _damping_ratio(name: str, model: RigModel) -> float:
+    return float(model.link(name).damping / (2.0 * sqrt(model.link(name).stiffness * model.body(name).mass)))
 
 
 class MomentCoupling:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
+from math import asin, pi, sqrt
+
 import msgspec
 
 from analysis import laws
@@ -83,24 +86,42 @@ class SofteningStiffness:
 
 
 class Backlash:
-    """The spring acts only beyond a clearance."""
+    """The spring acts (almost) only beyond a clearance."""
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for link in _sliding(model, laws.Backlash):
             deflection = evidence.deflection[link.name]
-            path = _path(link, "clearance")
+            clearance, residual = _path(link, "clearance"), _path(link, "residual")
+            starts = tuple(_with_play(model, link, share, deflection) for share in (0.03, 0.12, 0.2))
             found.append(
                 Candidate(
-                    cause="backlash", location=link.name, family="spring",
-                    starts=tuple(
-                        added(model, link, laws.Backlash(clearance=share * deflection)) for share in (0.03, 0.12)
+                    cause="backlash", location=link.name, family="spring", starts=starts,
+                    free=(
+                        Free(path=clearance, low=1e-4 * deflection, high=0.9 * deflection),
+                        Free(path=residual, low=0.0, high=INSIDE, log=False, step=0.01),
                     ),
-                    free=(Free(path=path, low=1e-4 * deflection, high=0.9 * deflection),),
-                    reported=(Reported(name="clearance", path=path, unit="m"),),
+                    reported=(
+                        Reported(name="clearance", path=clearance, unit="m"),
+                        Reported(name="residual", path=residual, unit="1"),
+                    ),
                 )
             )  # fmt: skip
         return tuple(found)
+
+
+def _with_play(model: RigModel, link: Link, share: float, deflection: float) -> RigModel:
+    # The fitted spring is the play's describing function at a typical swing; the spring beyond the play is stiffer.
+    ratio = share / TYPICAL_SWING
+    seen = 1.0 - 2.0 / pi * (asin(ratio) + ratio * sqrt(1.0 - ratio**2))
+    stiffer = model.replace({f"links.{link.name}.stiffness": link.stiffness / seen})
+    return added(stiffer, stiffer.link(link.name), laws.Backlash(clearance=share * deflection, residual=0.05))
+
+
+#: A typical amplitude as a share of the largest deflection.
+TYPICAL_SWING = 0.35
+#: A play with more than this share of the spring left inside is a spring with stops.
+INSIDE = 0.25
 
 
 class EndStop:
@@ -112,11 +133,7 @@ class EndStop:
             deflection = evidence.deflection[link.name]
             stroke, stiffness = _path(link, "stroke"), _path(link, "contact_stiffness")
             starts = tuple(
-                added(
-                    model,
-                    link,
-                    laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness),
-                )
+                added(model, link, laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness))
                 for share, factor in ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0))
             )
             found.append(
@@ -130,10 +147,16 @@ class EndStop:
                         Reported(name="stroke", path=stroke, unit="m"),
                         Reported(name="contact_stiffness", path=stiffness, unit="N/m"),
                     ),
-                    rank=2,
+                    rank=2, plausible=partial(_has_a_spring_inside, link.name, stroke, stiffness, deflection),
                 )
             )  # fmt: skip
         return tuple(found)
+
+
+def _has_a_spring_inside(link: str, stroke: str, contact: str, deflection: float, model: RigModel) -> bool:
+    # Almost no spring inside a small stroke is play, whatever it is called.
+    inside, beyond = model.link(link).stiffness, model.get(contact)
+    return inside > INSIDE * (inside + beyond) or model.get(stroke) > 0.3 * deflection
 
 
 class QuadraticDamping:
