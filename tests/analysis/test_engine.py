@@ -5,10 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from analysis import laws
 from analysis.diagnose.mechanisms.springs import added
+from analysis.errors import DataError, ModelError
+from analysis.excitation import half_sine
 from analysis.model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
 from analysis.rigs import THESIS, wire_bonder
 from analysis.simulate import Excitation, simulate
@@ -139,3 +143,45 @@ def test_campaign_of_another_program(shared: Path) -> None:
             error = float(np.std(response.channels[name] - measured))
             limit = 0.01 * measured.std() if run.gain > 10 else 1.15 * answers["sensor_noise_rms"]
             assert error < limit, (run.id, name)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    mass=st.floats(0.5, 300.0),
+    frequency=st.floats(1.0, 40.0),
+    damping_ratio=st.floats(0.0, 0.3),
+    friction=st.floats(0.0, 100.0),
+)
+def test_energy_never_grows_once_the_drive_ends(mass: float, frequency: float, damping_ratio: float, friction: float) -> None:
+    omega = 2 * np.pi * frequency
+    model = RigModel(
+        name="one mass",
+        bodies=(Body(name="m", mass=mass),),
+        links=(Link(name="s", a="m", stiffness=mass * omega**2, damping=2 * damping_ratio * omega * mass),),
+        contacts=(Contact(name="s", a="m", law=laws.Coulomb(friction_force=friction)),),
+        drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}, quantity="force"),
+        sensors=(
+            Sensor(channel="x", body="m", quantity="displacement"),
+            Sensor(channel="v", body="m", quantity="velocity"),
+        ),
+    )
+    rate = 2048.0
+    drive = half_sine(samples=2048, sample_rate=rate, peak=500.0, length=0.05)
+    response = simulate(model, Excitation.prepare(drive, rate))
+    energy = 0.5 * mass * (response.channels["v"] ** 2 + (omega * response.channels["x"]) ** 2)
+    # The filters of the drive ring for some samples; they are flat to 1e-4.
+    quiet = energy[round(0.05 * rate) + 40 : -40]
+    assert np.all(np.diff(quiet) <= 1e-3 * energy.max() + 1e-15)
+
+
+@given(values=st.lists(st.floats(allow_nan=True, allow_infinity=True), max_size=5))
+def test_a_drive_that_cannot_be_used_is_refused(values: list[float]) -> None:
+    if len(values) < 2 or not np.isfinite(values).all():
+        with pytest.raises(DataError, match="drive"):
+            Excitation.prepare(np.array(values), 1024.0)
+
+
+@pytest.mark.parametrize("mass", [-1.0, 0.0, np.nan, np.inf])
+def test_an_impossible_mass_is_refused(mass: float) -> None:
+    with pytest.raises(ModelError, match="mass"):
+        wire_bonder().replace({"bodies.motor.mass": mass})
