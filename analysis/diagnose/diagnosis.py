@@ -231,6 +231,10 @@ def _next_step(
             if look.candidate.family == "chain" and look.cost > 10.0:
                 start = fit(start, free, wide, iterations=5, tolerance=2e-2).model
             done = fit(start, free, problem, iterations=8, tolerance=1e-2)
+            if look.candidate.fresh is not None and done.cost > 10.0:
+                again = fit(look.candidate.fresh, free, wide, iterations=6, tolerance=2e-2)
+                again = fit(again.model, free, problem, iterations=12, tolerance=5e-3)
+                done = min(done, again, key=lambda f: f.cost)
         except FitError:
             continue
         if look.candidate.plausible(done.model):

@@ -11,6 +11,7 @@ from analysis.measured import Campaign
 from analysis.model import GROUND, RigModel
 from analysis.motion import integrals
 from analysis.simulate import simulate
+from analysis.start import equation_start
 from analysis.trials import Trial
 
 #: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
@@ -31,6 +32,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), misfit_frequencies=misfit_frequencies(model, trials),
         guess=guess,
+        restart=lambda rig: equation_start(rig, trials),
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 

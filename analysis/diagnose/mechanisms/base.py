@@ -34,6 +34,8 @@ class Evidence:
         The configurations that were measured.
     guess
         The rig as it was before any fit on simulation error.
+    restart
+        Values of a rig's free parameters straight from the equations of motion.
     """
 
     deflection: Mapping[str, float]
@@ -45,6 +47,7 @@ class Evidence:
     misfit_frequencies: tuple[float, ...]
     configurations: frozenset[str]
     guess: RigModel
+    restart: Callable[[RigModel], RigModel]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +89,8 @@ class Candidate:
         What is said of it in the findings.
     rank
         Simplicity: of two that fit alike the lower is kept.
+    fresh
+        Another start, away from the current fit, for a full fit where the current fit is bent too far to help.
     plausible
         Whether a fitted model still is what the cause's name says.
     """
@@ -98,6 +103,7 @@ class Candidate:
     reported: tuple[Reported, ...]
     dropped: tuple[str, ...] = ()
     rank: int = 1
+    fresh: RigModel | None = None
     plausible: Callable[[RigModel], bool] = always
 
     @property

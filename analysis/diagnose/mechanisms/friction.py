@@ -24,6 +24,11 @@ def _exchanged(model: RigModel, contact: Contact, law: FrictionLaw) -> RigModel:
     return msgspec.structs.replace(model, contacts=exchange(model.contacts, contact.name, law=law), free=())
 
 
+def _rubbing(model: RigModel, link: Link, force: float) -> RigModel:
+    contact = Contact(name=link.name, a=link.a, b=link.b, law=Coulomb(friction_force=force))
+    return msgspec.structs.replace(model, contacts=(*model.contacts, contact))
+
+
 class CoulombFriction:
     """Dry friction where the baseline has none."""
 
@@ -33,20 +38,14 @@ class CoulombFriction:
             if any(contact.name == link.name for contact in model.contacts):
                 continue
             force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
-            starts = tuple(
-                msgspec.structs.replace(
-                    model,
-                    contacts=(
-                        *model.contacts,
-                        Contact(name=link.name, a=link.a, b=link.b, law=Coulomb(friction_force=share * force)),
-                    ),
-                )
-                for share in (0.02, 0.15)
-            )
             path = f"contacts.{link.name}.law.friction_force"
+            # A baseline without friction bends its spring and damper to it: start again from the equations of motion too.
+            fresh = _rubbing(evidence.guess, link, 0.1 * force)
+            fresh = evidence.restart(msgspec.structs.replace(fresh, free=(*fresh.free, path)))
+            starts = tuple(_rubbing(model, link, share * force) for share in (0.02, 0.15))
             found.append(
                 Candidate(
-                    cause="coulomb_friction", location=link.name, family="friction", starts=starts,
+                    cause="coulomb_friction", location=link.name, family="friction", starts=starts, fresh=fresh,
                     free=(Free(path=path, low=1e-4 * force, high=3.0 * force),),
                     reported=(Reported(name="friction_force", path=path, unit="N"),), rank=0,
                 )
