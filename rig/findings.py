@@ -12,7 +12,7 @@ from analysis.fit import Fit
 from analysis.measured import Campaign
 from rig.models import write_model
 from rig.output import write_json, write_text
-from rig.report.page import diagnosis_page
+from rig.report.diagnosis import diagnosis_page
 from rig.units import unit_of
 
 

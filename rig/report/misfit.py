@@ -1,0 +1,116 @@
+"""Pictures of what a simulation gets right and wrong: spectra of signal and error, stretches of time, held-out errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from analysis.diagnose.judge import Score
+from analysis.measured import FloatArray
+from analysis.model import RigModel
+from analysis.simulate import simulate
+from analysis.trials import Trial
+from rig.report.charts import Chart, Panel, Role, Trace, spread_over
+from rig.report.sections import label
+
+#: Points of an amplitude spectrum, segments behind it, and seconds of a stretch of time.
+LINES = 400
+SEGMENTS = 24
+SECONDS = 1.5
+
+Simulated = Mapping[str, Mapping[str, FloatArray]]
+
+
+def simulated(model: RigModel, trials: Sequence[Trial]) -> Simulated:
+    """Each run's responses as the model predicts them, by run and channel, each shape (n,)."""
+    return {
+        trial.run.id: simulate(
+            model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, as_recorded=True
+        ).channels
+        for trial in trials
+    }
+
+
+def distinct(trials: Sequence[Trial]) -> list[Trial]:
+    """One run of each configuration, gain and excitation."""
+    seen: dict[tuple[str, float, str], Trial] = {}
+    for trial in trials:
+        seen.setdefault((trial.run.configuration, trial.run.gain, trial.run.excitation), trial)
+    return list(seen.values())
+
+
+def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
+    """A chart per kind of run: spectra of what was measured, of each model's error, and the noise."""
+    return [_misfit_chart(trial, models) for trial in distinct(trials)]
+
+
+def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated]) -> Chart:
+    rate = trial.run.sample_rate
+    traces = []
+    for panel, name in enumerate(trial.channels):
+        frequency, measured = _amplitude(trial.measured[panel], rate)
+        kept = spread_over(frequency, LINES)
+        traces.append(Trace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
+        for (title, role), responses in models.items():
+            _, error = _amplitude(responses[trial.run.id][name] - trial.measured[panel], rate)
+            traces.append(Trace(name=f"error of the {title}", x=frequency[kept], y=error[kept], role=role, panel=panel))
+        quiet = np.full(2, trial.noise[panel] * np.sqrt(2.0 / rate))
+        if quiet[0] > 0.0:
+            ends = frequency[[0, -1]]
+            traces.append(Trace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
+    return Chart(
+        name=f"misfit-{trial.run.id}",
+        caption=f"{label(trial.run)}: amplitude density per √Hz of each channel and of what the model gets wrong.",
+        panels=[Panel(label=name, log=True) for name in trial.channels],
+        traces=traces,
+        link="spectra",
+    )
+
+
+def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    n = max(len(values) // SEGMENTS, 2)
+    window = np.hanning(n)
+    blocks = values[: len(values) // n * n].reshape(-1, n) * window
+    power = (np.abs(np.fft.rfft(blocks, axis=1)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
+    return np.asarray(np.fft.rfftfreq(n, 1.0 / rate)[1:]), np.asarray(np.sqrt(power[1:]))
+
+
+def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
+    """A stretch of held-out time of each kind of unlocked run: measured, and each model running free."""
+    charts = []
+    for trial in [t for t in distinct(trials) if t.run.configuration == "unlocked"] or distinct(trials):
+        rate = trial.run.sample_rate
+        part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
+        seconds = np.arange(trial.samples)[part] / rate
+        traces = []
+        for panel, name in enumerate(trial.channels):
+            traces.append(Trace(name="measured", x=seconds, y=trial.measured[panel][part], panel=panel))
+            for (title, role), responses in models.items():
+                y = responses[trial.run.id][name][part]
+                traces.append(Trace(name=title, x=seconds, y=y, role=role, panel=panel, style="dash"))
+        charts.append(
+            Chart(
+                name=f"time-{trial.run.id}",
+                caption=f"{label(trial.run)}: {SECONDS:g} s that no fit has seen; the model ran free from the run's start.",
+                panels=[Panel(label=name) for name in trial.channels],
+                traces=traces,
+                x_label="time, s",
+                x_log=False,
+            )
+        )
+    return charts
+
+
+def scores_chart(scores: Mapping[tuple[str, Role], Score], trials: Sequence[Trial]) -> Chart:
+    """Held-out error of each run and channel."""
+    names = [f"{trial.run.id} {channel}" for trial in trials for channel in trial.channels]
+    return Chart(
+        name="held-out-error",
+        caption="rms(predicted − measured) / rms(measured) of each run and channel over the part that no fit has seen.",
+        panels=[Panel(label="", height=1.0)] * max(1, len(names) // 7),
+        traces=[
+            Trace(name=title, x=names, y=score.error.ravel(), role=role, style="bars") for (title, role), score in scores.items()
+        ],
+        x_label="held-out error, share of the signal",
+    )

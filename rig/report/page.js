@@ -1,0 +1,135 @@
+"use strict";
+(() => {
+  const charts = JSON.parse(document.getElementById("data").textContent);
+  const colours = {
+    light: { measured: "#30363c", simulated: "#c4481c", extended: "#0b62a8", noise: "#9aa1a8",
+      first: "#0b62a8", second: "#c4481c", third: "#12805c", fourth: "#8b4fb3", fifth: "#a87900", sixth: "#b8336a" },
+    dark: { measured: "#dfe3e6", simulated: "#ff8f5e", extended: "#6cb6f0", noise: "#78818a",
+      first: "#6cb6f0", second: "#ff8f5e", third: "#4fcf9f", fourth: "#c79bea", fifth: "#e3bd4a", sixth: "#f084ae" },
+  };
+  const root = document.documentElement;
+  const dark = () => root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  const place = (number) => document.getElementById(`chart${number}`);
+  const numbers = (box) => {
+    if (Array.isArray(box)) return box;
+    const bytes = Uint8Array.from(atob(box.bdata), (c) => c.charCodeAt(0));
+    return Array.from(new Float32Array(bytes.buffer));
+  };
+  for (const chart of charts)
+    for (const trace of chart.traces)
+      for (const key of ["x", "y", "spread"]) if (trace[key]) trace[key] = numbers(trace[key]);
+
+  const axis = (panel) => (panel ? `y${panel + 1}` : "y");
+  const faded = (colour) => colour + "38";
+
+  function traces(chart, theme) {
+    const seen = new Set(), out = [];
+    for (const t of chart.traces) {
+      const colour = colours[theme][t.role];
+      const base = { yaxis: axis(t.panel), legendgroup: t.name, name: t.name, hoverlabel: { namelength: -1 } };
+      if (t.spread) {
+        const floor = chart.panels[t.panel].log ? 1e-12 : -Infinity;
+        const hidden = { ...base, type: "scatter", mode: "lines", line: { width: 0 }, showlegend: false, hoverinfo: "skip", x: t.x };
+        out.push({ ...hidden, y: t.y.map((v, i) => Math.max(v - t.spread[i], floor)) });
+        out.push({ ...hidden, y: t.y.map((v, i) => v + t.spread[i]), fill: "tonexty", fillcolor: faded(colour) });
+      }
+      const first = !seen.has(t.name);
+      seen.add(t.name);
+      if (t.style === "bars") {
+        out.push({ ...base, type: "bar", orientation: "h", x: t.y, y: t.x, marker: { color: colour }, showlegend: first });
+      } else {
+        const points = t.style === "markers";
+        out.push({ ...base, type: "scatter", mode: points ? "markers" : "lines", x: t.x, y: t.y, showlegend: first,
+          line: { color: colour, width: 1.5, dash: points ? "solid" : t.style }, marker: { color: colour, size: 6 } });
+      }
+    }
+    return out;
+  }
+
+  function layout(chart, theme, narrow) {
+    const ink = theme === "dark" ? "#e6e8ea" : "#1c2024", line = theme === "dark" ? "#33393f" : "#d9dce0";
+    const style = { color: ink, gridcolor: line, zerolinecolor: line, linecolor: line, ticks: "outside", automargin: true };
+    const total = chart.panels.reduce((sum, p) => sum + p.height, 0), gap = 0.05;
+    const bars = chart.traces.some((t) => t.style === "bars");
+    const out = {
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "keep", barmode: "group",
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: theme === "dark" ? "#78818a" : "#9aa1a8", activecolor: ink },
+      font: { family: "system-ui, sans-serif", size: narrow ? 11 : 13, color: ink },
+      margin: { l: narrow ? 46 : 62, r: 8, t: 30, b: 44 }, hovermode: bars ? "closest" : "x unified", hoverlabel: { bgcolor: theme === "dark" ? "#20252a" : "#fff" },
+      legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+      xaxis: { ...style, title: { text: chart.x.label, standoff: 6 }, type: chart.x.log ? "log" : "linear", anchor: axis(chart.panels.length - 1) },
+    };
+    if (chart.x.log) Object.assign(out.xaxis, { dtick: narrow ? "D2" : "D1", minor: { showgrid: false } });
+    if (chart.x.ends) out.xaxis.range = chart.x.ends;
+    let top = 1;
+    chart.panels.forEach((p, i) => {
+      const height = ((1 - gap * (chart.panels.length - 1)) * p.height) / total;
+      const y = { ...style, title: { text: p.label, standoff: 4 }, type: p.log ? "log" : "linear", domain: [Math.max(top - height, 0), top] };
+      if (p.log) Object.assign(y, { dtick: 1, exponentformat: "power" });
+      if (p.ends) y.range = p.ends;
+      out[i ? `yaxis${i + 1}` : "yaxis"] = y;
+      top -= height + gap;
+    });
+    if (bars) {
+      Object.assign(out.yaxis, { type: "category", autorange: "reversed", title: {} , ticks: ""});
+      out.xaxis.anchor = "y";
+    }
+    return out;
+  }
+
+  function draw(number, theme = dark() ? "dark" : "light") {
+    const div = place(number);
+    const narrow = div.clientWidth < 560;
+    return Plotly.react(div, traces(charts[number], theme), layout(charts[number], theme, narrow), {
+      responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover",
+      modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+      toImageButtonOptions: { filename: charts[number].name, format: "svg" },
+    });
+  }
+
+  let following = false;
+  function follow(number, event) {
+    const link = charts[number].link;
+    if (!link || following) return;
+    const range = event["xaxis.range"] ?? (event["xaxis.range[0]"] === undefined ? null : [event["xaxis.range[0]"], event["xaxis.range[1]"]]);
+    const change = range ? { "xaxis.range": range } : event["xaxis.autorange"] ? { "xaxis.autorange": true } : null;
+    if (!change) return;
+    following = true;
+    Promise.all(charts.map((other, i) => (i !== number && other.link === link ? Plotly.relayout(place(i), change) : null)))
+      .finally(() => { following = false; });
+  }
+
+  function table(chart) {
+    const rows = ["trace,x,y,spread"];
+    for (const t of chart.traces) t.y.forEach((y, i) => rows.push([JSON.stringify(t.name), t.x[i], y, t.spread ? t.spread[i] : ""].join(",")));
+    return rows.join("\n") + "\n";
+  }
+
+  function offer(number) {
+    const caption = place(number).parentElement.querySelector("figcaption");
+    const button = (label, act) => {
+      const b = document.createElement("button");
+      b.type = "button"; b.textContent = label; b.addEventListener("click", act); caption.append(" ", b);
+    };
+    for (const format of ["svg", "png"])
+      button(format.toUpperCase(), () => Plotly.downloadImage(place(number), { format, width: 1100, height: 620, scale: format === "png" ? 2 : 1, filename: charts[number].name }));
+    button("CSV", () => {
+      const a = document.createElement("a");
+      a.href = URL.createObjectURL(new Blob([table(charts[number])], { type: "text/csv" }));
+      a.download = `${charts[number].name}.csv`;
+      a.click();
+      URL.revokeObjectURL(a.href);
+    });
+  }
+
+  const all = (theme) => Promise.all(charts.map((_, i) => draw(i, theme)));
+  all().then(() => {
+    charts.forEach((_, i) => { place(i).on("plotly_relayout", (event) => follow(i, event)); offer(i); });
+    root.dataset.drawn = String(charts.length);
+  });
+  document.getElementById("theme").addEventListener("click", () => { root.dataset.theme = dark() ? "light" : "dark"; all(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => all());
+  let before;
+  addEventListener("beforeprint", () => { before = root.dataset.theme; root.dataset.theme = "light"; all("light"); });
+  addEventListener("afterprint", () => { if (before) root.dataset.theme = before; else delete root.dataset.theme; all(); });
+})();

@@ -1,0 +1,76 @@
+"""Sections that every report has: the rig and its runs, and where the numbers came from."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+from analysis.measured import Campaign, Run
+from rig.report.page import Section, Table
+
+LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
+
+
+def words(name: str) -> str:
+    """A name as it is read: underscores become spaces."""
+    return name.replace("_", " ")
+
+
+def label(run: Run) -> str:
+    """A run as a legend names it."""
+    return f"{run.id} ({run.configuration}, gain {run.gain:g})"
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """A figure for a table; a dash where there is none."""
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def runs_section(campaign: Campaign) -> Section:
+    """What was measured, and what was known beforehand."""
+    rows = [_run_row(run) for run in campaign.runs]
+    heads = ("run", "configuration", "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
+    known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
+    return Section(
+        title="Rig and runs",
+        text=[f"Known beforehand (SI): {known or 'nothing'}."],
+        tables=[Table(columns=heads, rows=rows)],
+    )
+
+
+def _run_row(run: Run) -> tuple[str, ...]:
+    lost = sum(gap.count for gap in run.gaps)
+    return (
+        run.id,
+        run.configuration,
+        f"{run.gain:g}",
+        run.excitation,
+        "" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}",
+        f"{run.duration:.0f}",
+        f"{run.sample_rate:g}",
+        run.use,
+        f"{lost}" if lost else "",
+        "" if run.started is None else run.started.strftime("%Y-%m-%d %H:%M:%S %z"),
+    )
+
+
+def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: str) -> Table:
+    """Fitted values by path, as in findings.json."""
+    rows = [
+        (name, number(float(str(row["value"])), 6), number(float(str(row["std"])), 2), str(row["unit"]))
+        for name, row in parameters.items()
+    ]
+    return Table(columns=("parameter", "value", "std", "unit"), rows=rows, caption=caption)
+
+
+def provenance_section(campaign: Campaign) -> Section:
+    """File, hash, versions and command."""
+    path = Path(campaign.source)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "not on disk"
+    rows = [("file", path.name), ("sha256", digest)]
+    rows += [(name, version(name)) for name in LIBRARIES]
+    rows += [("Python", sys.version.split()[0]), ("command", " ".join(["rig", *sys.argv[1:]]))]
+    return Section(title="Where the numbers came from", tables=[Table(columns=("what", "value"), rows=rows)])
