@@ -1,16 +1,23 @@
-"""The recording format, version 1: reader, writer, validator. All values SI; see docs/recording.md."""
+"""The recording format, version 1: reader, writer, validator. All values SI.
+
+What is required is checked when a file is opened, samples when they are read. Attributes, datasets and groups that are not
+known are ignored, among them `spectra`, the records of an instrument that hands out no samples.
+"""
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.measured import Campaign, Channel, Gap, Quantity, Run
 from rig.errors import OutputError, RecordingError
@@ -18,7 +25,42 @@ from rig.output import replaced
 
 FORMAT, VERSION = "rig-recording", 1
 UNITS = frozenset({"m/s^2", "m/s", "m", "N", "V", "A", "1"})
-NOT_CHANNELS = frozenset({"gain", "gaps", "spectra", "timing"})
+#: Datasets of a run that are no channel; "gain" is one, though none that a sensor recorded.
+NOT_CHANNELS = frozenset({"gaps", "timing"})
+GAIN = "gain"
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+class Stored:
+    """A channel's raw samples on disk: read by slice, each slice checked."""
+
+    def __init__(self, dataset: h5py.Dataset, where: str) -> None:
+        self._dataset, self._where = dataset, where
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n,)."""
+        return tuple(self._dataset.shape)
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]:
+        """The samples of a slice.
+
+        Raises
+        ------
+        RecordingError
+            Where they cannot be read, or are not finite.
+        """
+        try:
+            raw = np.asarray(self._dataset[key])
+        except (OSError, RuntimeError, MemoryError) as error:
+            raise RecordingError(f"{self._where} cannot be read ({_first(error)}); copy the file again from its source") from None
+        if raw.dtype.kind == "f" and not np.isfinite(raw).all():
+            at = int(np.flatnonzero(~np.isfinite(raw))[0])
+            raise RecordingError(
+                f"{self._where} holds {raw[at]} at sample {at + (key.start or 0)}; "
+                "recordings hold finite numbers only, so cut the run or measure it again"
+            )
+        return raw
 
 
 @contextmanager
@@ -31,56 +73,56 @@ def open_recording(path: str | Path) -> Iterator[Campaign]:
         In one sentence, naming the run, the channel, the value found and what to do.
     """
     path = Path(path)
-    if not path.exists():
-        raise RecordingError(f"{path} does not exist; give the path of a recording")
-    if path.is_dir():
-        raise RecordingError(f"{path} is a folder, not a recording; give the path of a file")
+    try:
+        with path.open("rb") as stream:
+            begin = stream.read(len(SIGNATURE))
+    except FileNotFoundError:
+        raise RecordingError(f"{path} does not exist; give the path of a recording") from None
+    except OSError as error:
+        if error.errno == errno.EISDIR:
+            raise RecordingError(f"{path} is a folder, not a recording; give the path of a file") from None
+        raise RecordingError(f"{path} cannot be read ({error.strerror}); change its permissions or copy it") from None
     try:
         file = h5py.File(path, "r")
-    except PermissionError:
-        raise RecordingError(f"{path} may not be read by this user; change its permissions") from None
     except OSError as error:
-        raise RecordingError(_not_hdf5(path, error)) from None
+        raise RecordingError(_unreadable(path, begin, error)) from None
     with file:
         try:
-            yield _campaign(file, path)
-        except (OSError, RuntimeError) as error:
-            raise RecordingError(f"{path} is damaged ({str(error).splitlines()[0]}); copy it again from its source") from None
+            campaign = _campaign(file, path)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise RecordingError(f"{path} is damaged ({_first(error)}); copy it again from its source") from None
+        yield campaign
 
 
-def _not_hdf5(path: Path, error: OSError) -> str:
-    if path.stat().st_size == 0:
+def _first(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _unreadable(path: Path, begin: bytes, error: OSError) -> str:
+    if not begin:
         return f"{path} is empty; record or copy it again"
+    if begin != SIGNATURE:
+        return f"{path} is not an HDF5 file; give a recording, or import the file first"
     if "truncated" in str(error):
         return f"{path} is cut short ({path.stat().st_size} bytes); copy it again from its source"
-    return f"{path} is not an HDF5 file; give a recording, or import the file first"
+    return f"{path} is damaged or was never closed ({_first(error)}); copy it again, or recover it where its recorder was killed"
 
 
 def read(path: str | Path) -> Campaign:
-    """The campaign in a file, loaded into memory and checked sample by sample."""
+    """The campaign in a file, loaded into memory and checked sample by sample.
+
+    Raises
+    ------
+    RecordingError
+        As `open_recording`.
+    """
     with open_recording(path) as campaign:
-        runs = tuple(_loaded(run, str(path)) for run in campaign.runs)
-        return Campaign(runs=runs, known=campaign.known, description=campaign.description, source=campaign.source)
+        return replace(campaign, runs=tuple(_loaded(run) for run in campaign.runs))
 
 
-def _loaded(run: Run, source: str) -> Run:
-    channels = {}
-    for name, channel in run.channels.items():
-        raw = np.asarray(channel.samples[:])
-        if raw.dtype.kind == "f" and not np.isfinite(raw).all():
-            at = int(np.flatnonzero(~np.isfinite(raw))[0])
-            raise RecordingError(
-                f"{source}: run {run.id!r}, channel {name!r} holds {raw[at]} at sample {at}; "
-                "recordings hold finite numbers only, so cut the run or measure it again"
-            )
-        channels[name] = Channel(
-            name=name, samples=raw, quantity=channel.quantity, unit=channel.unit, scale=channel.scale,
-            offset=channel.offset, full_scale=channel.full_scale,
-        )  # fmt: skip
-    return Run(
-        id=run.id, configuration=run.configuration, sample_rate=run.sample_rate, gain=run.gain, channels=channels,
-        excitation=run.excitation, started=run.started, band=run.band, period=run.period, use=run.use, gaps=run.gaps,
-    )  # fmt: skip
+def _loaded(run: Run) -> Run:
+    channels = {name: replace(channel, samples=channel.samples[:]) for name, channel in run.channels.items()}
+    return replace(run, channels=channels)
 
 
 def _campaign(file: h5py.File, path: Path) -> Campaign:
@@ -126,12 +168,15 @@ def _run(group: Any, name: str, where: str) -> Run:
     rate = _number(attrs["sample_rate"], f"{here}: sample_rate")
     if rate <= 0.0:
         raise RecordingError(f"{here} has sample_rate {rate:g} Hz; it must be positive and finite, so correct it")
+    for key, item in group.items():
+        if item is None:
+            raise RecordingError(f"{here}: {key!r} leads to data that is not in the file; copy it again with its data")
     channels = {
         key: _channel(item, key, here)
         for key, item in group.items()
         if key not in NOT_CHANNELS and isinstance(item, h5py.Dataset)
     }
-    if not channels:
+    if not channels.keys() - {GAIN}:
         raise RecordingError(f"{here} has no channel; a run needs at least one")
     lengths = {key: len(channel) for key, channel in channels.items()}
     if len(set(lengths.values())) > 1:
@@ -157,20 +202,22 @@ def _channel(dataset: h5py.Dataset, name: str, where: str) -> Channel:
         raise RecordingError(f"{here} has {dataset.ndim} dimensions; a channel has one, so store it flat")
     if dataset.dtype.kind not in "iuf":
         raise RecordingError(f"{here} holds {dataset.dtype} values; a channel holds numbers, so convert it")
-    quantity = _text(dataset.attrs.get("quantity", "acceleration"), f"{here}: quantity")
+    usual = ("gain", "1") if name == GAIN else ("acceleration", "m/s^2")
+    quantity = _text(dataset.attrs.get("quantity", usual[0]), f"{here}: quantity")
     if quantity not in get_args(Quantity):
         raise RecordingError(f"{here} has quantity {quantity!r}; allowed are {', '.join(get_args(Quantity))}, so correct it")
-    unit = _text(dataset.attrs.get("unit", "m/s^2"), f"{here}: unit")
+    unit = _text(dataset.attrs.get("unit", usual[1]), f"{here}: unit")
     if unit not in UNITS:
         raise RecordingError(f"{here} has unit {unit!r}; allowed are {', '.join(sorted(UNITS))}, so convert it to SI")
     scale = _number(dataset.attrs.get("scale", 1.0), f"{here}: scale")
     if scale == 0.0:
         raise RecordingError(f"{here} has scale 0, which makes every value the same; give the sensor's scale")
-    full = dataset.attrs.get("range")
+    full = None if "range" not in dataset.attrs else _number(dataset.attrs["range"], f"{here}: range")
+    if full is not None and full <= 0.0:
+        raise RecordingError(f"{here} has range {full:g}; a full scale is positive, so correct it")
     return Channel(
-        name=name, samples=dataset, quantity=quantity, unit=unit, scale=scale,  # type: ignore[arg-type]
-        offset=_number(dataset.attrs.get("offset", 0.0), f"{here}: offset"),
-        full_scale=None if full is None else _number(full, f"{here}: range"),
+        name=name, samples=Stored(dataset, here), quantity=quantity, unit=unit, scale=scale,  # type: ignore[arg-type]
+        offset=_number(dataset.attrs.get("offset", 0.0), f"{here}: offset"), full_scale=full,
     )  # fmt: skip
 
 
@@ -231,7 +278,14 @@ def _gaps(group: h5py.Group, where: str) -> tuple[Gap, ...]:
     table = group["gaps"]
     if not isinstance(table, h5py.Dataset) or table.dtype.names is None or {"first_tick", "count"} - set(table.dtype.names):
         raise RecordingError(f"{where} has gaps without the columns first_tick and count; write the table anew")
-    return tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in table[:])
+    gaps = tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in table[:])
+    for gap in gaps:
+        if gap.first_tick < 0 or gap.count < 1:
+            raise RecordingError(
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap begins at tick 0 or later "
+                "and has at least one, so correct it"
+            )
+    return gaps
 
 
 def write(path: str | Path, campaign: Campaign) -> None:
@@ -239,15 +293,23 @@ def write(path: str | Path, campaign: Campaign) -> None:
 
     Raises
     ------
+    RecordingError
+        Where the campaign holds what a reader would refuse.
     OutputError
         Where the place cannot be written.
     """
+    for run in campaign.runs:
+        if not run.id or "/" in run.id or run.id in (".", ".."):
+            raise RecordingError(f"a run is called {run.id!r}; give it a name without a slash")
     with replaced(path) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
                 _write(file, campaign)
         except OSError as error:
-            raise OutputError(f"{path} could not be written ({error}); choose another place") from None
+            raise OutputError(f"{path} could not be written ({_first(error)}); choose another place with -o") from None
+        with h5py.File(temporary, "r") as file:
+            for run in _campaign(file, Path(path)).runs:
+                _loaded(run)
 
 
 def _write(file: h5py.File, campaign: Campaign) -> None:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from analysis.measured import Channel, Run
 
 
 def check(*files: Path) -> None:
     """List the runs of recordings, and refuse files that are not sound.
+
+    Of each run: duration, rms of every channel in its unit, and samples at or beyond the end of an input's range.
 
     Example: rig check campaign.h5
 
@@ -15,54 +22,41 @@ def check(*files: Path) -> None:
     files
         Recordings to check, sample by sample.
     """
-    import numpy as np
-    from rich.console import Console
-    from rich.table import Table
-
     from rig.errors import RecordingError
-    from rig.recording import read
+    from rig.recording import open_recording
+    from rig.terminal import show_table
 
     if not files:
         raise RecordingError("no file was given; name at least one recording")
-    console = Console()
     for file in files:
-        campaign = read(file)
-        table = Table(title=str(file), title_justify="left")
-        for column in (
-            "run",
-            "configuration",
-            "gain",
-            "excitation",
-            "s",
-            "Hz",
-            "channel",
-            "rms",
-            "peak",
-            "clipped",
-        ):
-            table.add_column(column, justify="right" if column in ("gain", "s", "Hz", "rms", "peak") else "left")
-        for run in campaign.runs:
-            first = True
-            for name, channel in run.channels.items():
-                values = channel.read()
-                peak = float(np.abs(values).max())
-                clipped = int((np.abs(values) >= channel.full_scale * (1 - 1e-6)).sum()) if channel.full_scale else None
-                lead = (
-                    (
-                        run.id,
-                        run.configuration,
-                        f"{run.gain:g}",
-                        run.excitation,
-                        f"{run.duration:.1f}",
-                        f"{run.sample_rate:g}",
-                    )
-                    if first
-                    else ("",) * 6
-                )
-                told = "unknown" if clipped is None else f"{clipped} samples" if clipped else "no"
-                table.add_row(*lead, name, f"{values.std():.4g} {channel.unit}", f"{peak:.4g}", told)
-                first = False
-            lost = sum(gap.count for gap in run.gaps)
-            if lost:
-                table.add_row(run.id, "", "", "", "", "", "gaps", f"{lost} samples lost", "", "")
-        console.print(table)
+        with open_recording(file) as campaign:
+            names = list(dict.fromkeys(name for run in campaign.runs for name in run.channels))
+            rows = [_row(run, names) for run in campaign.runs]
+        show_table(f"{file}: rms of each channel", ("run", "set-up", "gain", "s", *names, "clipped", "lost"), rows)
+
+
+def _row(run: Run, names: Sequence[str]) -> list[str]:
+    rms, clipped = [], []
+    for name in names:
+        size, beyond = _rms_and_clipped(run.channels[name]) if name in run.channels else ("–", None)
+        rms.append(size)
+        if beyond:
+            clipped.append(f"{name} {beyond}")
+    unknown = all(channel.full_scale is None for channel in run.channels.values())
+    told = ", ".join(clipped) or ("unknown" if unknown else "no")
+    lost = sum(gap.count for gap in run.gaps)
+    about = f"{run.configuration}, {run.excitation}" + (", held out" if run.use == "holdout" else "")
+    return [run.id, about, f"{run.gain:g}", f"{run.duration:.1f}", *rms, told, str(lost)]
+
+
+def _rms_and_clipped(channel: Channel, block: int = 1 << 20) -> tuple[str, int]:
+    import numpy as np
+
+    power, clipped = 0.0, 0
+    limit = np.inf if channel.full_scale is None else channel.full_scale * (1.0 - 1e-6)
+    for start in range(0, len(channel), block):
+        values = channel.read(start, start + block)
+        power += float(np.square(values).sum())
+        clipped += int((np.abs(values) >= limit).sum())
+    unit = "" if channel.unit == "m/s^2" else f" {channel.unit}"
+    return f"{np.sqrt(power / len(channel)):.3g}{unit}", clipped

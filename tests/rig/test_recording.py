@@ -1,17 +1,24 @@
 """The recording format: what is written comes back, and damage is refused in one sentence."""
 
+import contextlib
 import os
+import subprocess
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from analysis.measured import Campaign, Channel, Gap, Run
 from rig.cli import main
-from rig.recording import read, write
+from rig.errors import RecordingError
+from rig.recording import open_recording, read, write
 
 
 def example() -> Campaign:
@@ -77,6 +84,26 @@ def remove(where: str) -> Damage:
     return damage
 
 
+def no_samples(file: h5py.File) -> None:
+    for name in ("head", "motor", "table", "heatblock"):
+        dataset(name, np.zeros(0))(file)
+
+
+def gain_alone(file: h5py.File) -> None:
+    for name in ("head", "motor", "table", "heatblock"):
+        del file[f"runs/u70/{name}"]
+    file["runs/u70/gain"] = np.ones(300)
+
+
+def dangling(file: h5py.File) -> None:
+    remove("runs/u70/motor")(file)
+    file["runs/u70/motor"] = h5py.SoftLink("/nowhere")
+
+
+def run_as_dataset(file: h5py.File) -> None:
+    file["runs/second"] = np.arange(3.0)
+
+
 DAMAGES: dict[str, tuple[Damage, str]] = {
     "no format": (attribute("/", "format", None), "format"),
     "other format": (attribute("/", "format", "tdms"), "tdms"),
@@ -110,6 +137,17 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "unequal lengths": (dataset("motor", np.arange(299)), "unequal"),
     "two dimensions": (dataset("motor", np.zeros((300, 2))), "dimensions"),
     "text samples": (dataset("motor", np.array([b"x"] * 300)), "numbers"),
+    "range negative": (attribute("runs/u70/motor", "range", -50.0), "range"),
+    "offset as list": (attribute("runs/u70/motor", "offset", [0.0, 1.0]), "offset"),
+    "configuration not UTF-8": (attribute("runs/u70", "configuration", np.bytes_(b"\xff\xfe")), "UTF-8"),
+    "gap of no ticks": (dataset("gaps", np.array([(10, 0)], dtype=[("first_tick", "i8"), ("count", "i8")])), "gap"),
+    "gap before the start": (dataset("gaps", np.array([(-1, 3)], dtype=[("first_tick", "i8"), ("count", "i8")])), "gap"),
+    "gaps without columns": (dataset("gaps", np.array([1, 2])), "first_tick"),
+    "no samples": (no_samples, "no samples"),
+    "gain alone": (gain_alone, "no channel"),
+    "channel leads nowhere": (dangling, "leads to data"),
+    "run is a dataset": (run_as_dataset, "not a group"),
+    "description a number": (attribute("rig", "description", 3.0), "description"),
     "mass of zero": (attribute("rig", "head_mass", 0.0), "head_mass"),
 }
 
@@ -153,9 +191,92 @@ def test_files_that_are_no_recording(tmp_path: Path, capsys: pytest.CaptureFixtu
     refused(Path(__file__), tmp_path, "not an HDF5", capsys)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
 def test_no_permission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "secret.h5"
     write(path, example())
     path.chmod(0)
-    refused(path, tmp_path, "permissions", capsys)
+    root = hasattr(os, "geteuid") and os.geteuid() == 0
+    try:
+        if root:
+            os.seteuid(65534)  # root may read every file; nobody may not
+        assert main(["check", str(path)]) == 2
+    finally:
+        if root:
+            os.seteuid(0)
+    assert "cannot be read" in capsys.readouterr().err
+
+
+def test_flipped_byte(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "flipped.h5"
+    write(path, example())
+    with h5py.File(path) as file:
+        place = file["runs/u70/table"].id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 5] ^= 0x10
+    path.write_bytes(bytes(content))
+    refused(path, tmp_path, "'table' cannot be read", capsys)
+
+
+KILLED = """
+import h5py, os, signal, sys
+file = h5py.File(sys.argv[1], "w", libver="latest")
+file.attrs["format"] = "rig-recording"
+file["runs/u70/head"] = range(1000)
+file.swmr_mode = True
+file.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+def test_recorder_was_killed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "killed.h5"
+    subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    refused(path, tmp_path, "never closed", capsys)
+
+
+def test_what_a_reader_refuses_is_not_written(tmp_path: Path) -> None:
+    whole = example()
+    run = whole.runs[0]
+    spoiled = replace(run, channels={"head": Channel(name="head", samples=np.array([0.0, np.nan]))})
+    unequal = replace(run, channels={**run.channels, "head": Channel(name="head", samples=np.zeros(3))})
+    for bad in (spoiled, unequal, replace(run, sample_rate=0.0), replace(run, id="a/b")):
+        with pytest.raises(RecordingError):
+            write(tmp_path / "bad.h5", replace(whole, runs=(bad,)))
+    assert not list(tmp_path.iterdir())
+
+
+def test_streamed_gain_and_unknown_parts(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    write(path, example())
+    with h5py.File(path, "a") as file:
+        file["runs/u70/gain"] = np.linspace(69.0, 71.0, 300)
+        file["runs/u70/spectra/first/frequency"] = np.arange(10.0)
+        file["runs/u70"].attrs["operator"] = "somebody"
+        file["notes"] = "warm day"
+    run = read(path).runs[0]
+    assert run.channels["gain"].quantity == "gain"
+    assert run.read("gain")[-1] == 71.0
+    assert set(run.channels) == {"head", "motor", "table", "heatblock", "gain"}
+    assert run.use == "holdout"
+
+
+def test_opened_recording_reads_what_is_asked(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    write(path, example())
+    with open_recording(path) as campaign:
+        assert np.allclose(campaign.runs[0].channels["motor"].read(10, 13), [0.51, 0.511, 0.512])
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.floats(0.0, 1.0), byte=st.integers(0, 255), cut=st.booleans())
+def test_any_damage_ends_in_an_answer_or_a_refusal(tmp_path: Path, place: float, byte: int, cut: bool) -> None:
+    whole, path = tmp_path / "whole.h5", tmp_path / "damaged.h5"
+    if not whole.exists():
+        write(whole, example())
+    content = bytearray(whole.read_bytes())
+    at = min(int(place * len(content)), len(content) - 1)
+    content[at] = byte
+    path.write_bytes(bytes(content[:at] if cut else content))
+    with contextlib.suppress(RecordingError):
+        read(path)
