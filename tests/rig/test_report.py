@@ -1,5 +1,7 @@
 """The report page in a real browser: every chart drawn, nothing in the console, nothing wider than the window."""
 
+import html
+import json
 import re
 import shutil
 import subprocess
@@ -16,20 +18,27 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--virtual-time-budget=20000", "--enable-logging=stderr", "--dump-dom",
 )  # fmt: skip
-#: Run after the page's own script: says how wide the page came out, zooms the first chart, says where its neighbour went.
+#: Put after the page's own script: zooms the first chart, changes the theme, and tells the page around it what came of it.
 PROBE = """<script>
 addEventListener("load", () => setTimeout(async () => {
   const root = document.documentElement;
-  root.dataset.inner = innerWidth;
-  root.dataset.wide = root.scrollWidth;
+  const later = () => new Promise((resolve) => setTimeout(resolve, 500));
+  const zoom = (name) => document.getElementById(name).layout.xaxis.range;
+  const drawn = [...document.querySelectorAll(".chart")].map((chart) => chart.querySelectorAll(".main-svg path").length > 0);
+  const told = { inner: innerWidth, wide: root.scrollWidth, counted: root.dataset.drawn, drawn };
   await Plotly.relayout("chart0", { "xaxis.range": [0, 1] });
-  await new Promise((resolve) => setTimeout(resolve, 500));
-  root.dataset.followed = JSON.stringify(document.getElementById("chart1").layout.xaxis.range);
+  await later();
+  told.followed = zoom("chart1");
   document.getElementById("theme").click();
-  await new Promise((resolve) => setTimeout(resolve, 500));
-  root.dataset.kept = JSON.stringify(document.getElementById("chart0").layout.xaxis.range);
+  await later();
+  told.kept = zoom("chart0");
+  told.theme = root.dataset.theme;
+  parent.postMessage(JSON.stringify(told), "*");
 }, 1500));
 </script>"""
+#: A browser's window has a least width; a frame has none.
+FRAME = """<!doctype html><link rel="icon" href="data:,"><iframe src="report.html" style="width:{width}px;height:2000px;border:0">
+</iframe><pre></pre><script>onmessage = (event) => {{ document.querySelector("pre").textContent = event.data; }};</script>"""
 
 
 def example() -> Report:
@@ -51,30 +60,24 @@ def example() -> Report:
     )  # fmt: skip
 
 
-def opened(page: Path, width: int, profile: Path) -> tuple[str, list[str]]:
-    done = subprocess.run(
-        [str(CHROMIUM), *FLAGS, f"--window-size={width},900", f"--user-data-dir={profile}", page.as_uri()],
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: install Debian's package to run this test")
 @pytest.mark.parametrize("width", [1280, 400])
 def test_page_in_a_browser(tmp_path: Path, width: int) -> None:
-    page = tmp_path / "report.html"
-    page.write_text(build_report(example()).replace("</body>", PROBE + "</body>"), encoding="utf-8")
-    dom, console = opened(page, width, tmp_path / "profile")
-    root = dom[: dom.index(">", dom.index("<html"))]
-    assert console == []
-    assert 'data-drawn="3"' in root
-    boxes = re.split(r'(?=<div class="chart)', dom)[1:]
-    assert len(boxes) == 3
-    assert all('class="main-svg"' in box and "<path" in box for box in boxes)
-    inner, wide = (int(re.findall(rf'data-{name}="(\d+)"', root)[0]) for name in ("inner", "wide"))
-    assert wide <= inner
-    assert 'data-followed="[0,1]"' in root
-    assert 'data-kept="[0,1]"' in root
+    page = build_report(example()).replace("</body>", PROBE + "</body>")
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    (tmp_path / "frame.html").write_text(FRAME.format(width=width), encoding="utf-8")
+    done = subprocess.run(
+        [str(CHROMIUM), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", (tmp_path / "frame.html").as_uri()],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+    told = json.loads(html.unescape(re.findall(r"<pre>(.*?)</pre>", done.stdout)[0]))
+    assert told["inner"] == width
+    assert told["wide"] <= width
+    assert told["counted"] == "3"
+    assert told["drawn"] == [True] * 3
+    assert told["followed"] == told["kept"] == [0, 1]
+    assert told["theme"] == "dark"
 
 
 def test_page_stands_alone() -> None:
