@@ -9,7 +9,6 @@ its full-band residuals make the cost too rough to descend. Levenberg-Marquardt 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import msgspec
@@ -18,10 +17,10 @@ import numpy as np
 from analysis.errors import FitError, ModelError, SimulationError
 from analysis.measured import ComplexArray, FloatArray
 from analysis.model import Chain, RigModel
+from analysis.parallel import side_by_side
 from analysis.simulate import record, simulate, true_drive
 from analysis.trials import SIGNAL_SHARE, Trial
 
-WORKERS = 2
 #: Models whose motion a problem remembers.
 CACHED = 3
 
@@ -172,8 +171,7 @@ class Problem:
                 return np.full(2 * self._lines[index] * len(self._weights[index]), np.nan)
 
         jobs = [(which, index) for which in range(len(models)) for index in range(len(self.trials))]
-        with ThreadPoolExecutor(WORKERS) as pool:
-            parts = list(pool.map(one, jobs))
+        parts = side_by_side(one, jobs)
         count = len(self.trials)
         return np.stack([np.concatenate(parts[i * count : (i + 1) * count]) for i in range(len(models))])
 

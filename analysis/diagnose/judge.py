@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.errors import SimulationError
-from analysis.fit import WORKERS
 from analysis.measured import FloatArray
 from analysis.model import RigModel
+from analysis.parallel import side_by_side
 from analysis.simulate import Excitation, simulate
 from analysis.trials import Trial
 
@@ -65,8 +64,7 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
         blocks = np.stack([np.mean(b**2, axis=1) for b in np.array_split(error, BLOCKS, axis=1)], axis=1)
         return relative, blocks / np.maximum(floor, 1e-30)[:, None]
 
-    with ThreadPoolExecutor(WORKERS) as pool:
-        results = list(pool.map(one, trials))
+    results = side_by_side(one, trials)
     return Score(error=np.stack([r[0] for r in results]), blocks=np.stack([r[1] for r in results]))
 
 
@@ -79,7 +77,8 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
     """
     generator = np.random.default_rng(7)
 
-    def one(trial: Trial, noise: FloatArray) -> FloatArray:
+    def one(job: tuple[Trial, FloatArray]) -> FloatArray:
+        trial, noise = job
         part = held_out(trial)
         excitation = trial.excitation
         shaken = Excitation.prepare(excitation.recorded + noise, excitation.sample_rate, oversample=excitation.oversample)
@@ -92,8 +91,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
         return np.asarray(np.sqrt(power / np.maximum(np.mean(measured**2, axis=1), 1e-30)))
 
     noises = [generator.normal(0.0, drive_noise, trial.samples) for trial in trials]
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return np.stack(list(pool.map(one, trials, noises)))
+    return np.stack(side_by_side(one, list(zip(trials, noises, strict=True))))
 
 
 def confidence(best: Score, rivals: Sequence[Score], *, draws: int = 400) -> float:
