@@ -92,11 +92,12 @@ def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatA
     for k in range(n):
         last = (k + lead) * down
         first = last - length + 1
-        lo = max(0, -first)
-        hi = min(length, len(x) - first)
+        # Slices, because an index that might be negative keeps the sum out of vector lanes.
+        inside = x[max(0, first) : last + 1]
+        weights = flipped[max(0, -first) :]
         acc = 0.0
-        for j in range(lo, hi):
-            acc += flipped[j] * x[first + j]
+        for j in range(len(inside)):
+            acc += weights[j] * inside[j]
         out[k] = acc
     return out
 
