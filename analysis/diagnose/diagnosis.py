@@ -13,17 +13,18 @@ from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.misfit import Discrepancy, discrepancies
 from analysis.diagnose.observe import observe
-from analysis.diagnose.search import Look, Progress, Screen, parameters_of, shortened
+from analysis.diagnose.search import Look, Progress, Screen, glanced, parameters_of
 from analysis.errors import FitError
 from analysis.fit import Fit, Problem, base_parameters, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
-from analysis.simulate import Excitation
 from analysis.start import equation_start
 from analysis.trials import Trial, noise_levels, prepare
 
-#: Seconds of each run in the short look at candidates, and in the middle fits.
-GLANCE = 10.0
+#: Fine steps per sample of the simulations that models are judged by.
+JUDGED_OVERSAMPLE = 8
+#: A candidate whose misfit is this many times the best's is out of the race.
+BEHIND = 6.0
 #: Candidates that get a full fit, and steps at most.
 FINALISTS = 4
 MOST_STEPS = 3
@@ -169,15 +170,11 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
 
 
 def _refined(trial: Trial) -> Trial:
-    # Judged on a finer grid than fitted.
-    if trial.excitation.oversample >= 8:
-        return trial
-    excitation = Excitation.prepare(trial.excitation.recorded, trial.excitation.sample_rate, oversample=8)
-    return replace(trial, excitation=excitation)
+    return replace(trial, excitation=trial.excitation.resampled(JUDGED_OVERSAMPLE))
 
 
 def _baseline(guess: RigModel, trials: Sequence[Trial]) -> Fit:
-    rough = _patient(guess, shortened(trials, GLANCE))
+    rough = _patient(guess, glanced(trials))
     return _finished(rough, trials)
 
 
@@ -209,48 +206,56 @@ def _next_step(
     fine: Sequence[Trial],
     progress: Progress,
 ) -> tuple[Step, Fit, Score] | None:
-    short = shortened(trials, GLANCE)
+    short = glanced(trials)
     problem = Problem(short)
     glance = fit(current.model, current.free, problem, iterations=1)
     screen = Screen(glance, problem)
     evidence = observe(campaign, glance.model, trials, guess)
-    looks: list[Look] = []
-    for mechanism in CATALOGUE:
-        for candidate in mechanism.candidates(glance.model, evidence):
-            looks.append(screen.look(candidate))
-    looks = sorted((look for look in looks if np.isfinite(look.cost)), key=lambda look: look.cost)
+    looks = screen.ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
     if not looks:
         return None
     progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
-    refined: list[tuple[Look, Fit]] = []
-    wide = Problem(short, share=0.3)
-    for look in _diverse(looks):
+    refined = _race(_diverse(looks), current, short)
+    finalists: list[tuple[Candidate, Fit, Score]] = []
+    for candidate, rough in refined[:FINALISTS]:
+        lost = bool(finalists) and rough.cost > BEHIND * refined[0][1].cost
+        if lost and len(finalists) > 1:
+            break
+        # One that is far behind is no contender: its rough fit serves to say by how much.
+        done = rough if lost else _finished(rough, trials)
+        finalists.append((candidate, done, score(done.model, fine)))
+        progress(f"{candidate.cause} ({candidate.location}): held-out error {finalists[-1][2].figure:.3g}")
+    if not finalists:
+        return None
+    finalists.sort(key=lambda item: float(np.mean(np.log(item[2].blocks))))
+    return _choice(finalists, now)
+
+
+def _race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> list[tuple[Candidate, Fit]]:
+    # Fits of all on the short data, best first; after a few steps only those go on that are not far behind.
+    problem, wide = Problem(short), Problem(short, share=0.3)
+    running: list[tuple[Candidate, Fit]] = []
+    for look in looks:
         free = parameters_of(current.model, look.candidate, current.free)
         try:
             start = look.model
             if look.candidate.family == "chain" and look.cost > 10.0:
                 start = fit(start, free, wide, iterations=5, tolerance=2e-2).model
-            done = fit(start, free, problem, iterations=8, tolerance=1e-2)
+            done = fit(start, free, problem, iterations=2, tolerance=1e-2)
             if look.candidate.fresh is not None and done.cost > 10.0:
                 again = fit(look.candidate.fresh, free, wide, iterations=6, tolerance=2e-2)
-                again = fit(again.model, free, problem, iterations=12, tolerance=5e-3)
+                again = fit(again.model, free, problem, iterations=2, tolerance=5e-3)
                 done = min(done, again, key=lambda f: f.cost)
         except FitError:
             continue
-        if look.candidate.plausible(done.model):
-            refined.append((look, done))
-    refined.sort(key=lambda pair: pair[1].cost)
-    finalists: list[tuple[Candidate, Fit, Score]] = []
-    for look, rough in refined[:FINALISTS]:
-        if finalists and rough.cost > 5.0 * refined[0][1].cost and len(finalists) >= 2:
-            continue
-        done = _finished(rough, trials)
-        finalists.append((look.candidate, done, score(done.model, fine)))
-        progress(f"{look.candidate.cause} ({look.candidate.location}): held-out error {finalists[-1][2].figure:.3g}")
-    if not finalists:
-        return None
-    finalists.sort(key=lambda item: float(np.mean(np.log(item[2].blocks))))
-    return _choice(finalists, now)
+        running.append((look.candidate, done))
+    least = min((done.cost for _, done in running), default=0.0)
+    running = [
+        (candidate, fit(done.model, done.free, problem, iterations=8, tolerance=1e-2) if done.cost < BEHIND * least else done)
+        for candidate, done in running
+    ]
+    running = [(candidate, done) for candidate, done in running if candidate.plausible(done.model)]
+    return sorted(running, key=lambda pair: pair[1].cost)
 
 
 def _diverse(looks: Sequence[Look]) -> list[Look]:

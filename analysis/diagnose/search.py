@@ -15,8 +15,13 @@ from analysis.model import RigModel
 from analysis.trials import Trial
 
 Progress = Callable[[str], None]
+#: Seconds of each run in a short look, and its fine steps per sample at most.
+GLANCE = 10.0
+GLANCE_OVERSAMPLE = 4
 #: Starts of a candidate that are followed; of more, those with the least misfit.
 MOST_STARTS = 4
+#: Candidates that are looked at more closely: the best of all, and the best of each family.
+CLOSER, CLOSER_OF_FAMILY = 8, 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +33,16 @@ class Look:
     model: RigModel
 
 
-def shortened(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
-    """The same trials with fits limited to their first seconds."""
-    return tuple(replace(t, fitted=min(t.fitted, round(seconds * t.run.sample_rate))) for t in trials)
+def glanced(trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """The same trials for a short look: fits see their first seconds only, on a coarser grid."""
+    return tuple(
+        replace(
+            trial,
+            fitted=min(trial.fitted, round(GLANCE * trial.run.sample_rate)),
+            excitation=trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE)),
+        )
+        for trial in trials
+    )
 
 
 def parameters_of(model: RigModel, candidate: Candidate, known: Sequence[Free] = ()) -> tuple[Free, ...]:
@@ -55,16 +67,26 @@ class Screen:
         self.problem = problem
         self.cost = current.cost
 
-    def look(self, candidate: Candidate, *, steps: int = 2) -> Look:
-        """One step from each of the candidate's starts, a few more from the best."""
+    def ranked(self, candidates: Sequence[Candidate]) -> list[Look]:
+        """All candidates, best first: one step for each, and some more for those that promise anything."""
+        first = sorted((self.look(candidate) for candidate in candidates), key=lambda look: look.cost)
+        met: dict[str, int] = {}
+        looks = []
+        for place, look in enumerate(first):
+            family = look.candidate.family
+            met[family] = met.get(family, 0) + 1
+            close = place < CLOSER or met[family] <= CLOSER_OF_FAMILY
+            looks.append(self._descend(look.candidate, look.model, 2) if close and look.cost < np.inf else look)
+        return sorted((look for look in looks if look.cost < np.inf), key=lambda look: look.cost)
+
+    def look(self, candidate: Candidate) -> Look:
+        """One step from each of the candidate's most promising starts; the best of them."""
         starts = candidate.starts
         if len(starts) > MOST_STARTS:
             costs = [float(r @ r) for r in self.problem.residuals(starts)]
             order = np.argsort(np.nan_to_num(costs, nan=np.inf))
             starts = tuple(starts[k] for k in order[:MOST_STARTS])
-        looks = [self._descend(candidate, start, 1) for start in starts]
-        best = min(looks, key=lambda look: look.cost)
-        return self._descend(candidate, best.model, steps) if best.cost < np.inf else best
+        return min((self._descend(candidate, start, 1) for start in starts), key=lambda look: look.cost)
 
     def _descend(self, candidate: Candidate, start: RigModel, steps: int) -> Look:
         free = parameters_of(self.current.model, candidate, self.current.free)
@@ -102,18 +124,18 @@ class Screen:
             scale = np.diag(normal).copy()
             scale[scale <= 0.0] = 1.0
             gradient = jacobian.T @ residual
-            tries = []
+            before = best
             for damping in (1e-3, 1.0):
                 step = -np.linalg.solve(normal + damping * np.diag(scale), gradient)
                 worst = max((abs(s) / 0.9 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
-                step = step / max(worst, 1.0)
-                tries.append(np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + step, strict=True)]))
-            results = cost_of([build(t) for t in tries])
-            costs = [float(r @ r) if np.all(np.isfinite(r)) else np.inf for r in results]
-            k = int(np.argmin(costs))
-            if costs[k] >= best * (1 - 1e-3):
+                there = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + step / max(worst, 1.0), strict=True)])
+                found = cost_of([build(there)])[0]
+                cost = float(found @ found)
+                if np.isfinite(cost) and cost < best:
+                    theta, residual, best = there, found, cost
+                    break
+            if best > 0.999 * before:
                 break
-            theta, residual, best = tries[k], results[k], costs[k]
         reached = build(theta)
         return Look(
             candidate=candidate,

@@ -74,6 +74,12 @@ class Excitation:
         fine = interpolate(recorded, oversample)
         return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine)
 
+    def resampled(self, oversample: int) -> Excitation:
+        """The same drive on another grid."""
+        if oversample == self.oversample:
+            return self
+        return Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample)
+
 
 @lru_cache(maxsize=16)
 def _sampler(factor: int, differentiate: bool) -> FloatArray:
