@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,14 @@ from rig.report.diagnosis import diagnosis_page
 from rig.units import unit_of
 
 
-def findings(diagnosis: Diagnosis, baseline: str) -> dict[str, Any]:
+def findings(diagnosis: Diagnosis, origin: Mapping[str, str]) -> dict[str, Any]:
     """The content of findings.json."""
     return {
         "format": "rig-findings",
         "format_version": 1,
+        "origin": dict(origin),
         "verdict": diagnosis.verdict,
-        "baseline": {"name": baseline, "parameters": parameters(diagnosis.baseline)},
+        "baseline": {"name": origin["baseline"], "parameters": parameters(diagnosis.baseline)},
         "discrepancies": [
             {
                 "channel": d.channel, "configuration": d.configuration, "gain": d.gain, "run": d.run,
@@ -69,12 +71,15 @@ def _place(cause: str, location: str) -> dict[str, str]:
     return {"cause": cause, "location": location}
 
 
-def write_findings(folder: Path, diagnosis: Diagnosis, campaign: Campaign, baseline: str) -> None:
-    """Write the contract's four files into a folder."""
-    content = findings(diagnosis, baseline)
-    origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
+def write_findings(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str]) -> None:
+    """Write the contract's four files into a folder.
+
+    `origin` tells where the findings come from: the baseline's name, the recording's name and hash, this program's version.
+    """
+    content = findings(diagnosis, origin)
+    began = min((run.started for run in campaign.runs if run.started is not None), default=None)
     page = diagnosis_page(diagnosis, campaign, content)
-    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=origin)
-    write_model(folder / "model.json", diagnosis.extended.model, origin=origin)
+    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=began)
+    write_model(folder / "model.json", diagnosis.extended.model, origin=began)
     write_text(folder / "report.html", page)
     write_json(folder / "findings.json", content)

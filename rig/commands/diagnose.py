@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
-from rich.status import Status
 
-
-def _tell(status: Status, name: str, text: str) -> None:
-    status.update(f"{name}: {text}")
+if TYPE_CHECKING:
+    from rig.many import Outcome
 
 
 def diagnose(
     *campaigns: Path,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     baseline: Literal["coulomb", "linear"] = "coulomb",
+    scheduler: str | None = None,
+    again: bool = False,
 ) -> None:
     """Show what the baseline's simulation gets wrong, name the cause, extend the model and measure the gain.
 
@@ -32,41 +31,44 @@ def diagnose(
         a folder of its own in it, and summary.csv tells of all.
     baseline
         The wire bonder with Coulomb friction, or without any.
+    scheduler
+        Of several recordings: the address of a Dask scheduler that shares them out; its workers must see the same files.
+    again
+        Of several recordings: also those that have an answer already.
     """
     from rich.console import Console
 
-    from analysis.diagnose.diagnosis import diagnose as run_diagnosis
-    from rig.baseline import baseline_model
     from rig.errors import RecordingError
-    from rig.findings import write_findings
+    from rig.many import diagnose_file, diagnose_files, recordings_in, summary
     from rig.output import write_text
-    from rig.recording import read
 
-    files = [f for given in campaigns for f in (sorted(given.glob("*.h5")) if given.is_dir() else [given])]
-    if not files:
-        raise RecordingError("no recording was given; name a file or a folder that holds .h5 files")
+    files = recordings_in(campaigns)
     console = Console(stderr=True)
-    lines = ["campaign,verdict,causes,locations,holdout_baseline,holdout_extended,noise_floor"]
-    for file in files:
-        campaign = read(file)
-        folder = output / file.stem if len(files) > 1 or campaigns[0].is_dir() else output
-        with console.status(f"{file.name}: reading") as status:
-            found = run_diagnosis(
-                campaign,
-                baseline_model(campaign, baseline),
-                progress=partial(_tell, status, file.name),
-            )
-            status.update(f"{file.name}: writing the report")
-            write_findings(folder, found, campaign, baseline)
-        named = ", ".join(f"{s.cause} at {s.location}" for s in found.steps) or "no cause named"
-        print(
-            f"{file.name}: {found.verdict}; {named}; held-out error {found.baseline_error:.3g} -> "
-            f"{found.extended_error:.3g} (noise floor {found.floor:.3g})"
-        )
-        print(f"  {folder / 'report.html'}")
-        lines.append(
-            f"{file.stem},{found.verdict},{'+'.join(s.cause for s in found.steps)},"
-            f"{'+'.join(s.location for s in found.steps)},{found.baseline_error:.6g},{found.extended_error:.6g},{found.floor:.6g}"
-        )
-    if len(files) > 1 or campaigns[0].is_dir():
-        print(write_text(output / "summary.csv", "\n".join(lines) + "\n"))
+    if len(files) == 1 and not campaigns[0].is_dir():
+        with console.status(f"{files[0].name}: reading") as status:
+            _say(diagnose_file(files[0], output, baseline, lambda text: status.update(f"{files[0].name}: {text}")), output)
+        return
+    outcomes: list[Outcome] = []
+    with console.status(f"0 of {len(files)} recordings diagnosed") as status:
+        for outcome in diagnose_files([(f, output / f.stem) for f in files], baseline, scheduler=scheduler, again=again):
+            outcomes.append(outcome)
+            status.update(f"{len(outcomes)} of {len(files)} recordings diagnosed")
+            _say(outcome, output / outcome.campaign)
+            write_text(output / "summary.csv", summary(outcomes))
+    print(output / "summary.csv")
+    refused = [o for o in outcomes if o.refusal]
+    if refused:
+        raise RecordingError(f"{len(refused)} of {len(files)} recordings could not be used; first: {refused[0].refusal}")
+
+
+def _say(outcome: Outcome, folder: Path) -> None:
+    if outcome.refusal:
+        print(f"{outcome.campaign}: refused; {outcome.refusal}")
+        return
+    pairs = zip(outcome.causes.split("+"), outcome.locations.split("+"), strict=True)
+    named = ", ".join(f"{cause} at {place}" for cause, place in pairs if cause) or "no cause named"
+    print(
+        f"{outcome.campaign}: {outcome.verdict}; {named}; held-out error {outcome.holdout_baseline:.3g} -> "
+        f"{outcome.holdout_extended:.3g} (noise floor {outcome.noise_floor:.3g})"
+    )
+    print(f"  {folder / 'report.html'}")
