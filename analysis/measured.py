@@ -73,6 +73,39 @@ class Gap:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Spectrum:
+    """A spectrum that an instrument worked out itself.
+
+    Parameters
+    ----------
+    name
+        Its name in the run.
+    kind
+        "transfer_function", "coherence", "auto_spectrum" or "cross_spectrum".
+    response, reference
+        The channels it is of; `reference` is empty for an auto spectrum.
+    frequency
+        Hz, ascending, shape (n,).
+    values
+        Real or complex, shape (n,), in `unit`.
+    averages
+        How many records were averaged.
+    window
+        Name of the window that the instrument used.
+    """
+
+    name: str
+    kind: str
+    response: str
+    reference: str
+    frequency: FloatArray
+    values: FloatArray | ComplexArray
+    unit: str = "1"
+    averages: int = 1
+    window: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Run:
     """One uninterrupted measurement.
 
@@ -90,6 +123,8 @@ class Run:
         The records by channel name, all of one length.
     excitation, started, band, period, use, gaps
         As in the recording format; `band` in Hz, `period` in samples.
+    spectra
+        What the instrument handed out beside the samples.
     """
 
     id: str
@@ -103,6 +138,7 @@ class Run:
     period: int | None = None
     use: Use = "fit"
     gaps: tuple[Gap, ...] = ()
+    spectra: tuple[Spectrum, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.channels.values())))

@@ -1,7 +1,7 @@
 """The recording format, version 1: reader, writer, validator. All values SI.
 
 What is required is checked when a file is opened, samples when they are read. Attributes, datasets and groups that are not
-known are ignored, among them `spectra`, the records of an instrument that hands out no samples.
+known are ignored.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.measured import Campaign, Channel, Gap, Quantity, Run
+from analysis.measured import Campaign, Channel, Gap, Quantity, Run, Spectrum
 from rig.errors import OutputError, RecordingError
 from rig.output import replaced
 
@@ -192,7 +192,7 @@ def _run(group: Any, name: str, where: str) -> Run:
         gain=_number(attrs["gain"], f"{here}: gain"), channels=channels,
         excitation=_text(attrs.get("excitation", "other"), f"{here}: excitation"), started=_started(attrs, here),
         band=_band(attrs, here), period=_period(attrs, here), use="holdout" if use == "holdout" else "fit",
-        gaps=_gaps(group, here),
+        gaps=_gaps(group, here), spectra=_spectra(group, here),
     )  # fmt: skip
 
 
@@ -288,6 +288,37 @@ def _gaps(group: h5py.Group, where: str) -> tuple[Gap, ...]:
     return gaps
 
 
+def _spectra(group: h5py.Group, where: str) -> tuple[Spectrum, ...]:
+    if not isinstance(group.get("spectra"), h5py.Group):
+        return ()
+    return tuple(_spectrum(item, name, f"{where}, spectrum {name!r}") for name, item in group["spectra"].items())
+
+
+def _spectrum(group: Any, name: str, here: str) -> Spectrum:
+    if not isinstance(group, h5py.Group) or not all(isinstance(group.get(k), h5py.Dataset) for k in ("frequency", "values")):
+        raise RecordingError(f"{here} lacks the datasets frequency and values; a spectrum needs both, so write it anew")
+    frequency, values = np.asarray(group["frequency"][()]), np.asarray(group["values"][()])
+    if frequency.dtype.kind not in "iuf" or values.dtype.kind not in "iufc":
+        raise RecordingError(f"{here} holds {frequency.dtype} and {values.dtype} values; it holds numbers, so convert them")
+    if frequency.ndim != 1 or frequency.shape != values.shape:
+        raise RecordingError(f"{here} has {values.shape} values at {frequency.shape} frequencies; make them of one length")
+    if not (np.isfinite(frequency).all() and np.isfinite(values).all()):
+        raise RecordingError(f"{here} holds values that are not finite; measure it again or remove it")
+    if (np.diff(frequency) <= 0.0).any():
+        raise RecordingError(f"{here} has frequencies that do not ascend; sort them")
+    attrs = group.attrs
+    return Spectrum(
+        name=name, kind=_text(attrs.get("kind", "transfer_function"), f"{here}: kind"),
+        response=_text(attrs.get("response"), f"{here}: response"),
+        reference=_text(attrs.get("reference", ""), f"{here}: reference"),
+        frequency=frequency.astype(np.float64),
+        values=values.astype(np.complex128) if values.dtype.kind == "c" else values.astype(np.float64),
+        unit=_text(attrs.get("unit", "1"), f"{here}: unit"),
+        averages=int(_number(attrs.get("averages", 1), f"{here}: averages")),
+        window=_text(attrs.get("window", ""), f"{here}: window"),
+    )  # fmt: skip
+
+
 def write(path: str | Path, campaign: Campaign) -> None:
     """Write a campaign as a recording, whole or not at all.
 
@@ -338,3 +369,11 @@ def _write(file: h5py.File, campaign: Campaign) -> None:
         if run.gaps:
             table = np.array([(g.first_tick, g.count) for g in run.gaps], dtype=[("first_tick", "i8"), ("count", "i8")])
             group.create_dataset("gaps", data=table)
+        for spectrum in run.spectra:
+            inside = group.create_group(f"spectra/{spectrum.name}")
+            inside.create_dataset("frequency", data=spectrum.frequency)
+            inside.create_dataset("values", data=spectrum.values)
+            inside.attrs.update(
+                kind=spectrum.kind, response=spectrum.response, reference=spectrum.reference, unit=spectrum.unit,
+                averages=spectrum.averages, window=spectrum.window,
+            )  # fmt: skip

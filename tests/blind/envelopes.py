@@ -167,9 +167,7 @@ def _end_stop(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hid
 
 def _drag(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
     drag = size * draw.uniform(0.5, 2.0) * max(_force(m), m.link(place).damping * s.speed[place]) / s.speed[place] ** 2
-    return Hidden(
-        model=_linked(m, place, laws.QuadraticDamping(quadratic_damping=drag)), parameters={"quadratic_damping": drag}
-    )
+    return Hidden(model=_linked(m, place, laws.QuadraticDamping(quadratic_damping=drag)), parameters={"quadratic_damping": drag})
 
 
 def _extra_mode(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:

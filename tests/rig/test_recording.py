@@ -15,10 +15,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.measured import Campaign, Channel, Gap, Run
+from analysis.measured import Campaign, Channel, Gap, Run, Spectrum
 from rig.cli import main
 from rig.errors import RecordingError
 from rig.recording import open_recording, read, write
+
+SPECTRUM = Spectrum(
+    name="motor over head", kind="transfer_function", response="motor", reference="head", frequency=np.arange(5.0),
+    values=np.arange(5.0) * (1.0 + 2.0j), averages=20, window="hann",
+)  # fmt: skip
 
 
 def example() -> Campaign:
@@ -29,7 +34,7 @@ def example() -> Campaign:
     run = Run(
         id="u70", configuration="unlocked", sample_rate=1024.0, gain=70.0, channels=channels, excitation="random",
         started=datetime(2026, 1, 2, tzinfo=UTC), band=(0.5, 20.0), period=100, use="holdout",
-        gaps=(Gap(first_tick=10, count=3),),
+        gaps=(Gap(first_tick=10, count=3),), spectra=(SPECTRUM,),
     )  # fmt: skip
     return Campaign(runs=(run,), known={"head_mass": 6.5}, description=None)
 
@@ -51,6 +56,11 @@ def test_round_trip(tmp_path: Path) -> None:
         "gaps",
     ):
         assert getattr(got.runs[0], name) == getattr(want.runs[0], name)
+    spectrum = got.runs[0].spectra[0]
+    assert np.array_equal(spectrum.frequency, SPECTRUM.frequency)
+    assert np.array_equal(spectrum.values, SPECTRUM.values)
+    for name in ("name", "kind", "response", "reference", "unit", "averages", "window"):
+        assert getattr(spectrum, name) == getattr(SPECTRUM, name)
     for name, channel in want.runs[0].channels.items():
         assert np.array_equal(got.runs[0].read(name), channel.read())
         assert got.runs[0].channels[name].full_scale == 50.0
@@ -98,6 +108,15 @@ def gain_alone(file: h5py.File) -> None:
 def dangling(file: h5py.File) -> None:
     remove("runs/u70/motor")(file)
     file["runs/u70/motor"] = h5py.SoftLink("/nowhere")
+
+
+def spectrum(part: str, values: np.ndarray | None) -> Damage:
+    def damage(file: h5py.File) -> None:
+        del file[f"runs/u70/spectra/motor over head/{part}"]
+        if values is not None:
+            file[f"runs/u70/spectra/motor over head/{part}"] = values
+
+    return damage
 
 
 def run_as_dataset(file: h5py.File) -> None:
@@ -148,6 +167,11 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "channel leads nowhere": (dangling, "leads to data"),
     "run is a dataset": (run_as_dataset, "not a group"),
     "description a number": (attribute("rig", "description", 3.0), "description"),
+    "spectrum without values": (spectrum("values", None), "values"),
+    "spectrum of two lengths": (spectrum("values", np.ones(4)), "one length"),
+    "spectrum with NaN": (spectrum("values", np.full(5, np.nan)), "finite"),
+    "spectrum unsorted": (spectrum("frequency", np.arange(5.0)[::-1]), "ascend"),
+    "spectrum of text": (spectrum("values", np.array([b"x"] * 5)), "numbers"),
     "mass of zero": (attribute("rig", "head_mass", 0.0), "head_mass"),
 }
 
@@ -251,7 +275,6 @@ def test_streamed_gain_and_unknown_parts(tmp_path: Path) -> None:
     write(path, example())
     with h5py.File(path, "a") as file:
         file["runs/u70/gain"] = np.linspace(69.0, 71.0, 300)
-        file["runs/u70/spectra/first/frequency"] = np.arange(10.0)
         file["runs/u70"].attrs["operator"] = "somebody"
         file["notes"] = "warm day"
     run = read(path).runs[0]
