@@ -275,6 +275,7 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
     # Of those that the data cannot tell apart, the simplest is carried.
     candidate, fitted, carried = min(close, key=lambda item: item[0].rank)
     others = [item for item in finalists if item[2] is not carried]
+    alike = {other.key for other, _, s in close if s is not carried} | ({candidate.twin} if candidate.twin else set())
     apart = [item for item in others if all(item[2] is not other[2] for other in close)]
     model = msgspec.structs.replace(fitted.model, free=tuple(free.path for free in fitted.free))
     values = {r.name: (r.of(fitted.model), _deviation(r, fitted), r.unit) for r in candidate.reported}
@@ -284,7 +285,7 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
         rivals=tuple(
             Rival(cause=c.cause, location=c.location, holdout_error=s.figure) for c, _, s in others
         ),
-        indistinguishable=tuple(c.key for c, _, s in close if s is not carried),
+        indistinguishable=tuple(sorted(alike)),
         evidence=(
             f"With {candidate.cause} at {candidate.location} the held-out error falls from {now.figure:.3g} to "
             f"{carried.figure:.3g}.",

@@ -93,6 +93,8 @@ class Candidate:
         Another start, away from the current fit, for a full fit where the current fit is bent too far to help.
     plausible
         Whether a fitted model still is what the cause's name says.
+    twin
+        Cause and location that lead to the same equations, so that no data of this rig can tell them apart.
     """
 
     cause: str
@@ -105,6 +107,7 @@ class Candidate:
     rank: int = 1
     fresh: RigModel | None = None
     plausible: Callable[[RigModel], bool] = always
+    twin: tuple[str, str] | None = None
 
     @property
     def key(self) -> tuple[str, str]:

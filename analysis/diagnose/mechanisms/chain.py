@@ -62,10 +62,16 @@ class SensorGain:
                 Candidate(
                     cause="sensor_gain", location=channel, family="chain", starts=(model,),
                     free=(Free(path=path, low=0.2, high=5.0),),
-                    reported=(Reported(name="factor", path=path, unit="1"),), rank=0,
+                    reported=(Reported(name="factor", path=path, unit="1"),), rank=0, twin=_twin(model, channel),
                 )
             )  # fmt: skip
         return tuple(found)
+
+
+def _twin(model: RigModel, channel: str) -> tuple[str, str] | None:
+    # Where the drive's force is mass times acceleration, the channel's gain and the mass are one factor.
+    force_by_mass = channel == model.drive.channel and model.drive.quantity == "acceleration"
+    return ("wrong_mass", "head") if force_by_mass else None
 
 
 class Clipping:

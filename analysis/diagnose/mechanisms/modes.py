@@ -149,6 +149,7 @@ class WrongMass:
                 cause="wrong_mass", location=location, family="mass", starts=(model,),
                 free=(Free(path=path, low=0.2 * model.get(path), high=5.0 * model.get(path)),),
                 reported=(Reported(name="mass", path=path, unit="kg"),), rank=0,
+                twin=("sensor_gain", model.drive.channel) if path == "drive.factor" else None,
             )
             for path, location in places
             if path not in model.free
