@@ -8,7 +8,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from analysis.diagnose.diagnosis import SIMULATION_LIMIT, fit_baseline
+from analysis.diagnose.diagnosis import SIMULATION_LIMIT
+from analysis.diagnose.fits import fit_baseline
 from analysis.diagnose.judge import score
 from analysis.fit import Fit
 from analysis.measured import Campaign

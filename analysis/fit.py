@@ -18,8 +18,7 @@ from analysis.errors import FitError, ModelError, SimulationError
 from analysis.measured import ComplexArray, FloatArray
 from analysis.model import Chain, RigModel
 from analysis.parallel import side_by_side
-from analysis.simulate import record, simulate, true_drive
-from analysis.trials import SIGNAL_SHARE, Trial
+from analysis.trials import SIGNAL_SHARE, Trial, expected, true_motion
 
 #: Models whose motion a problem remembers.
 CACHED = 3
@@ -131,9 +130,7 @@ class Problem:
     def residual_of(self, model: RigModel, index: int) -> FloatArray:
         """Weighted residual of one trial, shape (2 * lines * channels,)."""
         trial = self.trials[index]
-        motion = self._motion(model, index)
-        recorded = record(model, motion, trial.run.sample_rate)
-        predicted = np.stack([recorded[name] for name in trial.channels])
+        predicted = expected(model, trial, self._motion(model, index))
         spectra = np.fft.rfft(predicted[:, : trial.fitted], axis=1)[:, : self._lines[index]]
         error = (spectra - self._spectra[index]) * self._weights[index][:, None]
         return np.concatenate([error.real.ravel(), error.imag.ravel()])
@@ -147,14 +144,7 @@ class Problem:
         key = (index, msgspec.json.encode(sound))
         if key in self._cache:
             return self._cache[key]
-        response = simulate(
-            sound, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
-            samples=trial.fitted,
-        )  # fmt: skip
-        motion = {
-            model.drive.channel: true_drive(model, trial.excitation)[: trial.fitted],
-            **response.channels,
-        }
+        motion = true_motion(sound, trial, trial.fitted)
         if len(self._cache) >= CACHED * len(self.trials):
             self._cache.pop(next(iter(self._cache)), None)
         self._cache[key] = motion

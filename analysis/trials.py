@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.errors import DataError
+from analysis.hum import hum
 from analysis.measured import Campaign, FloatArray, Run
 from analysis.model import RigModel
-from analysis.simulate import Excitation
+from analysis.simulate import Excitation, record, simulate, true_drive
 
 #: Share of every run that a fit may see; the rest takes part in no fit.
 FIT_SHARE = 0.6
+#: Samples that a run must have before its first gap.
+SHORTEST = 256
 #: Errors below this share of a channel's rms are not worth a parameter: weights add it to the noise.
 SIGNAL_SHARE = 0.01
 
@@ -55,6 +58,44 @@ class Trial:
     def samples(self) -> int:
         """Length of the record."""
         return int(self.measured.shape[1])
+
+
+def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
+    """What a rig's sensors would have recorded in a trial, running free from its first sample, shape (channels, n).
+
+    Parameters
+    ----------
+    model
+        The rig with the faults of its measurement chain. The phase of a hum is taken from what fits may see.
+    trial
+        The run.
+    motion
+        The true values of drive and sensors where they are known already; simulated where None.
+
+    Raises
+    ------
+    SimulationError
+        Where the motion grows without bound.
+    """
+    if motion is None:
+        motion = true_motion(model, trial)
+    recorded = record(model, motion, trial.run.sample_rate)
+    predicted = np.stack([recorded[name] for name in trial.channels])
+    for row, name in enumerate(trial.channels):
+        mains = model.sensor(name).chain.mains_frequency
+        if mains is not None and trial.fitted > 0:
+            n = min(trial.fitted, predicted.shape[1])
+            left = trial.measured[row, :n] - predicted[row, :n]
+            predicted[row] += hum(left, trial.run.sample_rate, mains, predicted.shape[1])
+    return predicted
+
+
+def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> dict[str, FloatArray]:
+    """The true values of drive and sensors in a trial by channel, each shape (samples,)."""
+    response = simulate(
+        model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
+    )
+    return {model.drive.channel: true_drive(model, trial.excitation)[:samples], **response.channels}
 
 
 def noise_levels(campaign: Campaign) -> dict[str, float]:
@@ -119,7 +160,11 @@ def prepare(
                 f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
                 f"{', '.join(model.configurations)}; add it to the rig's description"
             )
-        stop = len(run) if seconds is None else min(len(run), round(seconds * run.sample_rate))
+        # What comes after a gap began in a state that nobody knows.
+        whole = min((gap.first_tick for gap in run.gaps), default=len(run))
+        stop = whole if seconds is None else min(whole, round(seconds * run.sample_rate))
+        if stop < SHORTEST:
+            continue
         drive = run.channel(model.drive.channel).read(0, stop)
         names = tuple(sensor.channel for sensor in model.sensors)
         measured = np.stack([run.channel(name).read(0, stop) for name in names])

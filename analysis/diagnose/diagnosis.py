@@ -8,23 +8,19 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from analysis.diagnose.fits import BEHIND, MISFIT, afresh, baseline_fit, diverse, finished, race, refined, settled, without
 from analysis.diagnose.judge import Score, confidence, margin_in_errors, noise_floor, score
 from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.misfit import Discrepancy, discrepancies
 from analysis.diagnose.observe import observe
-from analysis.diagnose.search import Look, Progress, Screen, glanced, parameters_of
-from analysis.errors import FitError
-from analysis.fit import Fit, Problem, base_parameters, fit
+from analysis.diagnose.search import Progress, Screen, glanced
+from analysis.fit import Fit, Problem, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
 from analysis.start import equation_start
 from analysis.trials import Trial, noise_levels, prepare
 
-#: Fine steps per sample of the simulations that models are judged by.
-JUDGED_OVERSAMPLE = 8
-#: A candidate whose misfit is this many times the best's is out of the race.
-BEHIND = 6.0
 #: Candidates that get a full fit, and steps at most.
 FINALISTS = 4
 MOST_STEPS = 3
@@ -67,6 +63,8 @@ class Step:
         Sentences.
     before, after
         Held-out error without and with it.
+    reported
+        How its parameters follow from a model.
     """
 
     cause: str
@@ -78,6 +76,7 @@ class Step:
     evidence: tuple[str, ...]
     before: float
     after: float
+    reported: tuple[Reported, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,10 +124,10 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         Called with one line per stage.
     """
     trials = prepare(campaign, model)
-    fine = tuple(_refined(trial) for trial in trials)
+    fine = tuple(refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     guess = equation_start(model, trials)
-    current = baseline = _baseline(guess, trials)
+    current = baseline = baseline_fit(guess, trials)
     first = score(current.model, fine)
     drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
     floors = noise_floor(current.model, fine, drive_noise)
@@ -138,16 +137,33 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     steps: list[Step] = []
     fits: list[Fit] = []
     scores: list[Score] = []
+    tries = 0
     while len(steps) < MOST_STEPS and not _adequate(now, floors):
         progress(f"held-out error {now.figure:.3g} against a noise floor of {floor:.3g}; looking for a cause")
         found = _next_step(campaign, guess, current, now, trials, fine, progress)
         if found is None:
             break
         step, better, best = found
-        gained = (_excess(now, floors) - _excess(best, floors)) / max(_excess(now, floors), 1e-12)
-        if gained < WORTH:
+        if not _adequate(best, floors):
+            longer = settled(better, trials)
+            if longer is not better:
+                better, best = longer, score(longer.model, fine)
+        # What the step is worth is measured against the model without it, from where the step has led the rest.
+        bare = without(better, current, trials)
+        plain = score(bare.model, fine)
+        if _excess(plain, floors) < _excess(now, floors):
+            progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
+            current, now = bare, plain
+            if not steps:
+                baseline, first = bare, plain
+            else:
+                fits[-1], scores[-1] = bare, plain
+        if _excess(now, floors) - _excess(best, floors) < WORTH * max(_excess(now, floors), 1e-12):
+            if now is plain and not _adequate(now, floors) and tries < MOST_STEPS:
+                tries += 1
+                continue
             break
-        steps.append(step)
+        steps.append(replace(step, before=now.figure, after=best.figure))
         fits.append(better)
         scores.append(best)
         current, now = better, best
@@ -156,36 +172,10 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     last = scores[kept - 1] if kept else first
     return Diagnosis(
         verdict=verdict, baseline=baseline, extended=extended,
-        discrepancies=discrepancies(baseline.model, fine), steps=tuple(steps[:kept]),
+        discrepancies=discrepancies(baseline.model, fine),
+        steps=tuple(replace(step, parameters=_values(step.reported, extended)) for step in steps[:kept]),
         baseline_error=first.figure, extended_error=last.figure, floor=floor, scores=(first, last), trials=fine,
     )  # fmt: skip
-
-
-def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
-    """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
-    trials = prepare(campaign, model)
-    fine = tuple(_refined(trial) for trial in trials)
-    rough = _baseline(equation_start(model, trials), trials)
-    return _finished(rough, fine), fine
-
-
-def _refined(trial: Trial) -> Trial:
-    return replace(trial, excitation=trial.excitation.resampled(JUDGED_OVERSAMPLE))
-
-
-def _baseline(guess: RigModel, trials: Sequence[Trial]) -> Fit:
-    rough = _patient(guess, glanced(trials))
-    return _finished(rough, trials)
-
-
-def _patient(start: RigModel, trials: Sequence[Trial]) -> Fit:
-    # Wide allowances first: a resonance that is off by more than its width has no slope at narrow ones.
-    wide = fit(start, base_parameters(start), Problem(trials, share=0.3), iterations=6, tolerance=2e-2)
-    return fit(wide.model, base_parameters(wide.model), Problem(trials), iterations=12, tolerance=5e-3)
-
-
-def _finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
-    return fit(rough.model, rough.free, Problem(trials, share=0.004), iterations=4, tolerance=1e-3)
 
 
 def _excess(score_: Score, floors: np.ndarray) -> float:
@@ -215,58 +205,23 @@ def _next_step(
     if not looks:
         return None
     progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
-    refined = _race(_diverse(looks), current, short)
+    ranked = race(diverse(looks), current, short)
+    if not ranked or ranked[0][1].cost > MISFIT:
+        progress("nothing explains it yet; starting again away from the baseline")
+        ranked = afresh([look.candidate for look in looks], ranked, current, short)
     finalists: list[tuple[Candidate, Fit, Score]] = []
-    for candidate, rough in refined[:FINALISTS]:
-        lost = bool(finalists) and rough.cost > BEHIND * refined[0][1].cost
+    for candidate, rough in ranked[:FINALISTS]:
+        lost = bool(finalists) and rough.cost > BEHIND * ranked[0][1].cost
         if lost and len(finalists) > 1:
             break
         # One that is far behind is no contender: its rough fit serves to say by how much.
-        done = rough if lost else _finished(rough, trials)
+        done = rough if lost else finished(rough, trials)
         finalists.append((candidate, done, score(done.model, fine)))
         progress(f"{candidate.cause} ({candidate.location}): held-out error {finalists[-1][2].figure:.3g}")
     if not finalists:
         return None
     finalists.sort(key=lambda item: float(np.mean(np.log(item[2].blocks))))
     return _choice(finalists, now)
-
-
-def _race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> list[tuple[Candidate, Fit]]:
-    # Fits of all on the short data, best first; after a few steps only those go on that are not far behind.
-    problem, wide = Problem(short), Problem(short, share=0.3)
-    running: list[tuple[Candidate, Fit]] = []
-    for look in looks:
-        free = parameters_of(current.model, look.candidate, current.free)
-        try:
-            start = look.model
-            if look.candidate.family == "chain" and look.cost > 10.0:
-                start = fit(start, free, wide, iterations=5, tolerance=2e-2).model
-            done = fit(start, free, problem, iterations=2, tolerance=1e-2)
-            if look.candidate.fresh is not None and done.cost > 10.0:
-                again = fit(look.candidate.fresh, free, wide, iterations=6, tolerance=2e-2)
-                again = fit(again.model, free, problem, iterations=2, tolerance=5e-3)
-                done = min(done, again, key=lambda f: f.cost)
-        except FitError:
-            continue
-        running.append((look.candidate, done))
-    least = min((done.cost for _, done in running), default=0.0)
-    running = [
-        (candidate, fit(done.model, done.free, problem, iterations=8, tolerance=1e-2) if done.cost < BEHIND * least else done)
-        for candidate, done in running
-    ]
-    running = [(candidate, done) for candidate, done in running if candidate.plausible(done.model)]
-    return sorted(running, key=lambda pair: pair[1].cost)
-
-
-def _diverse(looks: Sequence[Look]) -> list[Look]:
-    # The best looks, and the best of each family that promises anything, so that no kind is lost to a rough first step.
-    chosen = list(looks[:5])
-    seen = {look.candidate.family for look in chosen}
-    for look in looks[5:]:
-        if look.candidate.family not in seen and look.cost < 1.05 * looks[-1].cost:
-            chosen.append(look)
-            seen.add(look.candidate.family)
-    return chosen[:8]
 
 
 def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tuple[Step, Fit, Score] | None:
@@ -278,9 +233,9 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
     alike = {other.key for other, _, s in close if s is not carried} | ({candidate.twin} if candidate.twin else set())
     apart = [item for item in others if all(item[2] is not other[2] for other in close)]
     model = msgspec.structs.replace(fitted.model, free=tuple(free.path for free in fitted.free))
-    values = {r.name: (r.of(fitted.model), _deviation(r, fitted), r.unit) for r in candidate.reported}
+    fitted = replace(fitted, model=model)
     step = Step(
-        cause=candidate.cause, location=candidate.location, parameters=values,
+        cause=candidate.cause, location=candidate.location, parameters=_values(candidate.reported, fitted),
         confidence=confidence(carried, [item[2] for item in apart]),
         rivals=tuple(
             Rival(cause=c.cause, location=c.location, holdout_error=s.figure) for c, _, s in others
@@ -290,9 +245,13 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
             f"With {candidate.cause} at {candidate.location} the held-out error falls from {now.figure:.3g} to "
             f"{carried.figure:.3g}.",
         ),
-        before=now.figure, after=carried.figure,
+        before=now.figure, after=carried.figure, reported=candidate.reported,
     )  # fmt: skip
-    return step, replace(fitted, model=model), carried
+    return step, fitted, carried
+
+
+def _values(reported: Sequence[Reported], fitted: Fit) -> dict[str, tuple[float, float, str]]:
+    return {r.name: (r.of(fitted.model), _deviation(r, fitted), r.unit) for r in reported}
 
 
 def _deviation(reported: Reported, fitted: Fit) -> float:

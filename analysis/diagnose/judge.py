@@ -12,7 +12,7 @@ from analysis.measured import FloatArray
 from analysis.model import RigModel
 from analysis.parallel import side_by_side
 from analysis.simulate import Excitation, simulate
-from analysis.trials import Trial
+from analysis.trials import Trial, expected
 
 BLOCKS = 8
 
@@ -49,11 +49,7 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
     def one(trial: Trial) -> tuple[FloatArray, FloatArray]:
         part = held_out(trial)
         try:
-            response = simulate(
-                model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
-                as_recorded=True,
-            )  # fmt: skip
-            predicted = np.stack([response.channels[name] for name in trial.channels])[:, part]
+            predicted = expected(model, trial)[:, part]
         except SimulationError:
             predicted = np.full((len(trial.channels), trial.samples - trial.fitted), 1e6)
         measured = trial.measured[:, part]

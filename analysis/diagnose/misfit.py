@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.model import RigModel
-from analysis.simulate import simulate
-from analysis.trials import Trial
+from analysis.trials import Trial, expected
 
 #: A band counts where the misfit's power exceeds the noise's by this factor.
 ABOVE_NOISE = 4.0
@@ -41,15 +40,12 @@ def discrepancies(model: RigModel, trials: Sequence[Trial], *, most: int = 12) -
     found = []
     for trial in trials:
         rate, n = trial.run.sample_rate, trial.samples
-        response = simulate(
-            model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
-            as_recorded=True,
-        )  # fmt: skip
+        predicted = expected(model, trial)
         frequency = np.fft.rfftfreq(n, 1.0 / rate)
         edges = np.geomspace(1.0, rate / 2.1, 40)
         which = np.digitize(frequency, edges)
         for row, name in enumerate(trial.channels):
-            error = np.abs(np.fft.rfft(response.channels[name] - trial.measured[row])) ** 2 / n
+            error = np.abs(np.fft.rfft(predicted[row] - trial.measured[row])) ** 2 / n
             signal = np.abs(np.fft.rfft(trial.measured[row])) ** 2 / n
             counts = np.bincount(which, minlength=len(edges) + 1)[1:-1]
             e = np.bincount(which, error, minlength=len(edges) + 1)[1:-1]

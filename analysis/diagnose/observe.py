@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnose.mechanisms.base import Evidence
+from analysis.hum import mains_in
 from analysis.measured import Campaign
 from analysis.model import GROUND, RigModel
 from analysis.motion import integrals
-from analysis.simulate import simulate
 from analysis.start import equation_start
-from analysis.trials import Trial
+from analysis.trials import Trial, expected, true_motion
 
 #: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
 FLAT_SHARE = 2e-3
@@ -30,7 +30,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
             peaks[name] = max(peaks.get(name, 0.0), float(np.abs(run.read(name)).max()))
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
-        flat_tops=flat_tops(campaign, peaks), misfit_frequencies=misfit_frequencies(model, trials),
+        flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
         guess=guess,
         restart=lambda rig: equation_start(rig, trials),
         configurations=frozenset(t.run.configuration for t in trials),
@@ -79,6 +79,19 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
     return found
 
 
+def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
+    """Channels whose misfit has a line at the mains frequency in at least half of the runs, with that frequency in Hz."""
+    seen: dict[str, list[float | None]] = {}
+    for trial in trials:
+        if trial.fitted == 0:
+            continue
+        left = trial.measured[:, : trial.fitted] - expected(model, trial, true_motion(model, trial, trial.fitted))
+        for row, name in enumerate(trial.channels):
+            seen.setdefault(name, []).append(mains_in(left[row], trial.run.sample_rate))
+    found = {name: [f for f in lines if f is not None] for name, lines in seen.items()}
+    return {name: float(np.median(f)) for name, f in found.items() if 2 * len(f) >= len(seen[name])}
+
+
 def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 4) -> tuple[float, ...]:
     """Centres of the third-octave bands where the misfit stands highest above the noise, strongest first."""
     edges = 2.0 ** np.arange(np.log2(2.0), np.log2(trials[0].run.sample_rate / 2.2), 1.0 / 6.0)
@@ -87,13 +100,10 @@ def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 4) 
         n = trial.fitted
         if n == 0:
             continue
-        response = simulate(
-            model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
-            as_recorded=True, samples=n,
-        )  # fmt: skip
+        predicted = expected(model, trial, true_motion(model, trial, n))
         frequency = np.fft.rfftfreq(n, 1.0 / trial.run.sample_rate)
-        for row, name in enumerate(trial.channels):
-            error = np.abs(np.fft.rfft(response.channels[name] - trial.measured[row, :n])) ** 2 / n
+        for row in range(len(trial.channels)):
+            error = np.abs(np.fft.rfft(predicted[row] - trial.measured[row, :n])) ** 2 / n
             signal = np.abs(np.fft.rfft(trial.measured[row, :n])) ** 2 / n
             for k in range(len(excess)):
                 inside = (frequency >= edges[k]) & (frequency < edges[k + 1])

@@ -9,8 +9,7 @@ import numpy as np
 from analysis.diagnose.judge import Score
 from analysis.measured import FloatArray
 from analysis.model import RigModel
-from analysis.simulate import simulate
-from analysis.trials import Trial
+from analysis.trials import Trial, expected
 from rig.report.charts import Chart, Panel, Role, Trace, spread_over
 from rig.report.sections import label
 
@@ -24,12 +23,7 @@ Simulated = Mapping[str, Mapping[str, FloatArray]]
 
 def simulated(model: RigModel, trials: Sequence[Trial]) -> Simulated:
     """Each run's responses as the model predicts them, by run and channel, each shape (n,)."""
-    return {
-        trial.run.id: simulate(
-            model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, as_recorded=True
-        ).channels
-        for trial in trials
-    }
+    return {trial.run.id: dict(zip(trial.channels, expected(model, trial), strict=True)) for trial in trials}
 
 
 def distinct(trials: Sequence[Trial]) -> list[Trial]:

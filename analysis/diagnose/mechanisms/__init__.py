@@ -6,7 +6,7 @@ Adding a cause means one class with the duties of `base.Mechanism` and one line 
 from __future__ import annotations
 
 from analysis.diagnose.mechanisms.base import Candidate, Evidence, Mechanism
-from analysis.diagnose.mechanisms.chain import ChannelDelay, Clipping, Crosstalk, SensorGain
+from analysis.diagnose.mechanisms.chain import ChannelDelay, Clipping, Crosstalk, MainsHum, SensorGain
 from analysis.diagnose.mechanisms.friction import (
     AsymmetricFriction,
     CoulombFriction,
@@ -43,6 +43,7 @@ CATALOGUE: tuple[Mechanism, ...] = (
     SensorGain(),
     Clipping(),
     Crosstalk(),
+    MainsHum(),
 )
 
 __all__ = ["CATALOGUE", "Candidate", "Evidence", "Mechanism"]

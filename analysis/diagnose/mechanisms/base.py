@@ -28,6 +28,8 @@ class Evidence:
         Largest recorded magnitude of each channel.
     flat_tops
         Channels whose record stays at its largest magnitude, with that magnitude.
+    mains
+        Channels with hum, with its frequency in Hz.
     misfit_frequencies
         Frequencies in Hz where the baseline misfits most, strongest first.
     configurations
@@ -44,6 +46,7 @@ class Evidence:
     end_time: float
     peak: Mapping[str, float]
     flat_tops: Mapping[str, float]
+    mains: Mapping[str, float]
     misfit_frequencies: tuple[float, ...]
     configurations: frozenset[str]
     guess: RigModel
@@ -90,7 +93,7 @@ class Candidate:
     rank
         Simplicity: of two that fit alike the lower is kept.
     fresh
-        Another start, away from the current fit, for a full fit where the current fit is bent too far to help.
+        Other starts, away from the current fit, for where the current fit is bent too far to help.
     plausible
         Whether a fitted model still is what the cause's name says.
     twin
@@ -105,7 +108,7 @@ class Candidate:
     reported: tuple[Reported, ...]
     dropped: tuple[str, ...] = ()
     rank: int = 1
-    fresh: RigModel | None = None
+    fresh: tuple[RigModel, ...] = ()
     plausible: Callable[[RigModel], bool] = always
     twin: tuple[str, str] | None = None
 

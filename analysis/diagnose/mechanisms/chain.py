@@ -1,4 +1,4 @@
-"""Faults of the measurement chain: delay, gain, clipping, crosstalk."""
+"""Faults of the measurement chain: delay, gain, clipping, crosstalk, hum."""
 
 from __future__ import annotations
 
@@ -115,4 +115,25 @@ class Crosstalk:
                         reported=(Reported(name="fraction", path=share, unit="1"),),
                     )
                 )  # fmt: skip
+        return tuple(found)
+
+
+class MainsHum:
+    """50 or 60 Hz and multiples: proposed only where the misfit has such a line."""
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for channel, frequency in evidence.mains.items():
+            chain, path = chain_of(model, channel)
+            if chain.mains_frequency is not None:
+                continue
+            start = with_chain(model, channel, msgspec.structs.replace(chain, mains_frequency=frequency))
+            path = f"{path}.mains_frequency"
+            free = Free(path=path, low=frequency - 0.1, high=frequency + 0.1, log=False, step=1e-4)
+            found.append(
+                Candidate(
+                    cause="mains_hum", location=channel, family="hum", starts=(start,), free=(free,),
+                    reported=(Reported(name="frequency", path=path, unit="Hz"),), rank=0,
+                )
+            )  # fmt: skip
         return tuple(found)

@@ -45,7 +45,7 @@ class CoulombFriction:
             starts = tuple(_rubbing(model, link, share * force) for share in (0.02, 0.15))
             found.append(
                 Candidate(
-                    cause="coulomb_friction", location=link.name, family="friction", starts=starts, fresh=fresh,
+                    cause="coulomb_friction", location=link.name, family="friction", starts=starts, fresh=(fresh,),
                     free=(Free(path=path, low=1e-4 * force, high=3.0 * force),),
                     reported=(Reported(name="friction_force", path=path, unit="N"),), rank=0,
                 )

@@ -1,0 +1,129 @@
+"""The fits of a diagnosis: the baseline, many candidates in a race, and the winner to the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from analysis.diagnose.mechanisms import Candidate
+from analysis.diagnose.search import Look, glanced, parameters_of
+from analysis.errors import FitError
+from analysis.fit import Fit, Problem, base_parameters, fit
+from analysis.measured import Campaign
+from analysis.model import RigModel
+from analysis.start import equation_start
+from analysis.trials import Trial, prepare
+
+#: Fine steps per sample of the simulations that models are judged by.
+JUDGED_OVERSAMPLE = 8
+#: Mean square of the weighted residuals from which a fit does not explain the data.
+MISFIT = 10.0
+#: A candidate whose misfit is this many times the best's is out of the race.
+BEHIND = 6.0
+#: Fresh starts that are followed beyond their first fit.
+FRESH = 3
+#: Share of a channel's rms that counts as noise: to come near from far, and to finish.
+WIDE, NARROW = 0.3, 0.004
+
+Running = list[tuple[Candidate, Fit]]
+
+
+def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
+    """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
+    trials = prepare(campaign, model)
+    fine = tuple(refined(trial) for trial in trials)
+    rough = baseline_fit(equation_start(model, trials), trials)
+    return finished(rough, fine), fine
+
+
+def refined(trial: Trial) -> Trial:
+    """The trial on the grid that models are judged on."""
+    return replace(trial, excitation=trial.excitation.resampled(JUDGED_OVERSAMPLE))
+
+
+def baseline_fit(guess: RigModel, trials: Sequence[Trial]) -> Fit:
+    """The rig's own free parameters fitted to all runs."""
+    return finished(_patient(guess, glanced(trials)), trials)
+
+
+def _patient(start: RigModel, trials: Sequence[Trial]) -> Fit:
+    # Wide allowances first: a resonance that is off by more than its width has no slope at narrow ones.
+    wide = fit(start, base_parameters(start), Problem(trials, share=WIDE), iterations=6, tolerance=2e-2)
+    return fit(wide.model, base_parameters(wide.model), Problem(trials), iterations=12, tolerance=5e-3)
+
+
+def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
+    """A fit brought to its end on all that fits may see."""
+    return fit(rough.model, rough.free, Problem(trials, share=NARROW), iterations=4, tolerance=1e-3)
+
+
+def settled(done: Fit, trials: Sequence[Trial]) -> Fit:
+    """A fit that ended far from the data may have stopped on the way: again with wide allowances, and for longer."""
+    wide = fit(done.model, done.free, Problem(trials, share=WIDE), iterations=8, tolerance=1e-2)
+    near = fit(wide.model, wide.free, Problem(trials), iterations=12, tolerance=5e-3)
+    return min(done, finished(near, trials), key=lambda f: f.cost)
+
+
+def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
+    """The model as it was before a step, fitted from where the step has led its parameters."""
+    values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
+    return finished(replace(current, model=current.model.replace(values)), trials)
+
+
+def diverse(looks: Sequence[Look]) -> list[Look]:
+    """The best looks, and the best of each family that promises anything, so that no kind is lost to a rough first step."""
+    chosen = list(looks[:5])
+    seen = {look.candidate.family for look in chosen}
+    for look in looks[5:]:
+        if look.candidate.family not in seen and look.cost < 1.05 * looks[-1].cost:
+            chosen.append(look)
+            seen.add(look.candidate.family)
+    return chosen[:8]
+
+
+def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running:
+    """Fits of candidates on the short data, best first; after a few steps only those go on that are not far behind."""
+    problem, wide = Problem(short), Problem(short, share=WIDE)
+    running: Running = []
+    for look in looks:
+        free = parameters_of(current.model, look.candidate, current.free)
+        try:
+            start = look.model
+            if look.candidate.family == "chain" and look.cost > MISFIT:
+                start = fit(start, free, wide, iterations=5, tolerance=2e-2).model
+            done = fit(start, free, problem, iterations=2, tolerance=1e-2)
+        except FitError:
+            continue
+        running.append((look.candidate, done))
+    return _to_the_end(running, problem)
+
+
+def afresh(candidates: Sequence[Candidate], refined: Running, current: Fit, short: Sequence[Trial]) -> Running:
+    """The race run again from each candidate's own starts: a baseline bent far out of shape is no place to start from."""
+    problem, wide = Problem(short), Problem(short, share=WIDE)
+    started = []
+    for candidate in candidates:
+        free = parameters_of(current.model, candidate, current.free)
+        for start in candidate.fresh:
+            try:
+                started.append((candidate, fit(start, free, wide, iterations=6, tolerance=2e-2)))
+            except FitError:
+                continue
+    started.sort(key=lambda pair: pair[1].cost)
+    found = list(refined)
+    for candidate, near in started[:FRESH]:
+        found.append((candidate, fit(near.model, near.free, problem, iterations=3, tolerance=5e-3)))
+    best: dict[tuple[str, str], tuple[Candidate, Fit]] = {}
+    for candidate, done in _to_the_end(found, problem):
+        best.setdefault(candidate.key, (candidate, done))
+    return list(best.values())
+
+
+def _to_the_end(running: Running, problem: Problem) -> Running:
+    least = min((done.cost for _, done in running), default=0.0)
+    running = [
+        (candidate, fit(done.model, done.free, problem, iterations=8, tolerance=1e-2) if done.cost < BEHIND * least else done)
+        for candidate, done in running
+    ]
+    running = [(candidate, done) for candidate, done in running if candidate.plausible(done.model)]
+    return sorted(running, key=lambda pair: pair[1].cost)
