@@ -15,8 +15,10 @@ app = App(
     version=lambda: version("isorig"),
 )
 app.command("rig.commands.check:check", name="check")
+app.command("rig.commands.frf:frf", name="frf")
 app.command("rig.commands.characterize:characterize", name="characterize")
 app.command("rig.commands.simulate:simulate", name="simulate")
+app.command("rig.commands.isolation:isolation", name="isolation")
 app.command("rig.commands.diagnose:diagnose", name="diagnose")
 app.command("rig.commands.predict:predict", name="predict")
 app.command("rig.commands.virtual:virtual", name="virtual")

@@ -1,75 +1,85 @@
-"""Pictures: a result in, a matplotlib Figure out."""
+"""Pictures for files: a result in, a matplotlib Figure out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.diagnose.judge import Score
-from analysis.measured import FloatArray
-from analysis.model import RigModel
-from analysis.simulate import simulate
-from analysis.trials import Trial
+from rig.output import replaced
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.typing import ColorType
+
+    from analysis.isolation import IsolationRatio
+    from analysis.measured import FloatArray
+    from analysis.spectra import Frf
 
 
-def misfit_figure(baseline: RigModel, extended: RigModel, trials: Sequence[Trial]) -> Figure:
-    """Amplitude spectra measured and simulated, one row per run and one column per channel."""
-    columns = len(trials[0].channels)
-    figure = Figure(figsize=(4.2 * columns, 2.3 * len(trials)), layout="constrained")
-    axes = figure.subplots(len(trials), columns, squeeze=False)
-    for row, trial in enumerate(trials):
-        for model, colour, label in ((baseline, "tab:red", "baseline"), (extended, "tab:blue", "extended")):
-            response = simulate(
-                model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
-                as_recorded=True,
-            )  # fmt: skip
-            for column, name in enumerate(trial.channels):
-                frequency, error = _spectrum(response.channels[name] - trial.measured[column], trial.run.sample_rate)
-                axes[row, column].loglog(frequency, error, color=colour, lw=0.8, label=f"error of the {label}")
-        for column, name in enumerate(trial.channels):
-            axis = axes[row, column]
-            axis.loglog(
-                *_spectrum(trial.measured[column], trial.run.sample_rate),
-                color="0.3",
-                lw=0.8,
-                label="measured",
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure whole or not at all, in the format that its name says."""
+    with replaced(path) as temporary:
+        figure.savefig(temporary, format=str(path).rsplit(".", 1)[-1], dpi=150)
+
+
+def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
+    """Magnitude, phase and coherence of transfer functions by name, with bands of one standard deviation."""
+    figure = Figure(figsize=(9.0, 7.5), layout="constrained")
+    magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
+    for name, frf in frfs.items():
+        kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
+        f, size = frf.frequency[kept], np.abs(frf.value[kept])
+        line = _banded(magnitude, f, size, frf.magnitude_std[kept], name)
+        turned = np.degrees(np.angle(frf.value[kept]))
+        phase.plot(f, turned, ".", ms=2, color=line)
+        coherence.plot(f, frf.coherence[kept], lw=0.9, color=line)
+    first = next(iter(frfs.values()))
+    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|")
+    magnitude.legend(fontsize=8)
+    phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
+    coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz", xlim=band)
+    return _gridded(figure)
+
+
+def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float]) -> Figure:
+    """The isolation ratio wide and from 0 to 15 Hz, measured and simulated; gains at which the motor sticks are shaded."""
+    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    wide, low = figure.subplots(2, 1)
+    for axis, top in ((wide, None), (low, 15.0)):
+        for name, ratio in ratios.items():
+            kept = np.full(len(ratio.frequency), True) if top is None else ratio.frequency <= top
+            _banded(axis, ratio.frequency[kept], ratio.ratio[kept], ratio.std[kept], name)
+        axis.axhline(1.0, color="0.6", lw=0.8)
+        axis.set(yscale="log", ylabel="unlocked / locked", xlabel="frequency, Hz")
+    wide.set(xscale="log", title="Isolation ratio |heatblock / head|, unlocked over locked")
+    shown = next(iter(ratios.values()))
+    for gain, share in stuck.items():
+        lines = shown.frequency[shown.gain == gain]
+        if share > 0.5 and len(lines):
+            wide.axvspan(lines[0], lines[-1], color="0.9", zorder=0)
+            text = f"gain {gain:g}: motor stuck {100 * share:.0f} % of the time"
+            wide.text(
+                float(np.sqrt(lines[0] * lines[-1])), 0.02, text, ha="center", fontsize=8, transform=wide.get_xaxis_transform()
             )
-            axis.axhline(
-                trial.noise[column] * np.sqrt(2.0 / trial.run.sample_rate),
-                color="0.7",
-                lw=0.8,
-                ls="--",
-                label="noise",
-            )
-            axis.set_title(f"{trial.run.id} ({trial.run.configuration}, gain {trial.run.gain:g}): {name}", fontsize=8)
-            axis.tick_params(labelsize=7)
-    axes[0, 0].legend(fontsize=6)
-    figure.supxlabel("frequency, Hz", fontsize=8)
-    figure.supylabel("amplitude density, unit / sqrt(Hz)", fontsize=8)
-    return figure
+    for at in shown.stitches:
+        wide.axvline(at, color="0.4", ls=":", lw=1.0)
+    wide.legend(fontsize=8)
+    return _gridded(figure)
 
 
-def _spectrum(values: FloatArray, rate: float, segments: int = 24) -> tuple[FloatArray, FloatArray]:
-    n = len(values) // segments
-    window = np.hanning(n)
-    blocks = values[: n * segments].reshape(segments, n) * window
-    power = (np.abs(np.fft.rfft(blocks, axis=1)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
-    return np.asarray(np.fft.rfftfreq(n, 1.0 / rate)[1:], dtype=np.float64), np.asarray(np.sqrt(power[1:]), dtype=np.float64)
+def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str) -> ColorType:
+    (line,) = axis.plot(x, y, lw=1.0, label=name)
+    colour = line.get_color()
+    axis.fill_between(x, np.maximum(y - std, 1e-3 * y), y + std, color=colour, alpha=0.25, lw=0)
+    return colour
 
 
-def scores_figure(scores: tuple[Score, Score], trials: Sequence[Trial]) -> Figure:
-    """Held-out error of each run and channel, baseline beside extended model."""
-    names = [f"{t.run.id} {c}" for t in trials for c in t.channels]
-    figure = Figure(figsize=(9.0, 0.24 * len(names) + 1.0), layout="constrained")
-    axis = figure.subplots()
-    place = np.arange(len(names))
-    for score, label, shift in ((scores[0], "baseline", -0.2), (scores[1], "extended", 0.2)):
-        axis.barh(place + shift, score.error.ravel(), height=0.38, label=label)
-    axis.set_yticks(place, names, fontsize=7)
-    axis.set_xscale("log")
-    axis.set_xlabel("rms(predicted - measured) / rms(measured)")
-    axis.invert_yaxis()
-    axis.legend(fontsize=8)
+def _gridded(figure: Figure) -> Figure:
+    for axis in figure.axes:
+        axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
     return figure

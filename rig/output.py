@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from rig.errors import OutputError
+
+if TYPE_CHECKING:
+    from analysis.measured import FloatArray
 
 
 @contextmanager
@@ -43,3 +46,9 @@ def write_text(path: str | Path, text: str) -> Path:
 def write_json(path: str | Path, content: Any) -> Path:
     """Write JSON, indented, numbers as numbers."""
     return write_text(path, msgspec.json.format(msgspec.json.encode(content), indent=2).decode() + "\n")
+
+
+def write_csv(path: str | Path, columns: Mapping[str, FloatArray]) -> Path:
+    """Write columns of equal length, nine digits each."""
+    rows = zip(*columns.values(), strict=True)
+    return write_text(path, "\n".join([",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n")

@@ -1,0 +1,201 @@
+"""The isolation ratio: how much of the drive reaches the heatblock unlocked, over locked, stitched from several gains.
+
+Thesis, Eq. 6: |heatblock / head| unlocked over the same locked. The highest gain shows low frequencies, where its drive has
+power and friction is overcome; above, only a low gain can be driven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.errors import DataError
+from analysis.measured import Campaign, FloatArray, Run
+from analysis.model import RigModel, Sensor
+from analysis.simulate import Excitation, simulate
+from analysis.spectra import Frf, estimate
+
+#: Where the thesis stitches its gains, Hz.
+STITCH = 15.0
+#: Lines this far around the stitch tell its step, as a share of its frequency.
+AROUND = 0.25
+#: Slower than this share of the body's own rms speed, the sliding is at rest.
+AT_REST = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """The ratio at one gain.
+
+    Parameters
+    ----------
+    gain
+        Drive gain.
+    band
+        Band of the drive, Hz.
+    unlocked, locked
+        The two transfer functions.
+    ratio, std
+        |unlocked| / |locked| and its standard deviation, shape (lines,).
+    """
+
+    gain: float
+    band: tuple[float, float]
+    unlocked: Frf
+    locked: Frf
+    ratio: FloatArray
+    std: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolationRatio:
+    """The stitched ratio.
+
+    Parameters
+    ----------
+    frequency, ratio, std
+        Hz, 1, 1, shape (lines,): only where some gain's drive has power.
+    gain
+        Which gain each line comes from, shape (lines,).
+    pieces
+        The ratio at each gain, highest first.
+    stitches
+        Where one gain hands over to the next, Hz.
+    steps
+        Ratio of the higher gain over the lower's around each stitch, and its standard deviation.
+    peaks
+        Around the heatblock's peak: (frequency unlocked, frequency locked, ratio with each peak at its own place).
+    """
+
+    frequency: FloatArray
+    ratio: FloatArray
+    std: FloatArray
+    gain: FloatArray
+    pieces: tuple[Piece, ...]
+    stitches: tuple[float, ...]
+    steps: tuple[tuple[float, float], ...]
+    peaks: tuple[float, float, float]
+
+
+def isolation_ratio(
+    campaign: Campaign,
+    *,
+    response: str = "heatblock",
+    reference: str = "head",
+    resolution: float = 0.25,
+    stitch: float = STITCH,
+    around_peak: tuple[float, float] = (120.0, 220.0),
+) -> IsolationRatio:
+    """The isolation ratio of a campaign, measured or simulated.
+
+    Parameters
+    ----------
+    campaign
+        Needs broad-band runs unlocked and locked at one gain at least.
+    response, reference
+        Channels.
+    resolution
+        Distance of lines, Hz.
+    stitch
+        Where the highest gain hands over to the next, Hz; further stitches lie where a gain's band ends.
+    around_peak
+        Where the heatblock's peak is looked for, Hz.
+
+    Raises
+    ------
+    DataError
+        Where no gain was measured both ways.
+    """
+    pieces = _pieces(campaign, response, reference, resolution)
+    frequency = pieces[0].unlocked.frequency
+    source = np.full(len(frequency), -1)
+    stitches: list[float] = []
+    low = min(piece.band[0] for piece in pieces)
+    for k, piece in enumerate(pieces):
+        last = k == len(pieces) - 1
+        high = piece.band[1] if last else min(stitch, piece.band[1])
+        source[(frequency >= low) & (frequency <= high) & (source < 0)] = k
+        if not last:
+            stitches.append(high)
+        low = max(low, high)
+    kept = source >= 0
+    rows = np.arange(len(frequency))[kept], source[kept]
+    ratios, stds = np.stack([p.ratio for p in pieces]), np.stack([p.std for p in pieces])
+    return IsolationRatio(
+        frequency=frequency[kept], ratio=ratios[rows[1], rows[0]], std=stds[rows[1], rows[0]],
+        gain=np.array([p.gain for p in pieces])[rows[1]], pieces=pieces, stitches=tuple(stitches),
+        steps=tuple(_step(a, b, at) for a, b, at in zip(pieces, pieces[1:], stitches, strict=False)),
+        peaks=_peaks(pieces[-1], around_peak),
+    )  # fmt: skip
+
+
+def broad(runs: Sequence[Run]) -> list[Run]:
+    """The runs whose drive has power over a band: noise, multisines, sweeps."""
+    return [run for run in runs if run.excitation in ("random", "multisine", "sweep", "other")]
+
+
+def _pieces(campaign: Campaign, response: str, reference: str, resolution: float) -> tuple[Piece, ...]:
+    pieces = []
+    for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
+        both = [broad(campaign.select(configuration=c, gain=gain)) for c in ("unlocked", "locked")]
+        if not all(both):
+            continue
+        u, k = (
+            estimate(runs, references=[reference], channels=[response], resolution=resolution).frf(response, reference)
+            for runs in both
+        )
+        tiny = np.finfo(float).tiny
+        size_u, size_k = np.abs(u.value), np.maximum(np.abs(k.value), tiny)
+        ratio = size_u / size_k
+        std = ratio * np.hypot(u.magnitude_std / np.maximum(size_u, tiny), k.magnitude_std / size_k)
+        bands = [run.band for runs in both for run in runs if run.band is not None]
+        band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (resolution, both[0][0].sample_rate / 2.56)
+        pieces.append(Piece(gain=gain, band=band, unlocked=u, locked=k, ratio=ratio, std=std))
+    if not pieces:
+        told = ", ".join(sorted({f"{run.configuration} at gain {run.gain:g}" for run in broad(campaign.runs)})) or "none"
+        raise DataError(
+            f"{campaign.source or 'the campaign'} has no gain measured both unlocked and locked with a broad-band drive "
+            f"(it has {told}); measure the missing one"
+        )
+    return tuple(pieces)
+
+
+def _step(high: Piece, low: Piece, at: float) -> tuple[float, float]:
+    f = high.unlocked.frequency
+    near = (np.abs(f - at) <= AROUND * at) & (f <= high.band[1]) & (f >= low.band[0])
+    if near.sum() < 2:
+        return float("nan"), float("nan")
+    relative = np.hypot(high.std[near] / high.ratio[near], low.std[near] / low.ratio[near])
+    weight = 1.0 / np.maximum(relative, 1e-9) ** 2
+    step = float(np.exp(np.average(np.log(high.ratio[near] / low.ratio[near]), weights=weight)))
+    return step, step / float(np.sqrt(weight.sum()))
+
+
+def _peaks(piece: Piece, around: tuple[float, float]) -> tuple[float, float, float]:
+    f = piece.unlocked.frequency
+    near = np.flatnonzero((f >= around[0]) & (f <= min(around[1], piece.band[1])))
+    if len(near) < 3:
+        return float("nan"), float("nan"), float("nan")
+    sizes = [np.abs(frf.value) for frf in (piece.unlocked, piece.locked)]
+    tops = [int(near[np.argmax(size[near])]) for size in sizes]
+    return float(f[tops[0]]), float(f[tops[1]]), float(sizes[0][tops[0]] / sizes[1][tops[1]])
+
+
+def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
+    """Share of a run's time in which the simulated bodies at the ends of a link do not slide on one another."""
+    joint = model.link(link)
+    sliding = Sensor(channel="sliding", body=joint.a, relative_to=joint.b, quantity="velocity")
+    moving = Sensor(channel="moving", body=joint.a, quantity="velocity")
+    watched = msgspec.structs.replace(model, sensors=(sliding, moving), free=())
+    excitation = Excitation.prepare(run.read(model.drive.channel), run.sample_rate)
+    seen = simulate(watched, excitation, configuration=run.configuration).channels
+    return float(np.mean(np.abs(seen["sliding"]) <= AT_REST * float(seen["moving"].std())))
+
+
+def friction_bound(ratio: IsolationRatio, shares: dict[float, float], most: float = 0.5) -> NDArray[np.bool_]:
+    """Lines that come from a gain at which the motor is stuck for more than `most` of the time, shape (lines,)."""
+    return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > most]))

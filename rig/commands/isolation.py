@@ -1,0 +1,62 @@
+"""rig isolation: the isolation ratio, measured and simulated, gains stitched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def isolation(
+    campaign: Path,
+    *,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    model: Path | None = None,
+    stitch: float = 15.0,
+    resolution: float = 0.25,
+) -> None:
+    """Work out how much of the drive reaches the heatblock unlocked over locked, and compare it with a simulation.
+
+    Example: rig isolation campaign.h5 --model diagnosis/model.json -o isolation
+
+    Parameters
+    ----------
+    campaign
+        A recording with broad-band runs unlocked and locked.
+    output
+        The folder for isolation.csv, isolation.json and isolation.png.
+    model
+        A model.json whose simulation is put through the same estimate; none where absent.
+    stitch
+        Where the highest gain hands over to the next, Hz.
+    resolution
+        Distance of lines, Hz.
+    """
+    from rig.compared import compared_isolation, told
+    from rig.figures import isolation_figure, save
+    from rig.models import read_model
+    from rig.output import write_csv, write_json
+    from rig.recording import read
+
+    rig, origin = (None, None) if model is None else read_model(model)
+    found = compared_isolation(read(campaign), rig, origin=origin, stitch=stitch, resolution=resolution)
+    columns = {"frequency_hz": found.measured.frequency, "gain": found.measured.gain}
+    for name, ratio in found.ratios.items():
+        columns |= {f"ratio_{name}": ratio.ratio, f"ratio_{name}_std": ratio.std}
+    write_csv(output / "isolation.csv", columns)
+    save(isolation_figure(found.ratios, found.stuck), output / "isolation.png")
+    sentences = told(found)
+    write_json(
+        output / "isolation.json",
+        {
+            "format": "rig-isolation", "format_version": 1, "stitches_hz": found.measured.stitches,
+            "steps": [{"ratio": s, "std": d} for s, d in found.measured.steps],
+            "stuck_share": {f"{gain:g}": share for gain, share in found.stuck.items()},
+            "peak_unlocked_hz": found.measured.peaks[0], "peak_locked_hz": found.measured.peaks[1],
+            "ratio_of_peaks": found.measured.peaks[2], "text": sentences,
+        },
+    )  # fmt: skip
+    for sentence in sentences:
+        print(sentence)
+    print(output)
