@@ -1,0 +1,254 @@
+"""An instrument that speaks the framed protocol and plays what a plant makes of the drive, with faults on request."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+from zlib import crc32
+
+import numpy as np
+
+from drivers.block import FloatArray, Raw
+from drivers.frames import encode_samples, encode_text
+
+
+class Wire(Protocol):
+    """Where bytes go and come from."""
+
+    def read(self, timeout: float) -> bytes:
+        """What arrived within `timeout` seconds."""
+        ...
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Send what fits within `timeout` seconds; the number of bytes taken."""
+        ...
+
+    def close(self) -> None:
+        """Unplug."""
+        ...
+
+
+class Plant(Protocol):
+    """What the instrument is connected to."""
+
+    @property
+    def identity(self) -> str:
+        """A name."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[int, str, float, float]:
+        """Number of inputs, their unit, unit per count, full scale in that unit."""
+        ...
+
+    def play(self, drive: FloatArray, *, sample_rate: float, gain: float, configuration: str) -> Raw:
+        """The counts of all inputs under a drive given at gain 1, int32, shape (n, inputs)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faults:
+    """What goes wrong on the wire, each a probability per frame where not said otherwise.
+
+    Parameters
+    ----------
+    drop, duplicate, corrupt, stall, overload
+        A frame is not sent, sent twice, has a byte changed, comes a fifth of a second late, tells of an overload.
+    unplug_after
+        Seconds of signal after which the wire is cut; never where None.
+    first_tick
+        The counter's value at the start, to see it wrap.
+    ppm
+        How much faster than told the instrument's clock runs, parts per million.
+    seed
+        Of the draws.
+    """
+
+    drop: float = 0.0
+    duplicate: float = 0.0
+    corrupt: float = 0.0
+    stall: float = 0.0
+    overload: float = 0.0
+    unplug_after: float | None = None
+    first_tick: int = 0
+    ppm: float = 0.0
+    seed: int = 0
+
+
+@dataclass
+class Count:
+    """What the far end knows: ticks taken, frames sent and hurt."""
+
+    ticks: int = 0
+    frames: int = 0
+    faults: int = 0
+
+
+class SimulatedFramed:
+    """Answers commands and streams frames until its wire is closed.
+
+    Parameters
+    ----------
+    wire
+        The instrument's end of the wire.
+    plant
+        What it plays.
+    faults
+        What goes wrong.
+    speed
+        Signal seconds per second; as fast as the wire takes it where None.
+    rows
+        Samples per frame.
+    """
+
+    def __init__(
+        self, wire: Wire, plant: Plant, *, faults: Faults | None = None, speed: float | None = None, rows: int = 256
+    ) -> None:
+        self._wire, self._plant, self._faults = wire, plant, faults or Faults()
+        self._speed, self._rows = speed, rows
+        self._random = np.random.default_rng(self._faults.seed)
+        self._commands = bytearray()
+        self._out: deque[bytes] = deque()
+        self._rate, self._gain, self._configuration = 1024.0, 1.0, "unlocked"
+        self._drive: FloatArray = np.zeros(0)
+        self._signal: Raw = np.zeros((0, self._plant.inputs[0]), np.int32)
+        self._sent = self._sequence = 0
+        self._began = 0.0
+        self._late = 0.0
+        self._running = False
+        self.count = Count()
+        self.unplugged = False
+
+    def serve(self, seconds: float = np.inf) -> None:
+        """Serve until the wire is cut or the time is over."""
+        end = time.monotonic() + seconds
+        while not self.unplugged and time.monotonic() < end:
+            self.step()
+
+    def step(self) -> None:
+        """One round: take commands, make the next frame, send what the wire takes."""
+        busy = bool(self._out) or self._frame_due()
+        self._commands += self._wire.read(0.0 if busy else 0.02)
+        self._obey()
+        if len(self._out) < 4 and self._frame_due():
+            self._next_frame()
+        if self._out:
+            taken = self._wire.write(self._out[0], 0.02)
+            rest = self._out.popleft()[taken:]
+            if rest:
+                self._out.appendleft(rest)
+
+    def _frame_due(self) -> bool:
+        if not self._running or self._sent >= len(self._signal) or time.monotonic() < self._late:
+            return False
+        if self._speed is None:
+            return True
+        passed = (time.monotonic() - self._began) * self._speed * (1.0 + 1e-6 * self._faults.ppm)
+        return self._sent + self._rows <= passed * self._rate
+
+    def _next_frame(self) -> None:
+        faults = self._faults
+        part = self._signal[self._sent : self._sent + self._rows]
+        tick = faults.first_tick + self._sent
+        draw = self._random.random(5)
+        frame = encode_samples(
+            part, sequence=self._sequence, tick=tick, time_us=round(1e6 * self._sent / (self._rate * (1.0 + 1e-6 * faults.ppm))),
+            gain=self._gain, status=int(draw[4] < faults.overload),
+        )  # fmt: skip
+        self._sent += len(part)
+        self._sequence += 1
+        self.count.ticks = self._sent
+        self.count.frames += 1
+        if faults.unplug_after is not None and self._sent > faults.unplug_after * self._rate:
+            self.unplugged = True
+            self._wire.close()
+            return
+        if draw[0] < faults.drop:
+            self.count.faults += 1
+            return
+        if draw[1] < faults.corrupt:
+            self.count.faults += 1
+            hurt = bytearray(frame)
+            hurt[int(self._random.integers(len(hurt)))] ^= 1 << int(self._random.integers(8))
+            frame = bytes(hurt)
+        self._out.append(frame)
+        if draw[2] < faults.duplicate:
+            self.count.faults += 1
+            self._out.append(frame)
+        if draw[3] < faults.stall:
+            self.count.faults += 1
+            self._late = time.monotonic() + 0.2
+
+    def _obey(self) -> None:
+        while b"\n" in self._commands:
+            line, _, rest = bytes(self._commands).partition(b"\n")
+            words = line.decode("ascii", "replace").split()
+            if words and words[0] == "DRIVE":
+                size = self._drive_size(words)
+                if size is not None and len(rest) < size:
+                    return  # the rest of the drive is on its way
+                self._commands = bytearray(rest[size or 0 :])
+                self._say(self._take_drive(rest[:size]) if size else f"ERR DRIVE {' '.join(words[1:])} is no length")
+                continue
+            self._commands = bytearray(rest)
+            if words:
+                self._say(self._answer(words))
+
+    @staticmethod
+    def _drive_size(words: list[str]) -> int | None:
+        if len(words) != 2 or not words[1].isdigit() or not 0 < int(words[1]) <= 1 << 26:
+            return None
+        return 4 * int(words[1]) + 4
+
+    def _take_drive(self, data: bytes) -> str:
+        (check,) = struct.unpack("<I", data[-4:])
+        if check != crc32(data[:-4]):
+            return "ERR DRIVE the drive arrived damaged"
+        self._drive = np.frombuffer(data[:-4], "<f4").astype(np.float64)
+        return f"DRIVE {len(self._drive)}"
+
+    def _answer(self, words: list[str]) -> str:
+        word = words[0].rstrip("?")
+        try:
+            match word:
+                case "ID":
+                    told = f"isorig-framed/1 {self._plant.identity}"
+                case "INPUTS":
+                    count, unit, per_count, full = self._plant.inputs
+                    told = f"{count} int32 {unit} {per_count:.9g} {full:.9g}"
+                case "RATE":
+                    self._rate = float(words[1])
+                    told = f"{self._rate:.9g}"
+                case "GAIN":
+                    self._gain = float(words[1])
+                    told = f"{self._gain:.9g}"
+                case "CONF":
+                    told = self._configuration = words[1]
+                case "START":
+                    self._start()
+                    told = f"{self._faults.first_tick % 2**32}"
+                case "STOP" | "COUNT":
+                    self._running = self._running and word != "STOP"
+                    word, told = "COUNT", f"{self._sent}"
+                case _:
+                    word, told = "ERR", f"{word} is not a command"
+        except (IndexError, ValueError):
+            word, told = "ERR", f"{word} {' '.join(words[1:])} is not a value for it"
+        return f"{word} {told}"
+
+    def _start(self) -> None:
+        if self._running:
+            return
+        self._signal = self._plant.play(
+            self._drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration
+        )  # fmt: skip
+        self._sent = 0
+        self.count = Count()
+        self._running, self._began = True, time.monotonic()
+
+    def _say(self, text: str) -> None:
+        # An answer is a frame: it waits for a frame that is half sent, and goes before those that are not begun.
+        self._out.insert(1 if self._out else 0, encode_text(text))

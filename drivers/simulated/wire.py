@@ -1,0 +1,51 @@
+"""A pseudo-terminal as the wire between a simulated instrument and a driver."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+
+from drivers.errors import SettingError
+
+
+class PtyWire:
+    """The instrument's end of a pseudo-terminal; `port` is the path of the other end, which pyserial opens."""
+
+    def __init__(self) -> None:
+        if sys.platform == "win32":
+            raise SettingError("there are no pseudo-terminals on Windows; run the simulated instrument on Linux or macOS")
+        import pty
+        import tty
+
+        self._own, self._other = pty.openpty()
+        tty.setraw(self._other)
+        os.set_blocking(self._own, False)
+        self.port = os.ttyname(self._other)
+
+    def read(self, timeout: float) -> bytes:
+        """What arrived within `timeout` seconds, empty where nothing did."""
+        ready, _, _ = select.select([self._own], [], [], timeout)
+        if not ready:
+            return b""
+        try:
+            return os.read(self._own, 65536)
+        except (BlockingIOError, OSError):
+            return b""
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Send what fits within `timeout` seconds; the number of bytes taken."""
+        _, ready, _ = select.select([], [self._own], [], timeout)
+        if not ready:
+            return 0
+        try:
+            return os.write(self._own, data)
+        except (BlockingIOError, OSError):
+            return 0
+
+    def close(self) -> None:
+        """Unplug."""
+        for end in (self._own, self._other):
+            if end >= 0:
+                os.close(end)
+        self._own = self._other = -1
