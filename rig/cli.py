@@ -21,7 +21,9 @@ app.command("rig.commands.simulate:simulate", name="simulate")
 app.command("rig.commands.isolation:isolation", name="isolation")
 app.command("rig.commands.diagnose:diagnose", name="diagnose")
 app.command("rig.commands.predict:predict", name="predict")
-app.command("rig.commands.virtual:virtual", name="virtual")
+app.command("rig.commands.acquire:acquire", name="acquire")
+app.command("rig.commands.recover:recover", name="recover")
+app.command("rig.commands.virtual:app", name="virtual")
 
 
 def main(arguments: list[str] | None = None) -> int:

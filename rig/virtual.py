@@ -20,6 +20,8 @@ FULL_SCALE = 50.0
 BITS = 24
 #: rms of the head's acceleration per unit of gain under random drive, m/s^2 (3.8 m/s^2 at gain 70).
 HEAD_PER_GAIN = 3.8 / 70.0
+#: Largest acceleration of the head in moves per unit of gain, m/s^2.
+MOVE_PER_GAIN = 12.5 / 70.0
 BEGIN = datetime(2011, 11, 7, 9, 0, tzinfo=UTC)
 
 

@@ -1,24 +1,27 @@
-"""rig virtual: play a whole session on a virtual rig, with a hidden effect where one is given."""
+"""rig virtual: a rig that exists in this program alone, as a recording or behind an instrument's port."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
+
+app = App(name="virtual", help="A rig that exists in this program alone, as a recording or behind an instrument's port.")
 
 
-def virtual(
+@app.command
+def campaign(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     model: Path | None = None,
-    noise: float = 1e-3,
     seed: int = 0,
-    later: bool = False,
+    noise: float = 1e-3,
+    session: Literal["first", "later"] = "first",
 ) -> None:
-    """Record a session of the virtual rig: unlocked at gains 70, 70, 35 and 7, locked at 70 and 7, moves.
+    """Play a whole session on a virtual rig: three gains unlocked, two locked, a series of moves.
 
-    Example: rig virtual -o session.h5 --seed 3
+    Example: rig virtual campaign -o campaign.h5 --seed 1
 
     Parameters
     ----------
@@ -26,12 +29,12 @@ def virtual(
         The recording to write.
     model
         A model.json; the thesis's wire bonder where absent.
-    noise
-        Standard deviation of the sensors' noise, m/s^2.
     seed
         Seed of drives and noise.
-    later
-        Play the runs measured afterwards, for scoring predictions.
+    noise
+        Standard deviation of every sensor's noise, m/s^2.
+    session
+        The first session, or other runs measured later on the same rig.
     """
     from analysis.rigs import wire_bonder
     from rig.models import read_model
@@ -39,5 +42,62 @@ def virtual(
     from rig.virtual import LATER, SESSION, virtual_campaign
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
-    write(output, virtual_campaign(rig, LATER if later else SESSION, noise=noise, seed=seed))
+    write(output, virtual_campaign(rig, SESSION if session == "first" else LATER, noise=noise, seed=seed))
     print(output)
+
+
+@app.command
+def instrument(
+    *,
+    model: Path | None = None,
+    seed: int = 0,
+    noise: float = 1e-3,
+    speed: float | None = None,
+    seconds: float = 3600.0,
+    drop: float = 0.0,
+    duplicate: float = 0.0,
+    corrupt: float = 0.0,
+    stall: float = 0.0,
+    overload: float = 0.0,
+    unplug_after: float | None = None,
+    ppm: float = 0.0,
+) -> None:
+    """Start a simulated instrument with a virtual rig behind it on a pseudo-terminal, and print its port.
+
+    It speaks the framed serial protocol, so rig acquire --port, or any program that speaks it, can measure with it.
+
+    Example: rig virtual instrument --speed 1
+
+    Parameters
+    ----------
+    model
+        A model.json of the rig; the thesis's wire bonder where absent.
+    seed
+        Seed of noise and faults.
+    noise
+        Standard deviation of every sensor's noise, m/s^2.
+    speed
+        Signal seconds per second; as fast as the wire takes it where absent.
+    seconds
+        How long it stays.
+    drop, duplicate, corrupt, stall, overload
+        Probability per frame that it is not sent, sent twice, hurt, late, or tells of an overload.
+    unplug_after
+        Signal seconds after which the wire is cut.
+    ppm
+        How much faster than told its clock runs, parts per million.
+    """
+    from analysis.rigs import wire_bonder
+    from drivers.simulated.framed import Faults, SimulatedFramed
+    from drivers.simulated.wire import PtyWire
+    from rig.acquire.plant import VirtualPlant
+    from rig.models import read_model
+
+    rig = read_model(model)[0] if model is not None else wire_bonder()
+    faults = Faults(
+        drop=drop, duplicate=duplicate, corrupt=corrupt, stall=stall, overload=overload, unplug_after=unplug_after,
+        ppm=ppm, seed=seed,
+    )  # fmt: skip
+    wire = PtyWire()
+    print(wire.port, flush=True)
+    SimulatedFramed(wire, VirtualPlant(rig, noise=noise, seed=seed), faults=faults, speed=speed).serve(seconds)

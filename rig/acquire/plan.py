@@ -1,0 +1,138 @@
+"""The plan of a session: rig, instrument, channels, runs; checked before anything moves."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from rig.errors import PlanError
+from rig.recording import UNITS
+
+
+class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Anything in a plan."""
+
+
+class InstrumentPlan(Part, frozen=True):
+    """Where the samples come from: the kind of instrument, its port, its rate in Hz."""
+
+    kind: Literal["framed"]
+    port: str
+    sample_rate: float
+    baud_rate: int = 921600
+
+
+class ChannelPlan(Part, frozen=True):
+    """A sensor at an input: `sensitivity` is the input's unit per unit of the channel (V per m/s^2)."""
+
+    input: int
+    sensitivity: float
+    unit: str = "m/s^2"
+    quantity: Literal["acceleration", "velocity", "displacement", "force", "voltage", "current"] = "acceleration"
+    sensor: str = ""
+    place: str = ""
+    direction: str = ""
+
+
+class RunPlan(Part, frozen=True):
+    """A run, or several alike: how the rig is set up, what drives it, for how many seconds; a multisine's period in seconds."""
+
+    id: str
+    configuration: str
+    gain: float
+    seconds: float
+    excitation: Literal["random", "multisine", "moves"] = "random"
+    band: tuple[float, float] | None = None
+    period: float = 4.0
+    repeats: int = 1
+    seed: int = 0
+    use: Literal["fit", "holdout"] = "fit"
+
+    def ids(self) -> tuple[str, ...]:
+        """The names of its repeats: the name itself where there is one, else with -1, -2 ..."""
+        return (self.id,) if self.repeats == 1 else tuple(f"{self.id}-{k + 1}" for k in range(self.repeats))
+
+
+class Plan(Part, frozen=True):
+    """A session. `rig` holds what is known beforehand (SI) under the recording's names."""
+
+    instrument: InstrumentPlan
+    channels: dict[str, ChannelPlan]
+    runs: tuple[RunPlan, ...]
+    rig: dict[str, float | str] = {}
+
+
+def read_plan(path: Path) -> Plan:
+    """Read a plan and check it whole.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise PlanError(f"{path} does not exist; give the path of a plan") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanError(f"{path} cannot be read ({error}); give a text file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
+    try:
+        plan = msgspec.convert(tree, Plan, strict=False)
+    except msgspec.ValidationError as error:
+        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
+    _check(plan, str(path))
+    return plan
+
+
+def _check(plan: Plan, where: str) -> None:
+    rate = plan.instrument.sample_rate
+    if not 0.0 < rate < math.inf:
+        raise PlanError(f"{where}: sample_rate is {rate:g} Hz; it must be positive and finite, so correct it")
+    if not plan.channels:
+        raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
+    if not plan.runs:
+        raise PlanError(f"{where}: there are no runs; add at least one as [[runs]]")
+    for name, channel in plan.channels.items():
+        if not name.isidentifier() or name in ("gain", "gaps", "timing", "spectra"):
+            raise PlanError(f"{where}: a channel cannot be called {name!r}; use letters and digits, and no name of the format")
+        if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
+            raise PlanError(
+                f"{where}: channels.{name}.sensitivity is {channel.sensitivity:g}; take it from the sensor's calibration sheet"
+            )
+        if channel.unit not in UNITS:
+            raise PlanError(f"{where}: channels.{name}.unit is {channel.unit!r}; allowed are {', '.join(sorted(UNITS))}")
+        if channel.input < 0:
+            raise PlanError(f"{where}: channels.{name}.input is {channel.input}; inputs count from 0")
+    inputs = [channel.input for channel in plan.channels.values()]
+    if len(set(inputs)) < len(inputs):
+        raise PlanError(f"{where}: two channels share an input ({inputs}); give each its own")
+    ids = [name for run in plan.runs for name in run.ids()]
+    twice = next((name for name in ids if ids.count(name) > 1), None)
+    if twice is not None:
+        raise PlanError(f"{where}: two runs are called {twice!r}; give each its own id")
+    for run in plan.runs:
+        _check_run(run, rate, f"{where}: run {run.id!r}")
+
+
+def _check_run(run: RunPlan, rate: float, here: str) -> None:
+    if not run.id or "/" in run.id or run.id.startswith("."):
+        raise PlanError(f"{here} needs an id without a slash or a leading dot")
+    if not (math.isfinite(run.gain) and run.gain > 0.0):
+        raise PlanError(f"{here} has gain {run.gain:g}; it must be positive, so correct it")
+    if not 0.0 < run.seconds <= 86400.0 or run.seconds * rate < 16:
+        raise PlanError(f"{here} lasts {run.seconds:g} s; give at least 16 samples and at most a day")
+    if not 1 <= run.repeats <= 1000:
+        raise PlanError(f"{here} has repeats {run.repeats}; give 1 to 1000")
+    if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
+        raise PlanError(f"{here} has a period of {run.period:g} s; give one of 16 samples at least and no longer than the run")
+    if run.excitation != "moves":
+        if run.band is None:
+            raise PlanError(f"{here} has no band; give [low, high] in Hz of its {run.excitation} drive")
+        if not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:
+            raise PlanError(f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)")

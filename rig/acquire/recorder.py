@@ -1,0 +1,223 @@
+"""Blocks from an instrument onto disk: a bounded queue, a writer behind it, a ledger of what was lost.
+
+The working file is laid out whole before the first sample and then written in HDF5's single-writer mode, so that a reader may
+follow it and a killed writer leaves a file that opens. Samples are raw integers with their scale.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from drivers.block import Block, Input
+from rig.acquire.plan import Plan
+from rig.errors import OutputError
+from rig.recording import FORMAT, VERSION
+
+#: Seconds of samples that may wait for a slow disk, and seconds between flushes.
+QUEUE_SECONDS = 5.0
+FLUSH = 0.1
+#: Seconds without progress after which the disk counts as stuck, and blocks that are written at once.
+STUCK = 10.0
+BATCH = 64
+#: Rows of a chunk.
+CHUNK = 4096
+PROGRESS = np.dtype([("state", "i4"), ("started_ns", "i8"), ("counted", "i8"), ("period", "i8"), ("sample_rate", "f8")])
+GAPS = np.dtype([("first_tick", "i8"), ("count", "i8")])
+TIMING = np.dtype([("tick", "i8"), ("host_time", "f8"), ("device_time", "f8"), ("gain", "f8"), ("status", "i4")])
+#: States of a run in the working file.
+PLANNED, RUNNING, DONE = 0, 1, 2
+
+
+def working_file(output: Path) -> Path:
+    """Where a session writes while it lasts."""
+    return output.with_name(output.name + ".partial")
+
+
+def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
+    """Create the working file with everything that will be written.
+
+    Raises
+    ------
+    OutputError
+        Where the place cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with h5py.File(path, "w", libver="latest") as file:
+            file.attrs["format"], file.attrs["format_version"] = FORMAT, VERSION
+            file.create_group("rig").attrs.update(plan.rig)
+            for run in plan.runs:
+                for name in run.ids():
+                    group = file.create_group(f"runs/{name}")
+                    group.attrs.update(
+                        configuration=run.configuration, sample_rate=plan.instrument.sample_rate, gain=run.gain,
+                        excitation=run.excitation, use=run.use,
+                    )  # fmt: skip
+                    if run.excitation != "moves" and run.band is not None:
+                        group.attrs["band"] = run.band
+                    for channel, about in plan.channels.items():
+                        source = inputs[about.input]
+                        dataset = group.create_dataset(
+                            channel, (0,), source.dtype, maxshape=(None,), chunks=(CHUNK,), fletcher32=True
+                        )  # fmt: skip
+                        dataset.attrs.update(
+                            quantity=about.quantity, unit=about.unit, scale=source.per_count / about.sensitivity,
+                            offset=source.offset / about.sensitivity, sensor=about.sensor, place=about.place,
+                            direction=about.direction,
+                        )  # fmt: skip
+                        if source.full_scale is not None:
+                            dataset.attrs["range"] = abs(source.full_scale / about.sensitivity)
+                    group.create_dataset("gaps", (0,), GAPS, maxshape=(None,), chunks=(256,))
+                    group.create_dataset("timing", (0,), TIMING, maxshape=(None,), chunks=(1024,))
+                    group.create_dataset("progress", (1,), PROGRESS)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written ({error}); choose another place with -o") from None
+
+
+@dataclass
+class Tally:
+    """What a run came to so far: ticks stored, ticks lost, blocks that came with an overload."""
+
+    stored: int = 0
+    lost: int = 0
+    overloads: int = 0
+
+    @property
+    def ticks(self) -> int:
+        """Ticks accounted for."""
+        return self.stored + self.lost
+
+
+class RunWriter:
+    """Writes one run of the working file from a thread of its own.
+
+    Parameters
+    ----------
+    file
+        The working file, open for writing in single-writer mode.
+    run_id
+        Which run.
+    columns
+        The input of each channel, by channel name.
+    sample_rate
+        Hz; sets the length of the queue.
+    block_rows
+        Rows of a typical block.
+    """
+
+    def __init__(
+        self,
+        file: h5py.File,
+        run_id: str,
+        columns: dict[str, int],
+        *,
+        sample_rate: float,
+        period: int | None,
+        block_rows: int = 256,
+    ) -> None:
+        self._file, self._group, self._columns = file, file[f"runs/{run_id}"], columns
+        self._queue: queue.Queue[Block | None] = queue.Queue(max(BATCH, int(QUEUE_SECONDS * sample_rate / block_rows)))
+        self.tally = Tally()
+        self.error: OSError | None = None
+        self.latest: np.ndarray | None = None
+        self._next = 0
+        self._flushed = time.monotonic()
+        self._progress = np.array([(RUNNING, time.time_ns(), 0, period or 0, sample_rate)], PROGRESS)
+        self._group["progress"][...] = self._progress
+        self._file.flush()
+        self._thread = threading.Thread(target=self._work, name=f"writer of {run_id}", daemon=True)
+        self._thread.start()
+
+    def put(self, block: Block) -> None:
+        """Hand over a block; waits where the disk is too far behind, so that the wire's own buffers fill before anything is lost.
+
+        Raises
+        ------
+        OutputError
+            Where the disk refused to write, or has been stuck for long.
+        """
+        try:
+            self._queue.put(block, timeout=STUCK)
+        except queue.Full:
+            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another place") from None
+        if self.error is not None:
+            raise OutputError(f"the recording cannot be written any more ({self.error}); make room and resume")
+
+    def finish(self, counted: int | None) -> Tally:
+        """Write what is waiting and close the run; ticks that the instrument counted and never sent are lost."""
+        self._queue.put(None)
+        self._thread.join()
+        if counted is not None and counted > self._next:
+            self._gap(counted - self._next)
+        self._progress["state"], self._progress["counted"] = DONE, self._next if counted is None else counted
+        self._group["progress"][...] = self._progress
+        self._file.flush()
+        return self.tally
+
+    def _work(self) -> None:
+        ended = False
+        while not ended:
+            blocks = [self._queue.get()]
+            while not self._queue.empty() and len(blocks) < BATCH:
+                blocks.append(self._queue.get())
+            ended = blocks[-1] is None
+            if self.error is not None:
+                continue
+            try:
+                self._store([block for block in blocks if block is not None])
+                if time.monotonic() - self._flushed > FLUSH or self._queue.empty():
+                    self._file.flush()
+                    self._flushed = time.monotonic()
+            except OSError as error:
+                self.error = error
+
+    def _store(self, blocks: Sequence[Block]) -> None:
+        # What came twice is left out, what never came is written down; stretches without a gap are written at once.
+        whole: list[np.ndarray] = []
+        rows = []
+        for block in blocks:
+            samples = block.samples[max(self._next - block.first_tick, 0) :]
+            if not len(samples):
+                continue
+            first = max(block.first_tick, self._next)
+            if first > self._next:
+                self._append(whole)
+                whole = []
+                self._gap(first - self._next)
+            whole.append(samples)
+            self._next = first + len(samples)
+            self.tally.overloads += int(bool(block.status & 1))
+            device = np.nan if block.device_time is None else block.device_time
+            gain = np.nan if block.gain is None else block.gain
+            rows.append((first, block.host_time, device, gain, int(block.status)))
+        self._append(whole)
+        if rows:
+            _append(self._group["timing"], np.array(rows, TIMING))
+
+    def _append(self, parts: Sequence[np.ndarray]) -> None:
+        if not parts:
+            return
+        samples = np.concatenate(parts)
+        for name, column in self._columns.items():
+            _append(self._group[name], samples[:, column])
+        self.tally.stored += len(samples)
+        self.latest = samples
+
+    def _gap(self, count: int) -> None:
+        _append(self._group["gaps"], np.array([(self._next, count)], GAPS))
+        self.tally.lost += count
+        self._next += count
+
+
+def _append(dataset: h5py.Dataset, values: np.ndarray) -> None:
+    n = len(dataset)
+    dataset.resize((n + len(values),))
+    dataset[n:] = values

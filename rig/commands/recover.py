@@ -1,0 +1,30 @@
+"""rig recover: what a session that was killed has saved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def recover(working: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
+    """Make a recording of the working file that a broken session left behind, and say what was saved and lost.
+
+    Example: rig recover campaign.h5.partial -o recovered.h5
+
+    Parameters
+    ----------
+    working
+        The working file; its name ends in .partial. It is read only.
+    output
+        The recording to write.
+    """
+    from rig.acquire.recover import campaign_of, read_working
+    from rig.recording import write
+
+    known, found = read_working(working)
+    write(output, campaign_of(known, [item.run for item in found if item.run is not None], str(working)))
+    for item in found:
+        print(item.text)
+    print(output)
