@@ -8,12 +8,12 @@ from math import pi, sqrt
 
 import numpy as np
 
-from analysis.diagnose.diagnosis import SIMULATION_LIMIT
 from analysis.diagnose.fits import fit_baseline
-from analysis.diagnose.judge import score
+from analysis.diagnose.judge import SIMULATION_LIMIT, Score, adequate, noise_floor, score
 from analysis.fit import Fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
+from analysis.trials import Trial, noise_levels
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
 #: Relative deviation that the estimate itself cannot see: the sampling filter and the drive's interpolation, found by
@@ -34,11 +34,19 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class Characterization:
-    """The table by name, the fit behind it, and its held-out error."""
+    """The table by name, the fit behind it, the runs, and how it does on what was held out beside the noise floor."""
 
     table: dict[str, Entry]
     fit: Fit
-    error: float
+    trials: tuple[Trial, ...]
+    score: Score
+    floor: float
+    adequate: bool
+
+    @property
+    def error(self) -> float:
+        """Held-out error: the median over runs and channels."""
+        return self.score.figure
 
 
 def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None) -> Characterization:
@@ -59,7 +67,6 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     progress("fitting all runs with friction in the model")
     fitted, fine = fit_baseline(campaign, model)
     judged = score(fitted.model, fine)
-    error = judged.figure
     # A misfit beyond the simulation's limit bends every parameter; its size relative to the signal bounds how far.
     misfit = max(0.0, float(np.sqrt(np.mean(judged.error**2))) - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
@@ -72,7 +79,11 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
         table["friction_force"] = _entry(value, std, "N", "friction", misfit, note)
     else:
         table["friction_force"] = Entry(value=None, std=None, unit="N", method="none", note="the model has no friction")
-    return Characterization(table=table, fit=fitted, error=error)
+    floors = noise_floor(fitted.model, fine, noise_levels(campaign).get(model.drive.channel, 0.0))
+    return Characterization(
+        table=table, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)),
+        adequate=adequate(judged, np.hypot(floors, SIMULATION_LIMIT)),
+    )  # fmt: skip
 
 
 def _rows(fitted: Fit, body: str, link: str, misfit: float, note: str) -> dict[str, Entry]:

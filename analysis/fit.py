@@ -1,9 +1,8 @@
 """Fitting a rig's parameters to what was measured, on the simulation's own error.
 
-The model runs free from each run's first sample on, driven by the recorded drive alone. Residuals are taken in the
-frequency domain
-(an orthonormal transform, so least squares is the same) up to each run's ceiling: a sliding friction reverses in steps, and
-its full-band residuals make the cost too rough to descend. Levenberg-Marquardt (Moré 1978) with finite differences.
+The model runs free from each run's first sample on, driven by the recorded drive alone. A sliding friction reverses in steps,
+which makes the cost of waveforms rough: fits come near on what goes along with the drive, and finish on the waveforms up to each
+run's ceiling. Levenberg-Marquardt (Moré 1978) with finite differences.
 """
 
 from __future__ import annotations
@@ -22,6 +21,8 @@ from analysis.trials import SIGNAL_SHARE, Trial, expected, true_motion
 
 #: Models whose motion a problem remembers.
 CACHED = 3
+#: Seconds of a segment over which residuals are correlated with the drive.
+SEGMENT = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +97,64 @@ class Fit:
         return dict(zip((free.path for free in self.free), np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
+class Waveform:
+    """Every line of a record as it is: the sharpest measure, and too rough to descend on from far.
+
+    An orthonormal transform of the residual in time, so least squares is the same, up to the trial's ceiling.
+    """
+
+    def __init__(self, trial: Trial, share: float) -> None:
+        n = trial.fitted
+        self._lines = int(trial.ceiling / trial.run.sample_rate * n) + 1
+        measured = trial.measured[:, :n]
+        sigma = np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2)
+        self._weights = (np.sqrt(2.0 / n) / sigma)[:, None]
+        self._measured = measured
+        self.size = 2 * self._lines * len(measured)
+
+    def residual(self, predicted: FloatArray) -> FloatArray:
+        """Weighted residual of predicted channels, shape (size,)."""
+        error = np.fft.rfft(predicted - self._measured, axis=1)[:, : self._lines] * self._weights
+        return np.concatenate([error.real.ravel(), error.imag.ravel()])
+
+
+class Correlated:
+    """What of the residual goes along with the drive, averaged over segments: the error of the transfer functions.
+
+    Averaging over a run's many slips makes it smooth where waveforms are not: a friction off by a quarter still shows the way.
+    """
+
+    def __init__(self, trial: Trial, share: float) -> None:
+        rate, n = trial.run.sample_rate, trial.fitted
+        length = min(round(SEGMENT * rate), n)
+        self._hop = max(length // 2, 1)
+        self._window = np.hanning(length + 1)[:-1]
+        frequency = np.fft.rfftfreq(length, 1.0 / rate)
+        low, high = trial.run.band or (0.0, rate / 2.56)
+        self._kept = (frequency >= low) & (frequency <= high)
+        drive = self._segments(trial.excitation.recorded[:n])
+        size = np.sqrt((np.abs(drive) ** 2).sum(axis=0))
+        self._along = np.conj(drive) / np.maximum(size, 1e-9 * size.max())
+        self._measured = trial.measured[:, :n]
+        sigma = np.sqrt(trial.noise**2 + (share * self._measured.std(axis=1)) ** 2)
+        self._weights = 1.0 / (sigma * np.sqrt((self._window**2).sum()))
+        self.size = 2 * int(self._kept.sum()) * len(self._measured)
+
+    def _segments(self, values: FloatArray) -> ComplexArray:
+        windows = np.lib.stride_tricks.sliding_window_view(values, len(self._window))[:: self._hop]
+        return np.asarray(np.fft.rfft(windows * self._window, axis=1)[:, self._kept])
+
+    def residual(self, predicted: FloatArray) -> FloatArray:
+        """Weighted residual of predicted channels, shape (size,)."""
+        error = np.stack(
+            [
+                (self._along * self._segments(row)).sum(axis=0) * w
+                for row, w in zip(predicted - self._measured, self._weights, strict=True)
+            ]
+        )
+        return np.concatenate([error.real.ravel(), error.imag.ravel()])
+
+
 class Problem:
     """The residuals of models over a set of trials, as one weighted vector.
 
@@ -103,37 +162,29 @@ class Problem:
     ----------
     trials
         The runs, made ready.
-    ceiling
-        Whether residuals stop at each trial's ceiling (to converge) or reach half the sample rate (to finish).
+    gauge
+        How a record is compared: `Waveform`, or `Correlated` to come near from far.
     share
         Share of a channel's rms that counts as noise in the weights.
     """
 
-    def __init__(self, trials: Sequence[Trial], *, ceiling: bool = True, share: float = SIGNAL_SHARE) -> None:
-        self.trials = tuple(trial for trial in trials if trial.fitted > 0)
-        if not self.trials:
+    def __init__(
+        self, trials: Sequence[Trial], *, gauge: type[Waveform] | type[Correlated] = Waveform, share: float = SIGNAL_SHARE
+    ) -> None:
+        fitted = [trial for trial in trials if trial.fitted > 0]
+        if not fitted:
             raise FitError("every run is held out, so nothing is left to fit; mark at least one run for fitting")
+        if gauge is Correlated:
+            # A drive that comes in pulses says little line by line.
+            fitted = [trial for trial in fitted if trial.run.excitation != "moves"] or fitted
+        self.trials = tuple(fitted)
         self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
-        self._lines: list[int] = []
-        self._weights: list[FloatArray] = []
-        self._spectra: list[ComplexArray] = []
-        for trial in self.trials:
-            n, rate = trial.fitted, trial.run.sample_rate
-            top = trial.ceiling if ceiling else rate / 2.0
-            measured = trial.measured[:, :n]
-            sigma = np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2)
-            self._lines.append(int(top / rate * n) + 1)
-            self._weights.append(np.sqrt(2.0 / n) / sigma)
-            self._spectra.append(np.fft.rfft(measured, axis=1)[:, : self._lines[-1]])
-        self.size = sum(2 * lines * len(w) for lines, w in zip(self._lines, self._weights, strict=True))
+        self._gauges = [gauge(trial, share) for trial in self.trials]
+        self.size = sum(gauge.size for gauge in self._gauges)
 
     def residual_of(self, model: RigModel, index: int) -> FloatArray:
-        """Weighted residual of one trial, shape (2 * lines * channels,)."""
-        trial = self.trials[index]
-        predicted = expected(model, trial, self._motion(model, index))
-        spectra = np.fft.rfft(predicted[:, : trial.fitted], axis=1)[:, : self._lines[index]]
-        error = (spectra - self._spectra[index]) * self._weights[index][:, None]
-        return np.concatenate([error.real.ravel(), error.imag.ravel()])
+        """Weighted residual of one trial."""
+        return self._gauges[index].residual(expected(model, self.trials[index], self._motion(model, index)))
 
     def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
         # The bodies' true motion; models that differ in their sensors' faults alone share it.
@@ -158,7 +209,7 @@ class Problem:
             try:
                 return self.residual_of(models[which], index)
             except SimulationError:
-                return np.full(2 * self._lines[index] * len(self._weights[index]), np.nan)
+                return np.full(self._gauges[index].size, np.nan)
 
         jobs = [(which, index) for which in range(len(models)) for index in range(len(self.trials))]
         parts = side_by_side(one, jobs)

@@ -23,6 +23,7 @@ app.command("rig.commands.diagnose:diagnose", name="diagnose")
 app.command("rig.commands.predict:predict", name="predict")
 app.command("rig.commands.acquire:acquire", name="acquire")
 app.command("rig.commands.recover:recover", name="recover")
+app.command("rig.commands.report:report", name="report")
 app.command("rig.commands.virtual:app", name="virtual")
 
 

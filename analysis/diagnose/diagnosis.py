@@ -9,7 +9,16 @@ import msgspec
 import numpy as np
 
 from analysis.diagnose.fits import BEHIND, MISFIT, afresh, baseline_fit, diverse, finished, race, refined, settled, without
-from analysis.diagnose.judge import Score, confidence, margin_in_errors, noise_floor, score
+from analysis.diagnose.judge import (
+    SIMULATION_LIMIT,
+    Score,
+    adequate,
+    confidence,
+    excess,
+    margin_in_errors,
+    noise_floor,
+    score,
+)
 from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.misfit import Discrepancy, discrepancies
@@ -24,10 +33,6 @@ from analysis.trials import Trial, noise_levels, prepare
 #: Candidates that get a full fit, and steps at most.
 FINALISTS = 4
 MOST_STEPS = 3
-#: Below this multiple of what is allowed (the noise floor and the simulation's own limit) a model explains the data.
-ENOUGH = 1.5
-#: Error of the simulation itself, as a share of the signal: the sampling filter is not known to better than this.
-SIMULATION_LIMIT = 0.004
 #: Share of the excess over the floor that must go for a cause to be certain, and for the data to count as explained.
 EXPLAINED = 0.8
 #: Share of what is left of the excess that a further step must remove.
@@ -138,28 +143,28 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     fits: list[Fit] = []
     scores: list[Score] = []
     tries = 0
-    while len(steps) < MOST_STEPS and not _adequate(now, floors):
+    while len(steps) < MOST_STEPS and not adequate(now, floors):
         progress(f"held-out error {now.figure:.3g} against a noise floor of {floor:.3g}; looking for a cause")
         found = _next_step(campaign, guess, current, now, trials, fine, progress)
         if found is None:
             break
         step, better, best = found
-        if not _adequate(best, floors):
+        if not adequate(best, floors):
             longer = settled(better, trials)
             if longer is not better:
                 better, best = longer, score(longer.model, fine)
         # What the step is worth is measured against the model without it, from where the step has led the rest.
         bare = without(better, current, trials)
         plain = score(bare.model, fine)
-        if _excess(plain, floors) < _excess(now, floors):
+        if excess(plain, floors) < excess(now, floors):
             progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
             current, now = bare, plain
             if not steps:
                 baseline, first = bare, plain
             else:
                 fits[-1], scores[-1] = bare, plain
-        if _excess(now, floors) - _excess(best, floors) < WORTH * max(_excess(now, floors), 1e-12):
-            if now is plain and not _adequate(now, floors) and tries < MOST_STEPS:
+        if excess(now, floors) - excess(best, floors) < WORTH * max(excess(now, floors), 1e-12):
+            if now is plain and not adequate(now, floors) and tries < MOST_STEPS:
                 tries += 1
                 continue
             break
@@ -176,15 +181,6 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         steps=tuple(replace(step, parameters=_values(step.reported, extended)) for step in steps[:kept]),
         baseline_error=first.figure, extended_error=last.figure, floor=floor, scores=(first, last), trials=fine,
     )  # fmt: skip
-
-
-def _excess(score_: Score, floors: np.ndarray) -> float:
-    # Mean over runs and channels of the log of the error over its floor: zero for a perfect model.
-    return float(np.mean(np.log(np.maximum(score_.error / floors, 1.0))))
-
-
-def _adequate(score_: Score, floors: np.ndarray) -> bool:
-    return bool(np.max(score_.error / floors) < ENOUGH)
 
 
 def _next_step(
@@ -267,13 +263,13 @@ def _deviation(reported: Reported, fitted: Fit) -> float:
 
 def _verdict(first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: np.ndarray) -> tuple[str, int]:
     if not scores:
-        return ("adequate" if _adequate(first, floors) else "unexplained"), 0
-    total = _excess(first, floors)
+        return ("adequate" if adequate(first, floors) else "unexplained"), 0
+    total = excess(first, floors)
     for kept in range(len(scores), 0, -1):
-        removed = 1.0 - _excess(scores[kept - 1], floors) / max(total, 1e-12)
+        removed = 1.0 - excess(scores[kept - 1], floors) / max(total, 1e-12)
         if removed >= EXPLAINED:
             return "explained", kept
-    alone = 1.0 - _excess(scores[0], floors) / max(total, 1e-12)
+    alone = 1.0 - excess(scores[0], floors) / max(total, 1e-12)
     if alone >= 0.6 and steps[0].confidence >= 0.95:
         return "partly explained", 1
     return "unexplained", 0

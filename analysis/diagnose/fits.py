@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.diagnose.mechanisms import Candidate
-from analysis.diagnose.search import Look, glanced, parameters_of
+from analysis.diagnose.search import Look, parameters_of
 from analysis.errors import FitError
-from analysis.fit import Fit, Problem, base_parameters, fit
+from analysis.fit import Correlated, Fit, Free, Problem, base_parameters, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
 from analysis.start import equation_start
@@ -23,7 +23,7 @@ BEHIND = 6.0
 #: Fresh starts that are followed beyond their first fit.
 FRESH = 3
 #: Share of a channel's rms that counts as noise: to come near from far, and to finish.
-WIDE, NARROW = 0.3, 0.004
+COARSE, NARROW = 0.02, 0.004
 
 Running = list[tuple[Candidate, Fit]]
 
@@ -43,13 +43,13 @@ def refined(trial: Trial) -> Trial:
 
 def baseline_fit(guess: RigModel, trials: Sequence[Trial]) -> Fit:
     """The rig's own free parameters fitted to all runs."""
-    return finished(_patient(guess, glanced(trials)), trials)
+    return finished(_near(guess, base_parameters(guess), trials), trials)
 
 
-def _patient(start: RigModel, trials: Sequence[Trial]) -> Fit:
-    # Wide allowances first: a resonance that is off by more than its width has no slope at narrow ones.
-    wide = fit(start, base_parameters(start), Problem(trials, share=WIDE), iterations=6, tolerance=2e-2)
-    return fit(wide.model, base_parameters(wide.model), Problem(trials), iterations=12, tolerance=5e-3)
+def _near(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit:
+    # From far on what goes along with the drive, then on the waveforms.
+    coarse = fit(start, free, Problem(trials, gauge=Correlated, share=COARSE), iterations=12, tolerance=1e-2)
+    return fit(coarse.model, free, Problem(trials), iterations=12, tolerance=5e-3)
 
 
 def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
@@ -58,10 +58,8 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def settled(done: Fit, trials: Sequence[Trial]) -> Fit:
-    """A fit that ended far from the data may have stopped on the way: again with wide allowances, and for longer."""
-    wide = fit(done.model, done.free, Problem(trials, share=WIDE), iterations=8, tolerance=1e-2)
-    near = fit(wide.model, wide.free, Problem(trials), iterations=12, tolerance=5e-3)
-    return min(done, finished(near, trials), key=lambda f: f.cost)
+    """A fit that ended far from the data may have stopped on the way: it comes near again from where it is."""
+    return min(done, finished(_near(done.model, done.free, trials), trials), key=lambda f: f.cost)
 
 
 def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
@@ -83,15 +81,16 @@ def diverse(looks: Sequence[Look]) -> list[Look]:
 
 def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running:
     """Fits of candidates on the short data, best first; after a few steps only those go on that are not far behind."""
-    problem, wide = Problem(short), Problem(short, share=WIDE)
+    problem, coarse = Problem(short), Problem(short, gauge=Correlated, share=COARSE)
     running: Running = []
     for look in looks:
         free = parameters_of(current.model, look.candidate, current.free)
         try:
-            start = look.model
-            if look.candidate.family == "chain" and look.cost > MISFIT:
-                start = fit(start, free, wide, iterations=5, tolerance=2e-2).model
-            done = fit(start, free, problem, iterations=2, tolerance=1e-2)
+            done = fit(look.model, free, problem, iterations=2, tolerance=1e-2)
+            if done.cost > MISFIT:
+                near = fit(look.model, free, coarse, iterations=5, tolerance=2e-2)
+                again = fit(near.model, free, problem, iterations=2, tolerance=1e-2)
+                done = min(done, again, key=lambda f: f.cost)
         except FitError:
             continue
         running.append((look.candidate, done))
@@ -100,13 +99,13 @@ def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running
 
 def afresh(candidates: Sequence[Candidate], refined: Running, current: Fit, short: Sequence[Trial]) -> Running:
     """The race run again from each candidate's own starts: a baseline bent far out of shape is no place to start from."""
-    problem, wide = Problem(short), Problem(short, share=WIDE)
+    problem, coarse = Problem(short), Problem(short, gauge=Correlated, share=COARSE)
     started = []
     for candidate in candidates:
         free = parameters_of(current.model, candidate, current.free)
         for start in candidate.fresh:
             try:
-                started.append((candidate, fit(start, free, wide, iterations=6, tolerance=2e-2)))
+                started.append((candidate, fit(start, free, coarse, iterations=6, tolerance=2e-2)))
             except FitError:
                 continue
     started.sort(key=lambda pair: pair[1].cost)

@@ -15,6 +15,10 @@ from analysis.simulate import Excitation, simulate
 from analysis.trials import Trial, expected
 
 BLOCKS = 8
+#: Below this multiple of what is allowed (the noise floor and the simulation's own limit) a model explains the data.
+ENOUGH = 1.5
+#: Error of the simulation itself, as a share of the signal: the sampling filter is not known to better than this.
+SIMULATION_LIMIT = 0.004
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,3 +111,13 @@ def margin_in_errors(best: Score, rival: Score) -> float:
     difference = (np.log(rival.blocks) - np.log(best.blocks)).reshape(-1, BLOCKS).mean(axis=0)
     spread = float(difference.std(ddof=1) / np.sqrt(BLOCKS))
     return float(difference.mean() / max(spread, 1e-12))
+
+
+def excess(score_: Score, floors: FloatArray) -> float:
+    """Mean over runs and channels of the log of the error over its floor: zero for a perfect model."""
+    return float(np.mean(np.log(np.maximum(score_.error / floors, 1.0))))
+
+
+def adequate(score_: Score, floors: FloatArray) -> bool:
+    """Whether every run and channel is explained to what is allowed."""
+    return bool(np.max(score_.error / floors) < ENOUGH)

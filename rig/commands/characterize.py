@@ -18,34 +18,22 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
     campaign
         A recording of the wire bonder, locked and unlocked.
     output
-        The folder for parameters.json and parameters.csv.
+        The folder for parameters.json, parameters.csv and the fitted model.json.
     """
-    import msgspec
     from rich.console import Console
-    from rich.table import Table
 
-    from analysis.characterize import characterize as estimate
-    from rig.baseline import baseline_model
-    from rig.errors import RecordingError
-    from rig.output import write_json, write_text
+    from rig.characterized import characterize_campaign, write_characterization
     from rig.recording import read
+    from rig.terminal import show_table
 
     measured = read(campaign)
-    if measured.description is not None:
-        raise RecordingError(f"{campaign} is of another rig; rig characterize knows the wire bonder, use rig diagnose")
     with Console(stderr=True).status("reading") as status:
-        found = estimate(measured, baseline_model(measured), progress=status.update)
-    table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
-    write_json(output / "parameters.json", {"format": "rig-parameters", "format_version": 1, "parameters": table})
-    lines = ["name,value,std,unit,method,note"]
-    shown = Table(title=f"{campaign.name}: held-out error {100 * found.error:.2g} % of the signal", title_justify="left")
-    for column in ("parameter", "value", "std", "unit", "method", "note"):
-        shown.add_column(column)
-    for name, entry in found.table.items():
-        value, std = ("" if x is None else f"{x:.8g}" for x in (entry.value, entry.std))
-        lines.append(f'{name},{value},{std},{entry.unit},{entry.method},"{entry.note}"')
-        short = "" if entry.value is None else f"{entry.value:.6g}"
-        shown.add_row(name, short, "" if entry.std is None else f"{entry.std:.2g}", entry.unit, entry.method, entry.note)
-    write_text(output / "parameters.csv", "\n".join(lines) + "\n")
-    Console().print(shown)
-    print(output / "parameters.json")
+        found = characterize_campaign(measured, status.update)
+    path = write_characterization(output, measured, found)
+    rows = [
+        (name, "–" if e.value is None else f"{e.value:.6g}", "–" if e.std is None else f"{e.std:.2g}", e.unit, e.method, e.note)
+        for name, e in found.table.items()
+    ]
+    title = f"{campaign.name}: held-out error {100 * found.error:.2g} % of the signal, noise alone {100 * found.floor:.2g} %"
+    show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
+    print(path)

@@ -1,0 +1,46 @@
+"""A parameter table as the files that other programs read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from analysis.characterize import Characterization, characterize
+from analysis.measured import Campaign
+from rig.baseline import baseline_model
+from rig.errors import RecordingError
+from rig.models import write_model
+from rig.output import write_json, write_text
+
+COLUMNS = ("value", "std", "unit", "method", "note")
+
+
+def characterize_campaign(campaign: Campaign, tell: Callable[[str], None]) -> Characterization:
+    """The parameter table of a recording of the wire bonder.
+
+    Raises
+    ------
+    RecordingError
+        Where the recording is of another rig, or lacks what the rig needs.
+    """
+    if campaign.description is not None:
+        raise RecordingError(f"{campaign.source} is of another rig; the parameter table knows the wire bonder, use rig diagnose")
+    return characterize(campaign, baseline_model(campaign), progress=tell)
+
+
+def write_characterization(folder: Path, campaign: Campaign, found: Characterization) -> Path:
+    """Write parameters.json, the same table as CSV, and the fitted model; the path of the first."""
+    table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("name", *COLUMNS))
+    rows.writerows((name, *("" if row[key] is None else row[key] for key in COLUMNS)) for name, row in table.items())
+    write_text(folder / "parameters.csv", text.getvalue())
+    origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
+    write_model(folder / "model.json", found.fit.model, origin=origin)
+    content = {"format": "rig-parameters", "format_version": 1, "parameters": table}
+    return write_json(folder / "parameters.json", content)

@@ -1,0 +1,39 @@
+"""rig report: one page about a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def report(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
+    """Write one page about a recording, to be read by someone who was not there.
+
+    Runs, transfer functions with coherence, parameters, simulated over measured, the isolation ratio, and what the simulation
+    gets wrong. The page works offline, from a mail attachment too.
+
+    Example: rig report campaign.h5 -o report
+
+    Parameters
+    ----------
+    campaign
+        A recording of the wire bonder, locked and unlocked.
+    output
+        The folder for report.html, parameters.json, parameters.csv and model.json.
+    """
+    from rich.console import Console
+
+    from rig.characterized import characterize_campaign, write_characterization
+    from rig.output import write_text
+    from rig.recording import read
+    from rig.report.measurement import measurement_page
+
+    measured = read(campaign)
+    with Console(stderr=True).status("reading") as status:
+        found = characterize_campaign(measured, status.update)
+        status.update("writing the report")
+        write_characterization(output, measured, found)
+        path = write_text(output / "report.html", measurement_page(measured, found))
+    print(path)
