@@ -8,7 +8,19 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from analysis.diagnose.fits import BEHIND, MISFIT, afresh, baseline_fit, diverse, finished, race, refined, settled, without
+from analysis.diagnose.fits import (
+    BEHIND,
+    MISFIT,
+    afresh,
+    baseline_fit,
+    diverse,
+    finished,
+    first_start,
+    race,
+    refined,
+    settled,
+    without,
+)
 from analysis.diagnose.judge import (
     SIMULATION_LIMIT,
     Score,
@@ -27,7 +39,6 @@ from analysis.diagnose.search import Progress, Screen, glanced
 from analysis.fit import Fit, Problem, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
-from analysis.start import equation_start
 from analysis.trials import Trial, noise_levels, prepare
 
 #: Candidates that get a full fit, and steps at most.
@@ -131,7 +142,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     trials = prepare(campaign, model)
     fine = tuple(refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
-    guess = equation_start(model, trials)
+    guess = first_start(model, trials)
     current = baseline = baseline_fit(guess, trials)
     first = score(current.model, fine)
     drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)

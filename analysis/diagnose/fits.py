@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.diagnose.mechanisms import Candidate
-from analysis.diagnose.search import Look, parameters_of
+from analysis.diagnose.search import Look, glanced, parameters_of
 from analysis.errors import FitError
 from analysis.fit import Correlated, Fit, Free, Problem, base_parameters, fit
 from analysis.measured import Campaign
@@ -32,7 +32,7 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
     """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
     trials = prepare(campaign, model)
     fine = tuple(refined(trial) for trial in trials)
-    rough = baseline_fit(equation_start(model, trials), trials)
+    rough = baseline_fit(first_start(model, trials), trials)
     return finished(rough, fine), fine
 
 
@@ -41,9 +41,20 @@ def refined(trial: Trial) -> Trial:
     return replace(trial, excitation=trial.excitation.resampled(JUDGED_OVERSAMPLE))
 
 
-def baseline_fit(guess: RigModel, trials: Sequence[Trial]) -> Fit:
+def first_start(model: RigModel, trials: Sequence[Trial]) -> RigModel:
+    """The best of several starts after a short look: the equations of motion, the first guesses, and between."""
+    solved = equation_start(model, trials)
+    dry = [path for path in model.free if path.endswith("friction_force")]
+    between = solved.replace({path: model.get(path) for path in dry})
+    starts = {id(start): start for start in ((solved, between, model) if dry else (solved, model))}.values()
+    problem = Problem(glanced(trials), gauge=Correlated, share=COARSE)
+    looks = [fit(start, base_parameters(start), problem, iterations=3, tolerance=5e-2) for start in starts]
+    return min(looks, key=lambda look: look.cost).model
+
+
+def baseline_fit(start: RigModel, trials: Sequence[Trial]) -> Fit:
     """The rig's own free parameters fitted to all runs."""
-    return finished(_near(guess, base_parameters(guess), trials), trials)
+    return finished(_near(start, base_parameters(start), trials), trials)
 
 
 def _near(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit:

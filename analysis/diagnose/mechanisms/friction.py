@@ -29,6 +29,13 @@ def _rubbing(model: RigModel, link: Link, force: float) -> RigModel:
     return msgspec.structs.replace(model, contacts=(*model.contacts, contact))
 
 
+def _force(model: RigModel, evidence: Evidence, contact: Contact, law: Coulomb) -> float:
+    # A fit that was bent may have lost the friction: never less than a share of the spring's largest force.
+    link = next((link for link in model.links if link.name == contact.name), None)
+    least = 0.0 if link is None else 0.03 * link.stiffness * evidence.deflection[link.name]
+    return max(law.friction_force, least, 1e-6)
+
+
 class CoulombFriction:
     """Dry friction where the baseline has none."""
 
@@ -95,19 +102,23 @@ class PreslidingFriction:
         for contact, law in _dry(model):
             deflection = evidence.deflection.get(contact.name, 1e-3)
             path = f"contacts.{contact.name}.law.bristle_stiffness"
-            force = max(law.friction_force, 1e-6)
-            starts = tuple(
-                _exchanged(model, contact, Dahl(friction_force=force, bristle_stiffness=force / (share * deflection)))
-                for share in (0.01, 0.05)
-            )
+            force = _force(model, evidence, contact, law)
+            starts = tuple(_bristled(model, contact, force, share * deflection) for share in (0.01, 0.05))
+            guess = evidence.guess
+            known = any(other.name == contact.name and isinstance(other.law, Coulomb) for other in guess.contacts)
+            fresh = tuple(_bristled(guess, contact, force, share * deflection) for share in (0.01, 0.05)) if known else ()
             found.append(
                 Candidate(
-                    cause="presliding_friction", location=contact.name, family="friction", starts=starts,
+                    cause="presliding_friction", location=contact.name, family="friction", starts=starts, fresh=fresh,
                     free=(Free(path=path, low=0.1 * force / deflection, high=3e3 * force / deflection),),
                     reported=(Reported(name="bristle_stiffness", path=path, unit="N/m"),),
                 )
             )  # fmt: skip
         return tuple(found)
+
+
+def _bristled(model: RigModel, contact: Contact, force: float, give: float) -> RigModel:
+    return _exchanged(model, contact, Dahl(friction_force=force, bristle_stiffness=force / give))
 
 
 class AsymmetricFriction:
