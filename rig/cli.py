@@ -24,6 +24,7 @@ app.command("rig.commands.predict:predict", name="predict")
 app.command("rig.commands.acquire:acquire", name="acquire")
 app.command("rig.commands.recover:recover", name="recover")
 app.command("rig.commands.report:report", name="report")
+app.command("rig.commands.demo:demo", name="demo")
 app.command("rig.commands.virtual:app", name="virtual")
 
 

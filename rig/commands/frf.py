@@ -61,7 +61,7 @@ def frf(
     write_json(output / "frf.json", {"format": "rig-frf", "format_version": 1, "transfer_functions": [about(i) for i in found]})
     show_table(
         f"{campaign.name}: {estimator} at {found[0].frf.resolution:g} Hz",
-        ("response", "set-up", "gain", "averages", "band, Hz", "peak, Hz", "magnitude", "coherence"),
+        ("response", "set-up", "gain", "band, Hz", "peak, Hz", "magnitude", "coherence"),
         [_row(about(item)) for item in found],
     )
     print(output)

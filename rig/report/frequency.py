@@ -34,6 +34,10 @@ def frf_section(campaign: Campaign, simulated: Campaign | None) -> Section:
     return Section(title="Transfer functions", text=text, charts=charts)
 
 
+def _of(response: str, items: Sequence[Transfer]) -> list[Transfer]:
+    return [item for item in items if item.frf.response == response]
+
+
 def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer]) -> Chart:
     colours: dict[str, Role] = {item.label: SERIES[k % len(SERIES)] for k, item in enumerate(measured)}
     traces = []
@@ -51,7 +55,10 @@ def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer]) -> C
     about = measured[0].frf
     return Chart(
         name=f"frf-{about.response}", caption=f"{about.response} over {about.reference}.",
-        panels=[Panel(label=f"|{about.response} / {about.reference}|", log=True, height=2.0), Panel(label="coherence", ends=(0, 1))],
+        panels=[
+            Panel(label=f"|{about.response} / {about.reference}|", log=True, height=2.0),
+            Panel(label="coherence", ends=(0.0, 1.0)),
+        ],
         traces=traces, link="frequency",
     )  # fmt: skip
 

@@ -51,19 +51,17 @@ def measurement_page(campaign: Campaign, found: Characterization) -> str:
 
 
 PARAMETERS = (
-    "All runs fitted at once with friction in the model; frequencies are the uncoupled √(k/m)/2π, damping is the ratio to critical. "
-    "The thesis's column is its Table 4 and its force gauge, of another rig of this kind."
+    "All runs fitted at once with friction in the model; frequencies are the uncoupled √(k/m)/2π, damping is the ratio to "
+    "critical. The thesis's column is its Table 4 and its force gauge, of another rig of this kind."
 )
 
 
 def parameter_table(found: Characterization) -> Table:
     """The parameters beside the thesis's."""
     rows = [
-        (
-            words(name), number(entry.value, 6), number(entry.std, 2), entry.unit, number(THESIS.get(name), 4), entry.method, entry.note,
-        )
-        for name, entry in found.table.items()
-    ]  # fmt: skip
+        (words(name), number(e.value, 6), number(e.std, 2), e.unit, number(THESIS.get(name), 4), e.method, e.note)
+        for name, e in found.table.items()
+    ]
     return Table(columns=("parameter", "value", "std", "unit", "thesis", "method", "note"), rows=rows)
 
 
@@ -81,9 +79,8 @@ def _summary(found: Characterization) -> list[str]:
     for body in ("table", "heatblock", "motor"):
         frequency, damping = found.table[f"{body}_frequency"], found.table[f"{body}_damping"]
         if frequency.value is not None and damping.value is not None:
-            told.append(
-                f"{body.capitalize()}: {frequency.value:.4g} ± {frequency.std:.1g} Hz, damping {damping.value:.3g} ± {damping.std:.1g}."
-            )
+            resonance = f"{frequency.value:.4g} ± {frequency.std:.1g} Hz"
+            told.append(f"{body.capitalize()}: {resonance}, damping {damping.value:.3g} ± {damping.std:.1g}.")
     friction = found.table["friction_force"]
     if friction.value is not None:
         told.append(f"Friction between motor and table: {friction.value:.3g} ± {friction.std:.1g} N.")

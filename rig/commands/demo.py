@@ -1,0 +1,81 @@
+"""rig demo: the whole chain without hardware."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def demo(*, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("demo-out"), seed: int = 1) -> None:
+    """Measure a virtual rig through a real port, then work on the recording: transfer functions, parameters, isolation, cause.
+
+    The rig has the thesis's parameters, 20 N of friction and a head of 6.5 kg. A simulated instrument plays it on a
+    pseudo-terminal, faster than in real time; all else is as with a real one.
+
+    Example: rig demo -o demo-out
+
+    Parameters
+    ----------
+    output
+        The folder for all results; the recording and the page are campaign.h5 and report.html.
+    seed
+        Seed of the sensors' noise.
+    """
+    from rig.acquire.plan import read_plan
+    from rig.acquire.session import Operator, Taken, acquire
+    from rig.characterized import characterize_campaign, write_characterization
+    from rig.commands.frf import frf
+    from rig.commands.isolation import isolation
+    from rig.demo import PLAN, Clock, virtual_instrument
+    from rig.many import diagnose_file
+    from rig.output import write_text
+    from rig.recording import read
+    from rig.report.measurement import measurement_page
+    from rig.report.sections import number
+    from rig.terminal import show_table
+
+    clock = Clock()
+    recording = output / "campaign.h5"
+    recording.with_name(recording.name + ".partial").unlink(missing_ok=True)
+
+    def took(item: Taken) -> None:
+        coherent = ", ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
+        clock.tell(
+            f"  {item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
+        )
+
+    with virtual_instrument(seed) as port:
+        clock.tell(f"measuring after {PLAN.name} from the instrument at {port}")
+        operator = Operator(lock=lambda _: None, watch=lambda _: None, taken=took)
+        acquire(read_plan(PLAN), port, recording, operator)
+    clock.tell(f"{recording} written; from here on nothing else is known")
+    measured = read(recording)
+    clock.tell("transfer functions")
+    frf(recording, output=output / "frf")
+    clock.tell("parameters: all runs fitted at once, friction in the model")
+    found = characterize_campaign(measured, lambda _: None)
+    write_characterization(output, measured, found)
+    clock.tell("isolation ratio, measured and simulated with these parameters")
+    isolation(recording, output=output / "isolation", model=output / "model.json")
+    clock.tell("the page")
+    page = write_text(output / "report.html", measurement_page(measured, found))
+    clock.tell("and what a frictionless simulation would have got wrong")
+    outcome = diagnose_file(recording, output / "diagnosis", "linear")
+    from analysis.rigs import THESIS
+
+    rows = [(name, number(e.value), number(e.std, 2), e.unit, number(THESIS[name], 4)) for name, e in found.table.items()]
+    show_table("Parameters beside the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)
+    told = [
+        ("held-out error of the simulation with friction", f"{100 * found.error:.2g} %"),
+        ("noise alone", f"{100 * found.floor:.2g} %"),
+        ("held-out error without friction", f"{100 * (outcome.holdout_baseline or 0.0):.3g} %"),
+        ("cause named for that", f"{outcome.causes} at {outcome.locations}" if outcome.causes else "none"),
+        ("recording", str(recording)),
+        ("tables and pictures", f"{output / 'frf'}, {output / 'isolation'}, {output / 'parameters.csv'}"),
+        ("page of the measurement", str(page)),
+        ("page of the diagnosis", str(output / "diagnosis" / "report.html")),
+        ("seconds", f"{clock.seconds:.0f}"),
+    ]
+    show_table("Summary", ("what", "result"), told)

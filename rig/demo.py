@@ -1,0 +1,54 @@
+"""The whole chain without hardware: a virtual rig behind a real port, measured, and then worked on from the file alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drivers.errors import ConnectionLostError
+
+#: The plan that comes with the program.
+PLAN = Path(__file__).parent / "acquire" / "demo.toml"
+SECONDS = 600.0
+
+
+@contextmanager
+def virtual_instrument(seed: int) -> Iterator[str]:
+    """A simulated instrument in a process of its own; the path of its port.
+
+    Raises
+    ------
+    ConnectionLostError
+        Where it does not start.
+    """
+    call = [sys.executable, "-m", "rig", "virtual", "instrument", "--seed", str(seed), "--seconds", str(SECONDS)]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            port = process.stdout.readline().strip()
+            if not port:
+                why = process.stderr.read().strip() if process.stderr else ""
+                raise ConnectionLostError(f"the simulated instrument did not start ({why or 'no word from it'}); try again")
+            yield port
+        finally:
+            process.kill()
+
+
+class Clock:
+    """Tells each stage with the seconds since the beginning."""
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+
+    def tell(self, text: str) -> None:
+        """One line on standard error."""
+        print(f"{self.seconds:5.1f} s  {text}", file=sys.stderr, flush=True)
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the beginning."""
+        return time.monotonic() - self._began
