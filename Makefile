@@ -13,7 +13,7 @@ setup: .venv/ready
 	touch $@
 
 demo: setup
-	$(BIN)/rig virtual -o demo-out/campaign.h5 --seed 1
+	$(BIN)/rig virtual campaign -o demo-out/campaign.h5 --seed 1
 	$(BIN)/rig check demo-out/campaign.h5
 	$(BIN)/rig characterize demo-out/campaign.h5 -o demo-out/parameters
 	$(BIN)/rig diagnose demo-out/campaign.h5 --baseline linear -o demo-out/diagnosis
