@@ -1,0 +1,48 @@
+"""rig import: measurements of other programs become a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def import_(
+    files: Annotated[list[Path], Parameter(negative=())],
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    data: Path | None = None,
+    draft: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Import MATLAB, CSV, universal (UFF 58 and 58b), TDMS and WAV files after a mapping, as one recording.
+
+    Propose the mapping with --draft from the files, correct it, then import it.
+
+    Example: rig import --draft run1.mat run2.mat -o mapping.toml, then: rig import mapping.toml -o campaign.h5
+
+    Parameters
+    ----------
+    files
+        The mapping; with --draft the measured files.
+    output
+        The recording to write; with --draft the mapping.
+    data
+        The folder that holds the mapping's files; its own where absent.
+    draft
+        Look at the files and propose a mapping.
+    """
+    from rig.errors import PlanError
+    from rig.exchange.draft import draft_mapping
+    from rig.exchange.importing import import_campaign
+    from rig.exchange.reading import read_foreign
+    from rig.output import write_text
+
+    if draft:
+        write_text(output, draft_mapping([read_foreign(path) for path in files], output.parent))
+    elif len(files) > 1 or files[0].suffix.lower() != ".toml":
+        raise PlanError(f"{files[0]} is not a mapping; propose one with rig import --draft, then import that")
+    else:
+        import_campaign(files[0], output, data=data)
+    print(output)

@@ -1,0 +1,1 @@
+"""Measurements from and to other programs: import after a mapping, export for whoever reads on."""

@@ -1,0 +1,153 @@
+"""The mapping file: which column of which file is which channel, in which unit, measured how."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from analysis.measured import Quantity
+from rig.errors import PlanError
+from rig.exchange.units import unit
+
+#: Names that the recording format keeps for itself.
+RESERVED = ("gain", "gaps", "timing", "spectra")
+
+
+class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Anything in a mapping."""
+
+
+class ChannelMap(Part, frozen=True):
+    """Where a channel comes from: physical value = column / sensitivity + offset, in `unit`, then converted to SI.
+
+    Parameters
+    ----------
+    source
+        The column's name in the files.
+    unit
+        Unit of the physical value: m/s^2, g, mm, N, V ...
+    sensitivity
+        Column's unit per unit of the channel, e.g. 0.2 V per m/s^2; 1 where the column is physical already.
+    offset
+        Added after the sensitivity, in `unit`.
+    quantity
+        What is measured where the unit does not say it (a position told in volts, say).
+    range
+        Full scale, in `unit`; beyond it the channel clips.
+    sensor, place, direction
+        For whoever reads the recording.
+    """
+
+    source: str
+    unit: str
+    sensitivity: float = 1.0
+    offset: float = 0.0
+    quantity: Quantity | None = None
+    range: float | None = None
+    sensor: str = ""
+    place: str = ""
+    direction: str = ""
+
+
+class RunMap(Part, frozen=True):
+    """A run: its file, how the rig was set up, and what part of the file it is.
+
+    Parameters
+    ----------
+    id, configuration, gain, excitation, started, band, period, use
+        As in the recording format.
+    file
+        Name of the file beside the mapping, or in the folder that the command is told.
+    sample_rate
+        Hz; where absent, what the file says or what its column `time` gives.
+    time
+        Name of the column that holds seconds.
+    samples
+        First and last + 1 sample of the part; the whole file where absent.
+    sources
+        Other columns for channels of this run, by channel name.
+    """
+
+    id: str
+    file: str
+    configuration: str
+    gain: float
+    sample_rate: float | None = None
+    time: str | None = None
+    excitation: Literal["random", "multisine", "sweep", "moves", "free", "other"] = "other"
+    started: datetime | None = None
+    band: tuple[float, float] | None = None
+    period: int | None = None
+    use: Literal["fit", "holdout"] = "fit"
+    samples: tuple[int, int] | None = None
+    sources: dict[str, str] = {}
+
+
+class Mapping(Part, frozen=True):
+    """A mapping. `rig` holds what is known beforehand (SI); `description` names the file of another rig's description."""
+
+    channels: dict[str, ChannelMap]
+    runs: tuple[RunMap, ...]
+    rig: dict[str, float] = {}
+    description: str | None = None
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping and check it whole.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    try:
+        mapping = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8-sig")), Mapping, strict=False)
+    except FileNotFoundError:
+        raise PlanError(f"{path} does not exist; give the path of a mapping, or let rig import --draft propose one") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanError(f"{path} cannot be read as text ({error}); give a mapping in TOML") from None
+    except tomllib.TOMLDecodeError as error:
+        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
+    except msgspec.ValidationError as error:
+        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
+    _check(mapping, str(path))
+    return mapping
+
+
+def _check(mapping: Mapping, where: str) -> None:
+    if not mapping.channels:
+        raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
+    if not mapping.runs:
+        raise PlanError(f"{where}: there are no runs; add at least one as [[runs]]")
+    for name, channel in mapping.channels.items():
+        here = f"{where}: channels.{name}"
+        if not name.isidentifier() or name in RESERVED:
+            raise PlanError(f"{here} cannot be called so; use letters, digits and underscores, and none of {', '.join(RESERVED)}")
+        if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
+            raise PlanError(f"{here}.sensitivity is {channel.sensitivity:g}; give a finite number other than zero")
+        if not math.isfinite(channel.offset):
+            raise PlanError(f"{here}.offset is {channel.offset:g}; give a finite number")
+        if channel.range is not None and not 0.0 < channel.range < math.inf:
+            raise PlanError(f"{here}.range is {channel.range:g}; a full scale is positive and finite")
+        unit(channel.unit, here)
+    ids = [run.id for run in mapping.runs]
+    for run in mapping.runs:
+        here = f"{where}: run {run.id!r}"
+        if ids.count(run.id) > 1:
+            raise PlanError(f"{here} stands {ids.count(run.id)} times; give each run its own id")
+        if run.sample_rate is not None and run.time is not None:
+            raise PlanError(f"{here} has both sample_rate and time; keep the one that is right")
+        if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:
+            raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, counted from 0")
+        if run.started is not None and run.started.tzinfo is None:
+            raise PlanError(f"{here} has started without an offset from UTC; add one, e.g. +00:00")
+        unknown = sorted(set(run.sources) - set(mapping.channels))
+        if unknown:
+            raise PlanError(
+                f"{here} gives a source for {unknown[0]!r}, which is no channel; allowed are {', '.join(mapping.channels)}"
+            )
