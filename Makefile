@@ -13,10 +13,7 @@ setup: .venv/ready
 	touch $@
 
 demo: setup
-	$(BIN)/rig virtual campaign -o demo-out/campaign.h5 --seed 1
-	$(BIN)/rig check demo-out/campaign.h5
-	$(BIN)/rig characterize demo-out/campaign.h5 -o demo-out/parameters
-	$(BIN)/rig diagnose demo-out/campaign.h5 --baseline linear -o demo-out/diagnosis
+	$(BIN)/rig demo -o demo-out
 
 test: setup
 	$(BIN)/python -m pytest -q -m "not study"

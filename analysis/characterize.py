@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, sqrt
 
 import numpy as np
 
 from analysis.diagnose.fits import fit_baseline
 from analysis.diagnose.judge import SIMULATION_LIMIT, Score, adequate, noise_floor, score
-from analysis.fit import Fit
+from analysis.fit import Fit, disagreement
 from analysis.measured import Campaign
 from analysis.model import RigModel
 from analysis.trials import Trial, noise_levels
@@ -53,7 +53,8 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     """Fit all free parameters to all runs at once, and say how well each is known.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Deviations come from the residuals
-    with their colour (sandwich over spectral lines), grow with the misfit that the model leaves, and include `UNSEEN`.
+    with their colour (sandwich over spectral lines), from how far the runs disagree, grow with the misfit that the model leaves,
+    and include `UNSEEN`.
 
     Parameters
     ----------
@@ -66,6 +67,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     """
     progress("fitting all runs with friction in the model")
     fitted, fine = fit_baseline(campaign, model)
+    fitted = replace(fitted, covariance=fitted.covariance + disagreement(fitted))
     judged = score(fitted.model, fine)
     # A misfit beyond the simulation's limit bends every parameter; its size relative to the signal bounds how far.
     misfit = max(0.0, float(np.sqrt(np.mean(judged.error**2))) - 2.0 * SIMULATION_LIMIT)

@@ -75,6 +75,9 @@ class Fit:
         Number of simulated campaigns it took.
     at_bound
         Paths of the parameters that ended on a bound.
+    jacobian, residual, sizes
+        At the last step: derivatives of the weighted residual, shape (size, k), itself, shape (size,), and how many of its
+        entries belong to each trial.
     """
 
     model: RigModel
@@ -85,6 +88,7 @@ class Fit:
     at_bound: tuple[str, ...] = ()
     jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    sizes: tuple[int, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -180,7 +184,8 @@ class Problem:
         self.trials = tuple(fitted)
         self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
         self._gauges = [gauge(trial, share) for trial in self.trials]
-        self.size = sum(gauge.size for gauge in self._gauges)
+        self.sizes = tuple(gauge.size for gauge in self._gauges)
+        self.size = sum(self.sizes)
 
     def residual_of(self, model: RigModel, index: int) -> FloatArray:
         """Weighted residual of one trial."""
@@ -295,7 +300,7 @@ def fit(
     )  # fmt: skip
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
-        evaluations=evaluations, at_bound=bounds, jacobian=jacobian, residual=residual,
+        evaluations=evaluations, at_bound=bounds, jacobian=jacobian, residual=residual, sizes=problem.sizes,
     )  # fmt: skip
 
 
@@ -347,3 +352,25 @@ def positive(path: str, value: float, *, span: float = 1e3) -> Free:
 def base_parameters(model: RigModel) -> tuple[Free, ...]:
     """The parameters that the rig's description marks as free; a value of exactly zero is searched on a linear scale."""
     return tuple(positive(path, model.get(path)) for path in model.free)
+
+
+def disagreement(fitted: Fit) -> FloatArray:
+    """Covariance of the fitted values from how far the runs disagree: the jackknife over trials, shape (k, k).
+
+    Leaving one trial out moves the values by (A - A_g)^-1 J_g' r_g to first order, A = J'J and A_g the trial's share of it. A
+    model that is wrong asks for other values in every run, which residuals taken as noise do not tell (Efron and Stein 1981).
+    """
+    whole = fitted.jacobian.T @ fitted.jacobian
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    moves = []
+    ends = np.cumsum(fitted.sizes)
+    for start, end in zip(ends - np.array(fitted.sizes), ends, strict=True):
+        own, residual = fitted.jacobian[start:end], fitted.residual[start:end]
+        left = (whole - own.T @ own) / np.outer(scale, scale)
+        moves.append(np.linalg.pinv(left, rcond=1e-10, hermitian=True) @ (own.T @ residual / scale) / scale)
+    count = len(moves)
+    if count < 2:
+        return np.zeros_like(whole)
+    steps = np.array(moves) - np.mean(moves, axis=0)
+    slope = np.array([fitted.model.get(f.path) if f.log else 1.0 for f in fitted.free])
+    return np.asarray((count - 1.0) / count * steps.T @ steps * np.outer(slope, slope))

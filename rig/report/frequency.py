@@ -51,7 +51,7 @@ def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer]) -> C
         frf = item.within_band()
         kept = spread_over(frf.frequency)
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        traces.append(Trace(name=f"{item.label}, simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
+        traces.append(Trace(name="simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
     about = measured[0].frf
     return Chart(
         name=f"frf-{about.response}", caption=f"{about.response} over {about.reference}.",

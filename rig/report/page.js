@@ -28,9 +28,9 @@
       const colour = colours[theme][t.role];
       const base = { yaxis: axis(t.panel), legendgroup: t.name, name: t.name, hoverlabel: { namelength: -1 } };
       if (t.spread) {
-        const floor = chart.panels[t.panel].log ? 1e-12 : -Infinity;
+        const log = chart.panels[t.panel].log;  // a band that reaches zero would open the axis to nowhere
         const hidden = { ...base, type: "scatter", mode: "lines", line: { width: 0 }, showlegend: false, hoverinfo: "skip", x: t.x };
-        out.push({ ...hidden, y: t.y.map((v, i) => Math.max(v - t.spread[i], floor)) });
+        out.push({ ...hidden, y: t.y.map((v, i) => log ? Math.max(v - t.spread[i], v / 3) : v - t.spread[i]) });
         out.push({ ...hidden, y: t.y.map((v, i) => v + t.spread[i]), fill: "tonexty", fillcolor: faded(colour) });
       }
       const first = !seen.has(t.name);

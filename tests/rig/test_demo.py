@@ -1,0 +1,60 @@
+"""The demo as a newcomer meets it: one command, a real port, and everything that it promises on disk."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from analysis.rigs import THESIS
+from rig.cli import main
+from rig.recording import read
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo") / "demo-out"
+    assert main(["demo", "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.timeout(300)
+def test_demo_measures_what_the_rig_is(demo: Path) -> None:
+    campaign = read(demo / "campaign.h5")
+    assert [(run.configuration, run.gain, run.excitation) for run in campaign.runs] == [
+        ("unlocked", 70.0, "random"), ("unlocked", 35.0, "random"), ("unlocked", 7.0, "random"), ("unlocked", 70.0, "moves"),
+        ("locked", 70.0, "random"), ("locked", 7.0, "random"),
+    ]  # fmt: skip
+    assert not any(run.gaps for run in campaign.runs)
+    table = json.loads((demo / "parameters.json").read_text())["parameters"]
+    for name, row in table.items():
+        tolerance = 0.02 if name.endswith("damping") or name == "friction_force" else 0.005
+        assert row["value"] == pytest.approx(THESIS[name], rel=tolerance)
+
+
+def test_demo_leaves_what_it_promises(demo: Path) -> None:
+    for name in ("report.html", "diagnosis/report.html", "isolation/isolation.png", "isolation/isolation.csv", "parameters.csv"):
+        assert (demo / name).stat().st_size > 500, name
+    assert len(list((demo / "frf").glob("*.csv"))) == 15
+    findings = json.loads((demo / "diagnosis" / "findings.json").read_text())
+    assert findings["verdict"] == "explained"
+    assert [(step["cause"], step["location"]) for step in findings["steps"]] == [("coulomb_friction", "isolation")]
+    assert findings["steps"][0]["parameters"]["friction_force"]["value"] == pytest.approx(THESIS["friction_force"], rel=0.02)
+    assert not list(demo.glob("*.partial"))
+
+
+def test_readme_example_runs(demo: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    assert len(code.strip().splitlines()) <= 12
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=demo.parent, capture_output=True, text=True, timeout=120, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "friction_force" in done.stdout
