@@ -23,32 +23,51 @@ WORDS = (("heatblock", "heatblock"), ("heat", "heatblock"), ("prey", "heatblock"
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path) -> str:
-    """A mapping in TOML: one run a file, one channel a column that all files have.
+    """A mapping in TOML: one run a file or a group of columns inside it, one channel a name that all of them have.
 
     Raises
     ------
     RecordingError
-        Where the files have no column in common.
+        Where they have no column in common.
     """
-    shared = [name for name in tables[0].columns if all(name in table.columns for table in tables)]
-    time = next((name for name in shared if all(is_time(name, t.columns[name]) for t in tables)), None)
+    groups = [(table, group, columns) for table in tables for group, columns in _groups(table).items()]
+    if not groups:
+        raise RecordingError(f"{tables[0].path} holds spectra alone; a recording needs time records, so export those too")
+    first = groups[0][2]
+    shared = [name for name in first if all(name in columns for _, _, columns in groups)]
+    time = next((name for name in shared if all(is_time(name, c[name][1]) for _, _, c in groups)), None)
     # Columns that were sampled together have one length: the most common one.
-    lengths = Counter(len(tables[0].columns[name].values) for name in shared)
-    usual = lengths.most_common(1)[0][0] if lengths else 0
-    sources = [name for name in shared if name != time and len(tables[0].columns[name].values) == usual]
-    if not sources:
-        raise RecordingError(
-            f"{', '.join(str(t.path) for t in tables)} have no column in common; propose a mapping for each alone"
-        )
+    usual = Counter(len(first[name][1].values) for name in shared).most_common(1)
+    channels = [name for name in shared if name != time and len(first[name][1].values) == usual[0][0]]
+    if not channels:
+        named = ", ".join(str(table.path) for table in tables)
+        raise RecordingError(f"{named} have no column in common; propose a mapping for each alone")
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", "", "[rig]"]
     lines += ["# What is known beforehand, SI: head_mass, motor_mass, heatblock_mass, table_mass, friction_force ...", ""]
-    taken: set[str] = set()
-    for source in sources:
-        lines += _channel(source, tables[0].columns[source], taken)
+    names: dict[str, str] = {}
+    for place in channels:
+        names[place] = _name(place, set(names.values()))
+        lines += _channel(names[place], *first[place])
     ids: set[str] = set()
-    for table in tables:
-        lines += _run(table, time, sources, folder, ids)
+    for table, group, columns in groups:
+        sources = {names[place]: columns[place] for place in channels}
+        plain = {names[place]: first[place][0] for place in channels}
+        other = {name: source for name, (source, _) in sources.items() if source != plain[name]}
+        lines += _run(table, group, None if time is None else columns[time][0], sources, other, folder, ids)
     return "\n".join(lines)
+
+
+def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
+    """Columns by what stands before the last dot or slash, or after #: where groups hold the same names, each is a run."""
+    groups: dict[str, dict[str, tuple[str, Column]]] = {}
+    for source, column in table.columns.items():
+        found = re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
+        group, name = ("", source) if found is None else (found["before"] or found["after"] or "", found["name"])
+        groups.setdefault(group, {})[name] = (source, column)
+    alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
+    if alike and alike[0][1] == len(groups):
+        return groups
+    return {"": {source: (source, column) for source, column in table.columns.items()}} if table.columns else {}
 
 
 def is_time(name: str, column: Column) -> bool:
@@ -62,8 +81,7 @@ def is_time(name: str, column: Column) -> bool:
     return bool(np.abs(values - grid).max() <= JITTER * (grid[1] - grid[0]))
 
 
-def _channel(source: str, column: Column, taken: set[str]) -> list[str]:
-    name = _name(source, taken)
+def _channel(name: str, source: str, column: Column) -> list[str]:
     found = known_unit(column.unit)
     values = np.asarray(column.values, dtype=np.float64)
     note = "" if found else f"    # ? {f'the file says {column.unit!r}' if column.unit else 'the file does not say'}"
@@ -84,24 +102,27 @@ def _name(source: str, taken: set[str]) -> str:
         name = f"channel_{name}"
     while name in taken:
         name += "_2"
-    taken.add(name)
     return name
 
 
-def _run(table: ForeignTable, time: str | None, sources: Sequence[str], folder: Path, ids: set[str]) -> list[str]:
-    stem = table.path.stem
-    name = stem if stem not in ids else f"{stem}_{len(ids)}"
+def _run(
+    table: ForeignTable, group: str, time: str | None, sources: dict[str, tuple[str, Column]], other: dict[str, str],
+    folder: Path, ids: set[str],
+) -> list[str]:  # fmt: skip
+    told = re.split(r"[./]", group)[-1] or table.path.stem
+    name = told if told not in ids else f"{told}_{len(ids)}"
     ids.add(name)
-    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", stem, re.IGNORECASE) is not None
-    gain = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", stem, re.IGNORECASE)
-    rates = {table.columns[source].sample_rate for source in sources}
-    rate = rates.pop() if len(rates) == 1 else None
+    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", told, re.IGNORECASE) is not None
+    guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", told, re.IGNORECASE)
+    gain = _number(table, group, ("gain",)) or (float(guess[1]) if guess else 1.0)
+    rates = {column.sample_rate for _, column in sources.values()}
+    rate = (rates.pop() if len(rates) == 1 else None) or _number(table, group, ("sample_rate", "fs", "Fs"))
     lines = [
         "[[runs]]",
         f"id = {_quoted(name)}",
         f"file = {_quoted(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
         f'configuration = "{"locked" if locked else "unlocked"}"    # ?',
-        f"gain = {float(gain[1]) if gain else 1.0}    # ?",
+        f"gain = {gain}    # ?",
         'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
     ]
     if time is not None:
@@ -110,7 +131,15 @@ def _run(table: ForeignTable, time: str | None, sources: Sequence[str], folder: 
         lines.append(f"sample_rate = {rate!r}")
     else:
         lines.append("# sample_rate = 1024.0    # ? the file does not say; without it nothing can be imported")
+    if other:
+        lines.append(f"sources = {{ {', '.join(f'{name} = {_quoted(source)}' for name, source in other.items())} }}")
     return [*lines, ""]
+
+
+def _number(table: ForeignTable, group: str, names: Sequence[str]) -> float | None:
+    # A single number that stands in the file, beside the columns or at its top.
+    places = [f"{group}.{name}" if group else name for name in names] + list(names)
+    return next((table.numbers[place] for place in places if place in table.numbers), None)
 
 
 def _quoted(text: str) -> str:

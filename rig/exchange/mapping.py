@@ -125,29 +125,35 @@ def _check(mapping: Mapping, where: str) -> None:
     if not mapping.runs:
         raise PlanError(f"{where}: there are no runs; add at least one as [[runs]]")
     for name, channel in mapping.channels.items():
-        here = f"{where}: channels.{name}"
-        if not name.isidentifier() or name in RESERVED:
-            raise PlanError(f"{here} cannot be called so; use letters, digits and underscores, and none of {', '.join(RESERVED)}")
-        if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
-            raise PlanError(f"{here}.sensitivity is {channel.sensitivity:g}; give a finite number other than zero")
-        if not math.isfinite(channel.offset):
-            raise PlanError(f"{here}.offset is {channel.offset:g}; give a finite number")
-        if channel.range is not None and not 0.0 < channel.range < math.inf:
-            raise PlanError(f"{here}.range is {channel.range:g}; a full scale is positive and finite")
-        unit(channel.unit, here)
+        _check_channel(name, channel, f"{where}: channels.{name}")
     ids = [run.id for run in mapping.runs]
     for run in mapping.runs:
         here = f"{where}: run {run.id!r}"
         if ids.count(run.id) > 1:
             raise PlanError(f"{here} stands {ids.count(run.id)} times; give each run its own id")
-        if run.sample_rate is not None and run.time is not None:
-            raise PlanError(f"{here} has both sample_rate and time; keep the one that is right")
-        if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:
-            raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, counted from 0")
-        if run.started is not None and run.started.tzinfo is None:
-            raise PlanError(f"{here} has started without an offset from UTC; add one, e.g. +00:00")
         unknown = sorted(set(run.sources) - set(mapping.channels))
         if unknown:
-            raise PlanError(
-                f"{here} gives a source for {unknown[0]!r}, which is no channel; allowed are {', '.join(mapping.channels)}"
-            )
+            allowed = ", ".join(mapping.channels)
+            raise PlanError(f"{here} gives a source for {unknown[0]!r}, which is no channel; allowed are {allowed}")
+        _check_run(run, here)
+
+
+def _check_channel(name: str, channel: ChannelMap, here: str) -> None:
+    if not name.isidentifier() or name in RESERVED:
+        raise PlanError(f"{here} cannot be called so; use letters, digits and underscores, and none of {', '.join(RESERVED)}")
+    if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
+        raise PlanError(f"{here}.sensitivity is {channel.sensitivity:g}; give a finite number other than zero")
+    if not math.isfinite(channel.offset):
+        raise PlanError(f"{here}.offset is {channel.offset:g}; give a finite number")
+    if channel.range is not None and not 0.0 < channel.range < math.inf:
+        raise PlanError(f"{here}.range is {channel.range:g}; a full scale is positive and finite")
+    unit(channel.unit, here)
+
+
+def _check_run(run: RunMap, here: str) -> None:
+    if run.sample_rate is not None and run.time is not None:
+        raise PlanError(f"{here} has both sample_rate and time; keep the one that is right")
+    if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:
+        raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, counted from 0")
+    if run.started is not None and run.started.tzinfo is None:
+        raise PlanError(f"{here} has started without an offset from UTC; add one, e.g. +00:00")

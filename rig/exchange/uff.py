@@ -43,12 +43,18 @@ def read_uff(path: Path) -> ForeignTable:
         if kind in KINDS:
             spectra.append(_spectrum(item, x, KINDS[kind], spectra))
         elif kind in (0, TIME_RESPONSE) and len(x) > 1:
-            step = float(item.get("abscissa_inc") or 0.0) or float(x[-1] - x[0]) / (len(x) - 1)
             name = _unused(_place(item, "rsp"), columns)
-            columns[name] = Column(
-                values=np.real(np.asarray(item["data"])), sample_rate=1.0 / step if step > 0.0 else None, unit=_unit(item)
-            )
+            columns[name] = Column(values=np.real(np.asarray(item["data"])), sample_rate=_rate(item, x), unit=_unit(item))
     return ForeignTable(path=path, columns=columns, spectra=tuple(spectra))
+
+
+def _rate(item: dict[str, Any], x: np.ndarray) -> float | None:
+    step = float(item.get("abscissa_inc") or 0.0) or float(x[-1] - x[0]) / (len(x) - 1)
+    if not step > 0.0:
+        return None
+    # The increment has six digits: a whole number of samples a second within its rounding is what was meant.
+    whole = round(1.0 / step)
+    return float(whole) if abs(1.0 / step - whole) <= 5e-6 * whole else 1.0 / step
 
 
 def _place(item: dict[str, Any], end: str) -> str:

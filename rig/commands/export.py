@@ -1,0 +1,54 @@
+"""rig export: recordings, transfer functions and parameter tables for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+
+def export(
+    source: Path,
+    *,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    what: Literal["samples", "frf"] = "samples",
+    run: tuple[str, ...] = (),
+    reference: str = "head",
+    resolution: float = 0.25,
+    text: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Export a recording's samples or transfer functions, or a parameter table, in the format that the output's name says.
+
+    .mat is MATLAB, .uff the universal file format (58b, or 58 with --text), .csv and .parquet are tables. Samples as a table
+    become one file a run, its id behind the name.
+
+    Example: rig export campaign.h5 --what frf -o frf.uff
+
+    Parameters
+    ----------
+    source
+        A recording, or a parameters.json or findings.json whose table is exported.
+    output
+        The file to write.
+    what
+        Samples in SI, or transfer functions.
+    run
+        Only these runs; all where absent.
+    reference
+        The channel that drives, for transfer functions.
+    resolution
+        Distance of lines of transfer functions, Hz.
+    text
+        Universal files in text, not binary.
+    """
+    from rig.exchange.target import export_campaign, export_parameters
+
+    if source.suffix.lower() == ".json":
+        written = export_parameters(source, output)
+    else:
+        written = export_campaign(
+            source, output, what=what, runs=run, reference=reference, resolution=resolution, binary=not text
+        )  # fmt: skip
+    for path in written:
+        print(path)
