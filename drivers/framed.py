@@ -11,16 +11,15 @@ from typing import Literal, cast
 from zlib import crc32
 
 import numpy as np
-import serial
 
 from drivers.block import Block, FloatArray, Input, Status
 from drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
 from drivers.frames import TEXT, Decoder, Frame, unwrap
+from drivers.port import PATIENCE, Port
 
-#: Bytes asked of the port at a time, seconds that an answer may take, and how often a command is repeated.
-CHUNK = 65536
-PATIENCE = 2.0
+#: How often a command is repeated, and seconds that the instrument may need before it starts.
 TRIES = 3
+START_PATIENCE = 60.0
 
 
 class FramedInstrument:
@@ -40,17 +39,14 @@ class FramedInstrument:
     """
 
     def __init__(self, port: str, *, baud_rate: int = 921600) -> None:
-        try:
-            self._port = serial.serial_for_url(port, baudrate=baud_rate, timeout=0.05)
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise ConnectionLostError(f"the port {port} cannot be opened ({error}); check the cable and the name") from None
+        self._port = Port(port, baud_rate=baud_rate)
         self._name = port
         self._decoder = Decoder()
         self._frames: deque[tuple[Frame, float]] = deque()
         self._texts: deque[str] = deque()
         self._tick = 0
         self._first = 0
-        self._silent = 0.0
+        self._clock = 0
         self.identity = self._ask("STOP", "ID?")[1]
         self.inputs: Sequence[Input] = self._inputs()
 
@@ -89,8 +85,8 @@ class FramedInstrument:
     def start(self) -> None:
         """Begin to stream; the first sample has tick 0."""
         self._frames.clear()
-        self._first = self._tick = int(self._ask("START")[0])
-        self._silent = time.monotonic()
+        self._clock = 0
+        self._first = self._tick = int(self._ask("START", patience=START_PATIENCE)[0])
 
     def read(self, timeout: float) -> Block | None:
         """The next block, or None where none came within `timeout` seconds."""
@@ -104,8 +100,9 @@ class FramedInstrument:
                     return None
         frame, host_time = self._frames.popleft()
         self._tick = unwrap(frame.tick, self._tick)
+        self._clock = unwrap(frame.time_us, self._clock)
         return Block(
-            first_tick=self._tick - self._first, samples=frame.samples, host_time=host_time, device_time=frame.time_us / 1e6,
+            first_tick=self._tick - self._first, samples=frame.samples, host_time=host_time, device_time=self._clock / 1e6,
             gain=frame.gain, status=Status(frame.status & 7),
         )  # fmt: skip
 
@@ -128,15 +125,15 @@ class FramedInstrument:
         )  # fmt: skip
         return (one,) * int(count)
 
-    def _ask(self, *commands: str, data: bytes = b"") -> list[str]:
+    def _ask(self, *commands: str, data: bytes = b"", patience: float = PATIENCE) -> list[str]:
         # The words of the last command's answer behind its first. Commands may come twice, so each is repeated until answered.
         words: list[str] = []
         for command in commands:
             word = command.split()[0].rstrip("?")
             for _ in range(TRIES):
                 self._texts.clear()
-                self._send(command.encode("ascii") + b"\n" + data)
-                answer = self._answer(word)
+                self._port.write(command.encode("ascii") + b"\n" + data)
+                answer = self._answer(word, patience)
                 if answer is not None:
                     break
             else:
@@ -148,9 +145,9 @@ class FramedInstrument:
                 raise InstrumentError(f"{self._name} refuses {command!r} ({' '.join(words[2:])}); correct the plan")
         return words[1:]
 
-    def _answer(self, word: str) -> str | None:
+    def _answer(self, word: str, patience: float) -> str | None:
         accepted = {word, "COUNT"} if word == "STOP" else {word}
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + patience
         while time.monotonic() < end:
             while self._texts:
                 text = self._texts.popleft()
@@ -160,18 +157,8 @@ class FramedInstrument:
             self._receive()
         return None
 
-    def _send(self, data: bytes) -> None:
-        try:
-            self._port.write(data)
-        except (serial.SerialException, OSError) as error:
-            raise ConnectionLostError(f"{self._name} is gone ({error}); plug it in and resume") from None
-
     def _receive(self) -> None:
-        try:
-            waiting = self._port.in_waiting
-            data = self._port.read(min(max(waiting, 1), CHUNK))
-        except (serial.SerialException, OSError) as error:
-            raise ConnectionLostError(f"{self._name} is gone ({error}); plug it in and resume") from None
+        data = self._port.read()
         if data:
             self._sort(self._decoder.feed(data))
 

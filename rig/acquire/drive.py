@@ -13,7 +13,7 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> tuple[FloatArray,
 
     Each repeat is another realisation.
     """
-    n = round(run.seconds * sample_rate)
+    n = run.ticks(sample_rate)
     if run.excitation == "moves":
         return moves(samples=n, sample_rate=sample_rate, peak=MOVE_PER_GAIN), None
     assert run.band is not None  # the plan was checked
@@ -21,7 +21,7 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> tuple[FloatArray,
         return random(samples=n, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat), None
     period = round(run.period * sample_rate)
     values, _ = multisine(
-        period=period, periods=max(n // period, 1), sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band,
+        period=period, periods=n // period, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band,
         seed=run.seed + repeat,
     )  # fmt: skip
     return values, period

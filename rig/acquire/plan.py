@@ -39,18 +39,34 @@ class ChannelPlan(Part, frozen=True):
 
 
 class RunPlan(Part, frozen=True):
-    """A run, or several alike: how the rig is set up, what drives it, for how many seconds; a multisine's period in seconds."""
+    """A run, or several alike: how the rig is set up, what drives it, for how many seconds; a multisine's period in seconds.
+
+    Nothing is played in a "free" run (a hammer, a pushed table) nor in an "other" one, whose drive is not of our making.
+    """
 
     id: str
     configuration: str
     gain: float
     seconds: float
-    excitation: Literal["random", "multisine", "moves"] = "random"
+    excitation: Literal["random", "multisine", "moves", "free", "other"] = "random"
     band: tuple[float, float] | None = None
     period: float = 4.0
     repeats: int = 1
     seed: int = 0
     use: Literal["fit", "holdout"] = "fit"
+
+    @property
+    def played(self) -> bool:
+        """Whether the instrument plays a drive that is made here."""
+        return self.excitation not in ("free", "other")
+
+    def ticks(self, rate: float) -> int:
+        """Samples of the run at a rate in Hz; a multisine has whole periods."""
+        n = round(self.seconds * rate)
+        if self.excitation != "multisine":
+            return n
+        period = round(self.period * rate)
+        return max(n // period, 1) * period
 
     def ids(self) -> tuple[str, ...]:
         """The names of its repeats: the name itself where there is one, else with -1, -2 ..."""
@@ -131,7 +147,7 @@ def _check_run(run: RunPlan, rate: float, here: str) -> None:
         raise PlanError(f"{here} has repeats {run.repeats}; give 1 to 1000")
     if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
         raise PlanError(f"{here} has a period of {run.period:g} s; give one of 16 samples at least and no longer than the run")
-    if run.excitation != "moves":
+    if run.excitation in ("random", "multisine"):
         if run.band is None:
             raise PlanError(f"{here} has no band; give [low, high] in Hz of its {run.excitation} drive")
         if not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import msgspec
 import numpy as np
 
@@ -9,6 +13,8 @@ from analysis.measured import FloatArray
 from analysis.model import Chain, RigModel
 from analysis.simulate import Excitation, record, simulate
 from drivers.block import Raw
+from drivers.simulated.framed import Faults, SimulatedFramed
+from drivers.simulated.wire import PtyWire
 from rig.virtual import BITS
 
 #: Volts of full scale and the sensors' sensitivity, V per m/s^2.
@@ -53,3 +59,26 @@ class VirtualPlant:
         volts = np.stack([recorded[name] for name in self.names], axis=1) * SENSITIVITY
         volts += self._random.normal(0.0, self._noise * SENSITIVITY, volts.shape)
         return np.asarray(np.clip(np.round(volts / FULL_SCALE * top), -top, top - 1).astype(np.int32))
+
+
+@contextmanager
+def playing(
+    model: RigModel, *, noise: float = 1e-3, seed: int = 0, speed: float | None = None, faults: Faults | None = None
+) -> Iterator[str]:
+    """A simulated framed instrument with a rig behind it in a thread of this process; the path of its port."""
+    wire = PtyWire()
+    instrument = SimulatedFramed(wire, VirtualPlant(model, noise=noise, seed=seed), faults=faults, speed=speed)
+    over = threading.Event()
+
+    def serve() -> None:
+        while not over.is_set() and not instrument.unplugged:
+            instrument.step()
+
+    thread = threading.Thread(target=serve, name="simulated instrument", daemon=True)
+    thread.start()
+    try:
+        yield wire.port
+    finally:
+        over.set()
+        thread.join()
+        wire.close()

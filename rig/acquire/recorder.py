@@ -7,9 +7,10 @@ follow it and a killed writer leaves a file that opens. Samples are raw integers
 from __future__ import annotations
 
 import queue
+import shutil
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,17 +24,19 @@ from rig.recording import FORMAT, VERSION
 
 #: Seconds of samples that may wait for a slow disk, and seconds between flushes.
 QUEUE_SECONDS = 5.0
-FLUSH = 0.1
+FLUSH = 0.05
 #: Seconds without progress after which the disk counts as stuck, and blocks that are written at once.
 STUCK = 10.0
 BATCH = 64
+#: Bytes that must stay free on the disk: where fewer are left the session ends while the file can still be closed.
+RESERVE = 16 << 20
 #: Rows of a chunk.
 CHUNK = 4096
 PROGRESS = np.dtype([("state", "i4"), ("started_ns", "i8"), ("counted", "i8"), ("period", "i8"), ("sample_rate", "f8")])
 GAPS = np.dtype([("first_tick", "i8"), ("count", "i8")])
 TIMING = np.dtype([("tick", "i8"), ("host_time", "f8"), ("device_time", "f8"), ("gain", "f8"), ("status", "i4")])
 #: States of a run in the working file.
-PLANNED, RUNNING, DONE = 0, 1, 2
+PLANNED, RUNNING, DONE, BROKEN = 0, 1, 2, 3
 
 
 def working_file(output: Path) -> Path:
@@ -117,7 +120,7 @@ class RunWriter:
         self,
         file: h5py.File,
         run_id: str,
-        columns: dict[str, int],
+        columns: Mapping[str, int],
         *,
         sample_rate: float,
         period: int | None,
@@ -127,9 +130,9 @@ class RunWriter:
         self._queue: queue.Queue[Block | None] = queue.Queue(max(BATCH, int(QUEUE_SECONDS * sample_rate / block_rows)))
         self.tally = Tally()
         self.error: OSError | None = None
-        self.latest: np.ndarray | None = None
         self._next = 0
         self._flushed = time.monotonic()
+        self._folder = Path(file.filename).parent
         self._progress = np.array([(RUNNING, time.time_ns(), 0, period or 0, sample_rate)], PROGRESS)
         self._group["progress"][...] = self._progress
         self._file.flush()
@@ -149,18 +152,34 @@ class RunWriter:
         except queue.Full:
             raise OutputError(f"the disk has not written for {STUCK:g} s; record to another place") from None
         if self.error is not None:
-            raise OutputError(f"the recording cannot be written any more ({self.error}); make room and resume")
+            raise self._refused()
 
-    def finish(self, counted: int | None) -> Tally:
-        """Write what is waiting and close the run; ticks that the instrument counted and never sent are lost."""
+    def finish(self, counted: int | None, *, whole: bool = True) -> Tally:
+        """Write what is waiting and close the run; ticks that the instrument counted and never sent are lost.
+
+        Raises
+        ------
+        OutputError
+            Where the disk refuses.
+        """
         self._queue.put(None)
         self._thread.join()
-        if counted is not None and counted > self._next:
-            self._gap(counted - self._next)
-        self._progress["state"], self._progress["counted"] = DONE, self._next if counted is None else counted
-        self._group["progress"][...] = self._progress
-        self._file.flush()
+        if self.error is None:
+            try:
+                if counted is not None and counted > self._next:
+                    self._gap(counted - self._next)
+                self._progress["state"] = DONE if whole else BROKEN
+                self._progress["counted"] = self._next if counted is None else counted
+                self._group["progress"][...] = self._progress
+                self._file.flush()
+            except OSError as error:
+                self.error = error
+        if self.error is not None and whole:
+            raise self._refused()
         return self.tally
+
+    def _refused(self) -> OutputError:
+        return OutputError(f"the recording cannot be written any more ({self.error}); make room, then go on with --resume")
 
     def _work(self) -> None:
         ended = False
@@ -173,11 +192,16 @@ class RunWriter:
                 continue
             try:
                 self._store([block for block in blocks if block is not None])
-                if time.monotonic() - self._flushed > FLUSH or self._queue.empty():
-                    self._file.flush()
-                    self._flushed = time.monotonic()
-            except OSError as error:
-                self.error = error
+                if time.monotonic() - self._flushed > FLUSH:
+                    self._flush()
+            except (OSError, RuntimeError) as error:
+                self.error = error if isinstance(error, OSError) else OSError(str(error))
+
+    def _flush(self) -> None:
+        self._file.flush()
+        self._flushed = time.monotonic()
+        if shutil.disk_usage(self._folder).free < RESERVE:
+            raise OSError(f"less than {RESERVE >> 20} MiB are free in {self._folder}")
 
     def _store(self, blocks: Sequence[Block]) -> None:
         # What came twice is left out, what never came is written down; stretches without a gap are written at once.
@@ -209,7 +233,6 @@ class RunWriter:
         for name, column in self._columns.items():
             _append(self._group[name], samples[:, column])
         self.tally.stored += len(samples)
-        self.latest = samples
 
     def _gap(self, count: int) -> None:
         _append(self._group["gaps"], np.array([(self._next, count)], GAPS))

@@ -16,6 +16,8 @@ from rig.errors import RecordingError
 
 #: Datasets of a run that are no channel.
 LEDGERS = frozenset({"gaps", "timing", "progress"})
+#: A streamed gain that moves by more than this share of itself is kept beside the samples.
+GAIN_MOVED = 1e-5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +77,7 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
     if stored > 0:
         attrs = group.attrs
         channels = {}
+        gains = _gains(group["timing"][:], stored, gaps)
         for key in names:
             about = group[key].attrs
             channels[key] = Channel(
@@ -82,8 +85,13 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
                 scale=float(about["scale"]), offset=float(about["offset"]),
                 full_scale=float(about["range"]) if "range" in about else None,
             )  # fmt: skip
+        gain = float(attrs["gain"])
+        if gains is not None:
+            gain = float(np.median(gains))
+            if np.ptp(gains) > GAIN_MOVED * abs(gain):
+                channels["gain"] = Channel(name="gain", samples=gains, quantity="gain", unit="1")
         run = Run(
-            id=name, configuration=attrs["configuration"], sample_rate=float(progress["sample_rate"]), gain=float(attrs["gain"]),
+            id=name, configuration=attrs["configuration"], sample_rate=float(progress["sample_rate"]), gain=gain,
             channels=channels, excitation=attrs["excitation"], use=attrs["use"],
             started=datetime.fromtimestamp(int(progress["started_ns"]) / 1e9, UTC),
             band=tuple(float(f) for f in attrs["band"]) if "band" in attrs else None,  # type: ignore[arg-type]
@@ -95,15 +103,30 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
     )  # fmt: skip
 
 
+def _gains(timing: np.ndarray, stored: int, gaps: Sequence[Gap]) -> np.ndarray | None:
+    # The streamed gain of each stored sample; None where the instrument streams none.
+    timing = timing[np.isfinite(timing["gain"])]
+    if not len(timing):
+        return None
+    ticks = np.arange(stored, dtype=np.int64)
+    for gap in gaps:
+        ticks[ticks >= gap.first_tick] += gap.count
+    block = np.clip(np.searchsorted(timing["tick"], ticks, side="right") - 1, 0, None)
+    return np.asarray(timing["gain"][block])
+
+
 def _drift(timing: np.ndarray, rate: float) -> float | None:
-    # How much faster the device counts than the host's clock says, by least squares over the blocks' arrival.
-    if len(timing) < 16 or rate <= 0.0:
+    # How much faster the device counts than the host's clock says. Blocks come late, never early: in each sixteenth of the run
+    # the earliest is taken, and a line laid through these. Ticks that were lost are counted, so that loss is no drift.
+    if len(timing) < 64 or rate <= 0.0:
         return None
     host = timing["host_time"] - timing["host_time"][0]
-    if host[-1] < 1.0:
-        return None
-    slope = float(np.polyfit(host, timing["tick"] - timing["tick"][0], 1)[0])
-    return 1e6 * (slope / rate - 1.0)
+    late = host - (timing["tick"] - timing["tick"][0]) / rate
+    first = [part[np.argmin(late[part])] for part in np.array_split(np.arange(len(timing)), 16)]
+    slope = float(np.polyfit(host[first], late[first], 1)[0]) if host[-1] > 1.0 else -np.inf
+    ppm = -1e6 * slope
+    # A virtual rig that plays faster than real time has no such clock.
+    return ppm if abs(ppm) < 1e5 else None
 
 
 def campaign_of(known: dict[str, float | str], runs: Sequence[Run], source: str) -> Campaign:

@@ -2,51 +2,34 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
-import msgspec
-import numpy as np
 
 from analysis.measured import Run
-from drivers.errors import ConnectionLostError
-from drivers.framed import FramedInstrument
+from drivers.instrument import Exciter, Stream
 from rig.acquire.check import Verdict, check_run
-from rig.acquire.drive import drive_of
+from rig.acquire.instruments import opened
 from rig.acquire.plan import Plan, RunPlan
-from rig.acquire.recorder import RunWriter, Tally, lay_out, working_file
+from rig.acquire.preflight import check_room, preflight, refuse
+from rig.acquire.recorder import Tally, lay_out, working_file
 from rig.acquire.recover import campaign_of, read_working, recovered
+from rig.acquire.take import Live, take
 from rig.errors import OutputError, PlanError
 from rig.recording import read, write
-
-#: Seconds without a block after which a run is over, and seconds between two looks at the levels.
-SILENCE = 2.0
-LOOK = 0.25
-
-
-class Live(msgspec.Struct, frozen=True, kw_only=True):
-    """What is to be seen while a run lasts; rms and peak of each channel in its unit, since the last look."""
-
-    run: str
-    seconds: float
-    of: float
-    rms: dict[str, float]
-    peak: dict[str, float]
-    overloads: int
-    lost: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """A run that was taken: its tally and what the check right after it says."""
+    """A run that was taken: its tally, the check right after it, and how much faster the device counts than the host's clock."""
 
     id: str
     tally: Tally
     verdict: Verdict
+    drift_ppm: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +51,9 @@ class Operator:
     taken: Callable[[Taken], None]
 
 
-def acquire(plan: Plan, port: str, output: Path, operator: Operator, *, resume: bool = False) -> tuple[Path, list[Taken]]:
+def acquire(
+    plan: Plan, port: str, output: Path, operator: Operator, *, resume: bool = False, force: bool = False
+) -> tuple[Path, list[Taken]]:
     """Take the runs of a plan and write them as a recording.
 
     Whatever ends the session early (the operator, the instrument, a full disk), what was measured is in the recording or, after
@@ -85,7 +70,9 @@ def acquire(plan: Plan, port: str, output: Path, operator: Operator, *, resume: 
     operator
         Who locks, and who is told.
     resume
-        Go on with a session that was broken off: finished runs are kept, the others taken.
+        Go on with a session that was broken off: whole runs are kept, the others taken.
+    force
+        Begin runs that the look before them speaks against.
 
     Raises
     ------
@@ -93,36 +80,60 @@ def acquire(plan: Plan, port: str, output: Path, operator: Operator, *, resume: 
         Where the instrument or the disk fails.
     """
     partial = working_file(output)
-    done = _done(partial, output, resume=resume)
+    no_room = check_room(plan, output)
+    if no_room is not None and not force:
+        raise OutputError(f"{no_room}; --force begins all the same")
+    done = _done(partial, output, plan, resume=resume)
     taken: list[Taken] = []
-    with FramedInstrument(port, baud_rate=plan.instrument.baud_rate) as instrument:
-        columns = {name: channel.input for name, channel in plan.channels.items()}
-        rate = instrument.prepare(sample_rate=plan.instrument.sample_rate, channels=list(columns.values()))
-        if abs(rate / plan.instrument.sample_rate - 1.0) > 1e-6:
-            raise PlanError(
-                f"the instrument's nearest rate to {plan.instrument.sample_rate:g} Hz is {rate:g} Hz; write that in the plan"
-            )
+    with opened(plan, port) as instrument:
+        _check_against(instrument, plan)
         lay_out(partial, plan, instrument.inputs)
         try:
             with _single_writer(partial) as file:
                 configuration = ""
-                for run in plan.runs:
-                    for repeat, name in enumerate(run.ids()):
-                        if name in done:
-                            continue
-                        if run.configuration != configuration:
-                            if not instrument.set_configuration(run.configuration):
-                                operator.lock(run.configuration)
-                            configuration = run.configuration
-                        tally = _take(instrument, file, plan, run, repeat, name, operator.watch)
-                        taken.append(Taken(id=name, tally=tally, verdict=check_run(recovered(file[f"runs/{name}"], name))))
-                        operator.taken(taken[-1])
+                for run, repeat, name in _wanted(plan, done):
+                    if run.configuration != configuration:
+                        _set_up(instrument, run.configuration, operator)
+                        configuration = run.configuration
+                    if not force:
+                        refuse(name, preflight(instrument, plan, run))
+                    tally = take(instrument, file, plan, run, repeat, name, operator.watch)
+                    found = recovered(file[f"runs/{name}"], name)
+                    taken.append(Taken(id=name, tally=tally, verdict=check_run(found), drift_ppm=found.drift_ppm))
+                    operator.taken(taken[-1])
         finally:
             _keep(partial, output, done)
     return output, taken
 
 
-def _done(partial: Path, output: Path, *, resume: bool) -> dict[str, Run]:
+def _wanted(plan: Plan, done: Mapping[str, Run]) -> Iterator[tuple[RunPlan, int, str]]:
+    for run in plan.runs:
+        for repeat, name in enumerate(run.ids()):
+            if name not in done:
+                yield run, repeat, name
+
+
+def _check_against(instrument: Stream, plan: Plan) -> None:
+    asked = plan.instrument.sample_rate
+    rate = instrument.prepare(sample_rate=asked, channels=[channel.input for channel in plan.channels.values()])
+    if abs(rate / asked - 1.0) > 1e-6:
+        raise PlanError(
+            f"the instrument's nearest rate to {asked:.9g} Hz is {rate:.9g} Hz; write that as sample_rate in the plan"
+        )
+    played = next((run.id for run in plan.runs if run.played), None)
+    if played is not None and not isinstance(instrument, Exciter):
+        raise PlanError(
+            f"run {played!r} needs a drive and a {plan.instrument.kind} instrument plays none; drive the rig by other means "
+            'and call the excitation "other"'
+        )
+
+
+def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:
+    if not isinstance(instrument, Exciter) or not instrument.set_configuration(configuration):
+        operator.lock(configuration)
+
+
+def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> dict[str, Run]:
     if not resume:
         if partial.exists():
             raise OutputError(
@@ -139,7 +150,12 @@ def _done(partial: Path, output: Path, *, resume: bool) -> dict[str, Run]:
         if done:
             write(output, campaign_of(known, list(done.values()), str(partial)))
         partial.unlink()
-    return done
+    # A run that was broken off is shorter than planned.
+    rate = plan.instrument.sample_rate
+    needed = {name: run.ticks(rate) for run in plan.runs for name in run.ids()}
+    return {
+        name: run for name, run in done.items() if len(run) + sum(gap.count for gap in run.gaps) >= needed.get(name, 0)
+    }  # fmt: skip
 
 
 @contextmanager
@@ -156,65 +172,3 @@ def _keep(partial: Path, output: Path, done: Mapping[str, Run]) -> None:
     if runs:
         write(output, campaign_of(known, list(runs.values()), str(partial)))
     partial.unlink()
-
-
-def _take(
-    instrument: FramedInstrument,
-    file: h5py.File,
-    plan: Plan,
-    run: RunPlan,
-    repeat: int,
-    name: str,
-    watch: Callable[[Live], None],
-) -> Tally:
-    rate = plan.instrument.sample_rate
-    drive, period = drive_of(run, repeat, rate)
-    instrument.set_gain(run.gain)
-    if not instrument.load_drive(drive):
-        raise PlanError(
-            f"the instrument plays no drive, which run {name!r} needs; drive the rig by hand or take another instrument"
-        )
-    columns = {channel: about.input for channel, about in plan.channels.items()}
-    factors = {channel: instrument.inputs[about.input].per_count / about.sensitivity for channel, about in plan.channels.items()}
-    writer = RunWriter(file, name, columns, sample_rate=rate, period=period)
-    counted: int | None = None
-    looked = heard = time.monotonic()
-    end_tick = 0
-    try:
-        instrument.start()
-        while end_tick < len(drive):
-            block = instrument.read(0.1)
-            now = time.monotonic()
-            if block is None:
-                if now - heard > SILENCE:
-                    break
-                continue
-            heard, end_tick = now, max(end_tick, block.end_tick)
-            writer.put(block)
-            if now - looked > LOOK:
-                looked = now
-                watch(_look(name, writer, end_tick / rate, run.seconds, columns, factors))
-        counted = instrument.stop()
-        while (block := instrument.read(0.1)) is not None:
-            writer.put(block)
-    except ConnectionLostError:
-        counted = None
-        raise
-    finally:
-        tally = writer.finish(counted)
-    watch(_look(name, writer, end_tick / rate, run.seconds, columns, factors))
-    return tally
-
-
-def _look(
-    name: str, writer: RunWriter, seconds: float, of: float, columns: Mapping[str, int], factors: Mapping[str, float]
-) -> Live:
-    latest = writer.latest
-    rms, peak = {}, {}
-    if latest is not None:
-        for channel, column in columns.items():
-            values = latest[:, column] * factors[channel]
-            rms[channel], peak[channel] = float(np.sqrt(np.mean(values**2))), float(np.abs(values).max())
-    return Live(
-        run=name, seconds=min(seconds, of), of=of, rms=rms, peak=peak, overloads=writer.tally.overloads, lost=writer.tally.lost
-    )

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from rig.acquire.session import Live, Taken
+    from rich.table import Table
+
+    from rig.acquire.session import Taken
+    from rig.acquire.take import Live
 
 
 def acquire(
@@ -18,6 +21,7 @@ def acquire(
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     port: str | None = None,
     resume: bool = False,
+    force: bool = False,
     yes: bool = False,
     json: bool = False,
 ) -> None:
@@ -38,6 +42,8 @@ def acquire(
         The instrument's port instead of the plan's: a path such as /dev/ttyACM0, or socket://127.0.0.1:4000.
     resume
         Go on with a session that was broken off: finished runs are kept.
+    force
+        Begin runs that the look before them speaks against.
     yes
         Ask nothing: whoever calls this sees to locking and unlocking.
     json
@@ -50,7 +56,7 @@ def acquire(
     planned = read_plan(plan)
     with _Screen(json=json) as screen:
         operator = Operator(lock=_silent if yes else screen.ask, watch=screen.watch, taken=screen.taken)
-        path, taken = run_session(planned, port or planned.instrument.port, output, operator, resume=resume)
+        path, taken = run_session(planned, port or planned.instrument.port, output, operator, resume=resume, force=force)
     if not json:
         bad = [item.id for item in taken if not item.verdict.good]
         print(f"{len(taken)} runs taken" + (f"; worth a second look: {', '.join(bad)}" if bad else ", all sound"))
@@ -92,10 +98,7 @@ class _Screen:
         if self._json:
             self._line("live", live)
             return
-        levels = "  ".join(f"{name} {value:.3g}" for name, value in live.rms.items())
-        faults = f"  overloads {live.overloads}" if live.overloads else ""
-        lost = f"  lost {live.lost}" if live.lost else ""
-        self._display.update(f"{live.run}: {live.seconds:.1f} of {live.of:g} s   rms {levels}{faults}{lost}")
+        self._display.update(_levels(live))
 
     def taken(self, item: Taken) -> None:
         if self._json:
@@ -103,6 +106,8 @@ class _Screen:
             return
         coherent = "  ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
         told = f"{item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
+        if item.drift_ppm is not None and abs(item.drift_ppm) > 100.0:
+            told += f"; its clock runs {item.drift_ppm:+.0f} ppm against this machine's"
         self._console.print(told, markup=False, highlight=False)
         for sentence in item.verdict.advice:
             self._console.print(f"  {sentence}", markup=False, highlight=False)
@@ -112,3 +117,19 @@ class _Screen:
         import msgspec
 
         print(msgspec.json.encode({"event": kind, **msgspec.to_builtins(content)}).decode(), flush=True)
+
+
+def _levels(live: Live) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, title=f"{live.run}: {max(live.of - live.seconds, 0.0):.0f} s left", title_justify="left")
+    for head in ("channel", "rms", "peak", "of range", "coherence so far"):
+        table.add_column(head, justify="left" if head == "channel" else "right")
+    for name, rms in live.rms.items():
+        share = live.peak[name] / live.full_scale[name] if name in live.full_scale else None
+        shown = "" if share is None else f"{'█' * min(int(10 * share), 10)} {100 * share:.0f} %"
+        coherence = f"{live.coherence[name]:.2f}" if name in live.coherence else ""
+        table.add_row(name, f"{rms:.3g}", f"{live.peak[name]:.3g}", shown, coherence)
+    table.caption = f"lost {live.lost}, overloads {live.overloads}, damaged on the way {live.damaged}"
+    return table

@@ -1,0 +1,123 @@
+"""The look before a run: a second of rest and a second of drive, and what must not be so is refused with the remedy."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from analysis.measured import FloatArray
+from drivers.block import Block, Status
+from drivers.instrument import Exciter, Stream
+from rig.acquire.drive import drive_of
+from rig.acquire.plan import Plan, RunPlan
+from rig.errors import PlanError
+
+#: Seconds of rest and of drive; seconds without a block after which the look is over.
+REST, DRIVEN = 0.25, 0.75
+SILENCE = 1.0
+#: How much livelier a channel must be under drive than at rest, and how far rates may lie apart.
+LIVELIER = 1.2
+RATE_TOLERANCE = 0.01
+#: Share of full scale that counts as the end of an input.
+END = 0.999
+
+
+def check_room(plan: Plan, output: Path, bytes_per_sample: int = 4) -> str | None:
+    """Whether the disk holds the session twice: while it is written, and as the recording made of it."""
+    ticks = sum(run.ticks(plan.instrument.sample_rate) * run.repeats for run in plan.runs)
+    needed = int(2.2 * ticks * len(plan.channels) * bytes_per_sample) + (32 << 20)
+    folder = next((f for f in output.absolute().parents if f.exists()), Path("/"))
+    free = shutil.disk_usage(folder).free
+    if free >= needed:
+        return None
+    return (
+        f"{folder} has {free >> 20} MiB free and the session needs {needed >> 20} MiB; make room or choose another place with -o"
+    )
+
+
+def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
+    """What speaks against taking this run, each in a sentence with the remedy."""
+    rate = plan.instrument.sample_rate
+    rest, driven = round(REST * rate), round(DRIVEN * rate)
+    if run.played:
+        assert isinstance(instrument, Exciter)
+        drive, _ = drive_of(run, 0, rate)
+        instrument.set_gain(run.gain)
+        instrument.load_drive(np.concatenate([np.zeros(rest), drive[:driven]]))
+    blocks = list(_blocks(instrument, rest + driven))
+    if not blocks:
+        return ["no sample arrives; check that the instrument is on and scans"]
+    raw = np.concatenate([block.samples for block in blocks])
+    ticks = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
+    found = _rate(blocks, rate)
+    if any(block.status & Status.OVERLOAD for block in blocks):
+        found.append("the instrument reports an overload; choose a larger range or a lower gain")
+    for name, about in plan.channels.items():
+        source = instrument.inputs[about.input]
+        values = raw[:, about.input].astype(np.float64)
+        found += _channel(name, values, None if source.full_scale is None else source.full_scale / source.per_count)
+    if run.played and not found:
+        found += _response(plan, {n: raw[:, c.input].astype(np.float64) for n, c in plan.channels.items()}, ticks < rest)
+    return found
+
+
+def refuse(run: str, found: list[str]) -> None:
+    """Raise what was found as one sentence.
+
+    Raises
+    ------
+    PlanError
+        Where anything was found.
+    """
+    if found:
+        raise PlanError(f"run {run!r} was not begun: {'; '.join(found)}; --force takes it all the same")
+
+
+def _blocks(instrument: Stream, ticks: int) -> Iterable[Block]:
+    instrument.start()
+    heard, end = time.monotonic(), 0
+    while end < ticks and time.monotonic() - heard < SILENCE:
+        block = instrument.read(0.1)
+        if block is not None:
+            heard, end = time.monotonic(), block.end_tick
+            yield block
+    instrument.stop()
+    while (block := instrument.read(0.05)) is not None:
+        yield block
+
+
+def _rate(blocks: list[Block], rate: float) -> list[str]:
+    # The instrument's own clock against its own count.
+    first, last = blocks[0], blocks[-1]
+    if first.device_time is None or last.device_time is None or last.device_time <= first.device_time:
+        return []
+    seen = (last.first_tick - first.first_tick) / (last.device_time - first.device_time)
+    if abs(seen / rate - 1.0) <= RATE_TOLERANCE:
+        return []
+    return [f"the instrument takes {seen:.6g} samples a second by its own clock, not {rate:g}; correct sample_rate"]
+
+
+def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:
+    if full is not None and np.abs(values).max() >= END * full:
+        if np.median(np.abs(values)) >= END * full:
+            return [f"{name} stands at the end of its input's range; the sensor is open or has no supply, check its cable"]
+        return [f"{name} goes beyond its input's range; choose a larger range or a lower gain"]
+    if np.ptp(values) == 0.0:
+        return [f"{name} does not change by a single count; the sensor is dead or not plugged in, check its cable and supply"]
+    return []
+
+
+def _response(plan: Plan, values: dict[str, FloatArray], resting: np.ndarray) -> list[str]:
+    if not resting.any() or resting.all():
+        return []
+    livelier = {
+        name: float(v[~resting].std()) / max(float(v[resting].std()), 1e-9) for name, v in values.items()
+    }  # fmt: skip
+    still = [name for name, ratio in livelier.items() if ratio < LIVELIER]
+    if len(still) == len(livelier):
+        return ["the drive has no response on any channel; switch its amplifier on and check its cable"]
+    return [f"{name} does not respond to the drive; check that its sensor is mounted and plugged in" for name in still]
