@@ -64,13 +64,11 @@ def parameters_frame(path: Path) -> pd.DataFrame:
     except msgspec.DecodeError as error:
         raise PlanError(f"{path} is not JSON ({error}); give a parameters.json or a findings.json") from None
     kind = content.get("format") if isinstance(content, dict) else None
-    table = {"rig-parameters": lambda: content["parameters"], "rig-findings": lambda: content["baseline"]["parameters"]}.get(
-        str(kind)
-    )
     try:
-        rows = [{"name": name, **row} for name, row in table().items()] if table else None
+        table = content["parameters"] if kind == "rig-parameters" else content["baseline"]["parameters"]
+        rows = [{"name": name, **row} for name, row in table.items()]
     except (KeyError, TypeError, AttributeError):
-        rows = None
+        rows = []
     if not rows:
         raise PlanError(f"{path} holds no parameter table (its format is {kind!r}); give a parameters.json or a findings.json")
     return pd.DataFrame(rows)
@@ -89,8 +87,8 @@ def write_matlab(content: Mapping[str, Any], path: Path) -> None:
     """Write a tree of arrays, numbers and words as a version 5 .mat file, compressed, whole or not at all."""
     from scipy.io import savemat
 
-    with replaced(path) as temporary, temporary.open("wb") as stream:
-        savemat(stream, dict(content), do_compression=True, long_field_names=True, oned_as="column")
+    with replaced(path) as temporary:
+        savemat(str(temporary), dict(content), appendmat=False, do_compression=True, long_field_names=True, oned_as="column")
 
 
 def samples_tree(campaign: Campaign) -> dict[str, Any]:
@@ -190,7 +188,8 @@ def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:
         beside = temporary.with_name(temporary.name + ".uff")
         try:
             file = pyuff.UFF(str(beside))
-            file.write_sets(list(sets), "overwrite")
+            # Not "overwrite", which loses the head of a first binary dataset.
+            file.write_sets(list(sets), "add")
             beside.replace(temporary)
         finally:
             beside.unlink(missing_ok=True)
