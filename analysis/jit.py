@@ -18,4 +18,4 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 def fast_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile as `kernel`, letting sums be reordered so that they run in vector lanes."""
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, fastmath=True)(function))
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function))

@@ -30,6 +30,8 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
     for name, true in motion.items():
         chain = chains[name]
         y = chain.gain * shift(true, chain.delay, rate) if (chain.gain != 1.0 or chain.delay) else true
+        if chain.offset:
+            y = y + chain.offset
         for source, fraction in chain.crosstalk.items():
             if fraction:
                 y = y + fraction * motion[source]
@@ -40,9 +42,9 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
 
 
 def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drive channel's true values, its own chain's gain and delay undone."""
+    """The drive channel's true values, its own chain's offset, gain and delay undone."""
     chain = model.drive.chain
-    return shift(excitation.recorded, -chain.delay, excitation.sample_rate) / chain.gain
+    return (shift(excitation.recorded, -chain.delay, excitation.sample_rate) - chain.offset) / chain.gain
 
 
 def simulate(
@@ -123,4 +125,4 @@ def simulate(
 
 def _true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
     chain = model.drive.chain
-    return shift(excitation.fine, -chain.delay, excitation.sample_rate * excitation.oversample) / chain.gain
+    return (shift(excitation.fine, -chain.delay, excitation.sample_rate * excitation.oversample) - chain.offset) / chain.gain

@@ -1,0 +1,69 @@
+"""Many rigs side by side against the same rigs one by one."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy.linalg import expm
+
+from analysis import laws
+from analysis.diagnose.mechanisms.springs import added
+from analysis.errors import SimulationError
+from analysis.excitation import moves, random
+from analysis.model import Configuration
+from analysis.rigs import THESIS, wire_bonder
+from analysis.simulate import Excitation, simulate, simulate_many
+from analysis.simulate.exponential import exponentials
+
+RATE = 2048.0
+
+
+@pytest.mark.parametrize(("force", "limit"), [(60.0, 0.01), (25.0, 0.02)])
+def test_side_by_side_is_one_by_one(force: float, limit: float) -> None:
+    drive = random(samples=20480, sample_rate=RATE, rms=force / THESIS["head_mass"], band=(1.0, 250.0), seed=1)
+    excitation = Excitation.prepare(drive, RATE, oversample=1)
+    models = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 70)]
+    batch = simulate_many(models, excitation)
+    assert len(batch) == 70
+    for index in (0, 33, 69):
+        want = simulate(models[index], excitation).channels
+        for name in ("motor", "table"):
+            error = np.std(batch[index].channels[name] - want[name]) / np.std(want[name])
+            assert error < limit, (name, index)
+
+
+@pytest.mark.parametrize("configuration", ["unlocked", "locked"])
+def test_without_friction_single_precision_is_all_that_differs(configuration: str) -> None:
+    drive = moves(samples=4096, sample_rate=RATE)
+    excitation = Excitation.prepare(drive, RATE, oversample=2)
+    models = [wire_bonder({**THESIS, "table_mass": m}, friction=False) for m in (60.0, 80.0, 250.0)]
+    batch = simulate_many(models, excitation, configuration=configuration)
+    for index, model in enumerate(models):
+        want = simulate(model, excitation, configuration=configuration).channels
+        for name, values in want.items():
+            assert np.std(batch[index].channels[name] - values) < 1e-3 * np.std(values)
+
+
+def test_rigs_that_share_no_structure_are_simulated_one_by_one() -> None:
+    plain = wire_bonder()
+    bent = added(plain, plain.link("isolation"), laws.Cubic(cubic_stiffness=1e8))
+    excitation = Excitation.prepare(moves(samples=1024, sample_rate=RATE), RATE, oversample=1)
+    batch = simulate_many([plain, bent], excitation)
+    for index, model in enumerate((plain, bent)):
+        assert np.array_equal(batch[index].channels["motor"], simulate(model, excitation).channels["motor"])
+
+
+def test_exponentials_of_a_stack() -> None:
+    stack = np.random.default_rng(0).normal(size=(5, 6, 6)) * np.array([1e-6, 1e-2, 1.0, 5.0, 20.0])[:, None, None]
+    for matrix, got in zip(stack, exponentials(stack), strict=True):
+        want = expm(matrix)
+        assert np.abs(got - want).max() <= 1e-12 * np.abs(want).max()
+
+
+def test_a_rig_that_grows_is_refused() -> None:
+    excitation = Excitation.prepare(np.ones(40960), RATE, oversample=1)
+    # A lock that pushes what it should hold.
+    pushing = Configuration(rigid=("isolation",), lock_stiffness=-1e6)
+    with pytest.raises(SimulationError, match="grows"):
+        simulate_many(
+            [replace(wire_bonder(friction=False), configurations={"locked": pushing})], excitation, configuration="locked"
+        )
