@@ -195,7 +195,7 @@ class Problem:
         # The bodies' true motion; models that differ in their sensors' faults alone share it.
         trial = self.trials[index]
         sound = msgspec.structs.replace(
-            model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors)
+            model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors), free=()
         )
         key = (index, msgspec.json.encode(sound))
         if key in self._cache:
@@ -350,8 +350,11 @@ def positive(path: str, value: float, *, span: float = 1e3) -> Free:
 
 
 def base_parameters(model: RigModel) -> tuple[Free, ...]:
-    """The parameters that the rig's description marks as free; a value of exactly zero is searched on a linear scale."""
-    return tuple(positive(path, model.get(path)) for path in model.free)
+    """The parameters that the rig's description marks as free; an offset may have either sign."""
+    return tuple(
+        Free(path=path, low=-np.inf, log=False, step=1e-4) if path.endswith(".offset") else positive(path, model.get(path))
+        for path in model.free
+    )
 
 
 def disagreement(fitted: Fit) -> FloatArray:

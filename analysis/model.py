@@ -59,12 +59,13 @@ class Contact(Part, frozen=True, kw_only=True):
 class Chain(Part, frozen=True, kw_only=True):
     """What the measurement chain does to a channel: its faults. A sound channel has the defaults.
 
-    recorded(t) = clip(gain * true(t - delay) + sum of fraction * true of another channel + hum, limit); the hum is at
-    `mains_frequency` (Hz; None where there is none) and its multiples, of any phase.
+    recorded(t) = clip(gain * true(t - delay) + offset + sum of fraction * true of another channel + hum, limit); the hum is
+    at `mains_frequency` (Hz; None where there is none) and its multiples, of any phase.
     """
 
     gain: float = 1.0
     delay: float = 0.0
+    offset: float = 0.0
     limit: float | None = None
     crosstalk: dict[str, float] = msgspec.field(default_factory=dict)
     mains_frequency: float | None = None

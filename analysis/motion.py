@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.measured import FloatArray
+from analysis.measured import FloatArray, Quantity
 
 
 def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
@@ -16,3 +16,15 @@ def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] |
     omega = 2j * np.pi * np.maximum(frequency, low)
     spectrum[frequency < low] = 0.0
     return np.fft.irfft(spectrum / omega, n), np.fft.irfft(spectrum / omega**2, n)
+
+
+def motion_of(
+    values: FloatArray, quantity: Quantity, rate: float, band: tuple[float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement, each shape (n,)."""
+    if quantity == "displacement":
+        return np.gradient(values, 1.0 / rate), values
+    if quantity == "velocity":
+        _, displacement = integrals(np.gradient(values, 1.0 / rate), rate, band)
+        return values, displacement
+    return integrals(values, rate, band)

@@ -46,8 +46,11 @@ FINALISTS = 4
 MOST_STEPS = 3
 #: Share of the excess over the floor that must go for a cause to be certain, and for the data to count as explained.
 EXPLAINED = 0.8
-#: Share of what is left of the excess that a further step must remove.
-WORTH = 0.15
+#: Share of what is left of the excess that a step must remove, and what a further step must lower the error by, as a logarithm:
+#: whatever bends a little takes a little off what a first cause has left.
+WORTH, WORTH_MORE = 0.15, 0.3
+#: A model fitted anew from where a step has led it is another one where its excess is lower by this much.
+BETTER = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,15 +170,17 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         # What the step is worth is measured against the model without it, from where the step has led the rest.
         bare = without(better, current, trials)
         plain = score(bare.model, fine)
-        if excess(plain, floors) < excess(now, floors):
+        moved = excess(plain, floors) < excess(now, floors) - BETTER
+        if moved:
             progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
             current, now = bare, plain
             if not steps:
                 baseline, first = bare, plain
             else:
                 fits[-1], scores[-1] = bare, plain
-        if excess(now, floors) - excess(best, floors) < WORTH * max(excess(now, floors), 1e-12):
-            if now is plain and not adequate(now, floors) and tries < MOST_STEPS:
+        gained = excess(now, floors) - excess(best, floors)
+        if gained < WORTH * max(excess(now, floors), 1e-12) or (steps and gained < WORTH_MORE):
+            if moved and not adequate(now, floors) and tries < MOST_STEPS:
                 tries += 1
                 continue
             break

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from analysis.diagnose.mechanisms import Candidate
 from analysis.diagnose.search import Look, glanced, parameters_of
-from analysis.errors import FitError
+from analysis.errors import FitError, ModelError
 from analysis.fit import Correlated, Fit, Free, Problem, base_parameters, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
@@ -117,7 +117,7 @@ def afresh(candidates: Sequence[Candidate], refined: Running, current: Fit, shor
         for start in candidate.fresh:
             try:
                 started.append((candidate, fit(start, free, coarse, iterations=6, tolerance=2e-2)))
-            except FitError:
+            except (FitError, ModelError):  # no simulation, or a start without an earlier step's parts
                 continue
     started.sort(key=lambda pair: pair[1].cost)
     found = list(refined)

@@ -10,7 +10,7 @@ from analysis.diagnose.mechanisms.base import Evidence
 from analysis.hum import mains_in
 from analysis.measured import Campaign
 from analysis.model import GROUND, RigModel
-from analysis.motion import integrals
+from analysis.motion import motion_of
 from analysis.start import equation_start
 from analysis.trials import Trial, expected, true_motion
 
@@ -38,24 +38,25 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
 
 
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
-    """Largest relative displacement (m) and velocity (m/s) of each link, from the measured accelerations.
+    """Largest relative displacement (m) and velocity (m/s) of each link, from what its ends' sensors measured.
 
-    Accelerations of the two ends are integrated in the frequency domain above the drive's lowest frequency. A link whose ends are
-    not measured gets the values of the largest one.
+    Accelerations are integrated in the frequency domain above the drive's lowest frequency. A link whose ends are not measured
+    gets the values of the largest one.
     """
-    channel = {s.body: s.channel for s in model.sensors if s.quantity == "acceleration"}
+    sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}
     deflection: dict[str, float] = {}
     speed: dict[str, float] = {}
     for link in model.links:
+        ends = [sensors.get(end) for end in (link.a, link.b) if end != GROUND]
         for trial in trials:
-            ends = [channel.get(end) for end in (link.a, link.b) if end != GROUND]
-            if any(end is None for end in ends):
+            if any(end is None for end in ends) or link.name in model.configurations[trial.run.configuration].rigid:
                 continue
-            if link.name in model.configurations[trial.run.configuration].rigid:
-                continue
-            rows = [trial.measured[trial.channels.index(end)] for end in ends if end is not None]
-            relative = rows[0] - rows[1] if len(rows) == 2 else rows[0]
-            v, d = integrals(relative, trial.run.sample_rate, trial.run.band)
+            moves = [
+                motion_of(trial.measured[trial.channels.index(s.channel)], s.quantity, trial.run.sample_rate, trial.run.band)
+                for s in ends
+                if s is not None
+            ]
+            v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
             deflection[link.name] = max(deflection.get(link.name, 0.0), float(np.abs(d).max()))
             speed[link.name] = max(speed.get(link.name, 0.0), float(np.abs(v).max()))
     largest = max(deflection.values(), default=1e-3), max(speed.values(), default=1e-1)
