@@ -118,7 +118,7 @@ class SimulatedFramed:
         self._sent = self._sequence = 0
         self._began = 0.0
         self._late = 0.0
-        self._running = False
+        self.running = False
         self.count = Count()
         self.unplugged = False
 
@@ -142,7 +142,7 @@ class SimulatedFramed:
                 self._out.appendleft(rest)
 
     def _frame_due(self) -> bool:
-        if not self._running or self._sent >= len(self._signal) or time.monotonic() < self._late:
+        if not self.running or self._sent >= len(self._signal) or time.monotonic() < self._late:
             return False
         if self._speed is None:
             return True
@@ -231,7 +231,7 @@ class SimulatedFramed:
                     self._start()
                     told = f"{self._faults.first_tick % 2**32}"
                 case "STOP" | "COUNT":
-                    self._running = self._running and word != "STOP"
+                    self.running = self.running and word != "STOP"
                     word, told = "COUNT", f"{self._sent}"
                 case _:
                     word, told = "ERR", f"{word} is not a command"
@@ -240,14 +240,14 @@ class SimulatedFramed:
         return f"{word} {told}"
 
     def _start(self) -> None:
-        if self._running:
+        if self.running:
             return
         self._signal = self._plant.play(
             self._drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration
         )  # fmt: skip
         self._sent = 0
         self.count = Count()
-        self._running, self._began = True, time.monotonic()
+        self.running, self._began = True, time.monotonic()
 
     def _say(self, text: str) -> None:
         # An answer is a frame: it waits for a frame that is half sent, and goes before those that are not begun.

@@ -25,22 +25,22 @@ class PtyWire:
 
     def read(self, timeout: float) -> bytes:
         """What arrived within `timeout` seconds, empty where nothing did."""
-        ready, _, _ = select.select([self._own], [], [], timeout)
-        if not ready:
-            return b""
         try:
+            ready, _, _ = select.select([self._own], [], [], timeout)
+            if not ready:
+                return b""
             return os.read(self._own, 65536)
-        except (BlockingIOError, OSError):
+        except (OSError, ValueError):
             return b""
 
     def write(self, data: bytes, timeout: float) -> int:
         """Send what fits within `timeout` seconds; the number of bytes taken."""
-        _, ready, _ = select.select([], [self._own], [], timeout)
-        if not ready:
-            return 0
         try:
+            _, ready, _ = select.select([], [self._own], [], timeout)
+            if not ready:
+                return 0
             return os.write(self._own, data)
-        except (BlockingIOError, OSError):
+        except (OSError, ValueError):
             return 0
 
     def close(self) -> None:

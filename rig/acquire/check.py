@@ -52,6 +52,10 @@ def check_run(found: Recovered, *, drive: str = "head") -> Verdict:
     advice: list[str] = []
     if found.lost:
         advice.append(f"{found.lost} samples were lost on the way; take the run again if it is to be simulated whole.")
+    if found.overloads:
+        advice.append(
+            f"The instrument reported {found.overloads} overloads; choose a larger range or a lower gain and take the run again."
+        )
     sizes = {name: float(run.read(name).std()) for name in run.channels if name != "gain"}
     loudest = max(sizes.values())
     for name, channel in run.channels.items():

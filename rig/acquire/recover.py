@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from analysis.measured import Campaign, Channel, Gap, Run
+from drivers.block import Status
 from rig.acquire.recorder import DONE, RUNNING
 from rig.errors import RecordingError
 
@@ -22,7 +23,7 @@ GAIN_MOVED = 1e-5
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """One planned run: its samples where there are any, whether it was finished, and the ticks stored and lost."""
+    """One planned run: its samples where there are any, whether it was finished, ticks stored and lost, blocks overloaded."""
 
     id: str
     finished: bool
@@ -30,6 +31,7 @@ class Recovered:
     run: Run | None
     stored: int
     lost: int
+    overloads: int
     drift_ppm: float | None
 
     @property
@@ -99,7 +101,8 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
         )  # fmt: skip
     return Recovered(
         id=name, finished=progress["state"] == DONE, begun=progress["state"] >= RUNNING, run=run, stored=stored,
-        lost=sum(gap.count for gap in gaps), drift_ppm=_drift(group["timing"][:], float(progress["sample_rate"])),
+        lost=sum(gap.count for gap in gaps), overloads=int((group["timing"]["status"] & Status.OVERLOAD).astype(bool).sum()),
+        drift_ppm=_drift(group["timing"][:], float(progress["sample_rate"])),
     )  # fmt: skip
 
 

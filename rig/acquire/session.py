@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from rig.acquire.check import Verdict, check_run
 from rig.acquire.instruments import opened
 from rig.acquire.plan import Plan, RunPlan
 from rig.acquire.preflight import check_room, preflight, refuse
-from rig.acquire.recorder import Tally, lay_out, working_file
+from rig.acquire.recorder import RESERVE, Tally, lay_out, working_file
 from rig.acquire.recover import campaign_of, read_working, recovered
 from rig.acquire.take import Live, take
 from rig.errors import OutputError, PlanError
@@ -170,5 +171,10 @@ def _keep(partial: Path, output: Path, done: Mapping[str, Run]) -> None:
     known, found = read_working(partial)
     runs = {**{item.id: item.run for item in found if item.run is not None}, **done}
     if runs:
+        if shutil.disk_usage(partial.parent).free < partial.stat().st_size + RESERVE:
+            raise OutputError(
+                f"the disk is nearly full: what was measured is in {partial}; make room and go on with --resume, or save it "
+                "elsewhere with rig recover"
+            )
         write(output, campaign_of(known, list(runs.values()), str(partial)))
     partial.unlink()

@@ -1,0 +1,82 @@
+"""A plant whose samples tell their own tick, so that every stored sample can be checked, and plans to measure it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.simulated.framed import Faults, SimulatedFramed
+from drivers.simulated.wire import PtyWire
+from rig.acquire.plan import Plan
+from rig.acquire.session import Operator, Taken
+from rig.acquire.take import Live
+
+CHANNELS = ("head", "motor", "table", "heatblock")
+
+
+class RampPlant:
+    """Input k counts tick * 4 + k, so that a sample says where it belongs."""
+
+    identity = "ramp"
+
+    def __init__(self, inputs: int = 4) -> None:
+        self.inputs = (inputs, "V", 1e-6, 4000.0)
+
+    def play(self, drive: Any, *, sample_rate: float, gain: float, configuration: str) -> Any:
+        ticks = np.arange(len(drive), dtype=np.int32)[:, None]
+        return ticks * 4 + np.arange(self.inputs[0], dtype=np.int32)
+
+
+@contextmanager
+def ramp_instrument(
+    faults: Faults | None = None, *, speed: float | None = None, rows: int = 64, inputs: int = 4
+) -> Iterator[tuple[str, SimulatedFramed]]:
+    wire = PtyWire()
+    instrument = SimulatedFramed(wire, RampPlant(inputs), faults=faults, speed=speed, rows=rows)
+    over = threading.Event()
+
+    def serve() -> None:
+        while not over.is_set() and not instrument.unplugged:
+            instrument.step()
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield wire.port, instrument
+    finally:
+        over.set()
+        thread.join()
+        wire.close()
+
+
+def plan_of(*runs: dict[str, Any], rate: float = 1024.0) -> Plan:
+    tree = {
+        "rig": {"head_mass": 6.5},
+        "instrument": {"kind": "framed", "port": "virtual", "sample_rate": rate},
+        "channels": {name: {"input": k, "sensitivity": 1.0} for k, name in enumerate(CHANNELS)},
+        "runs": [{"configuration": "unlocked", "gain": 70.0, "excitation": "moves", "seconds": 4.0, **run} for run in runs],
+    }
+    return msgspec.convert(tree, Plan)
+
+
+class Watcher:
+    """An operator that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.locks: list[str] = []
+        self.seen: list[Live] = []
+        self.runs: list[Taken] = []
+        self.operator = Operator(lock=self.locks.append, watch=self.seen.append, taken=self.runs.append)
+
+
+def ticks_of(run: Any) -> Any:
+    """The instrument's tick of every stored sample, from the gaps."""
+    ticks = np.arange(len(run))
+    for gap in run.gaps:
+        ticks[ticks >= gap.first_tick] += gap.count
+    return ticks

@@ -1,0 +1,172 @@
+"""Killed, unplugged, out of room, stopped: the file opens and tells what it has."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
+
+from drivers.errors import ConnectionLostError
+from drivers.simulated.framed import Faults
+from rig.acquire.recorder import working_file
+from rig.acquire.recover import read_working
+from rig.acquire.session import acquire
+from rig.cli import main
+from rig.errors import OutputError
+from rig.recording import read
+
+KILLS = 32
+RUNS = plan_of({"id": "a", "seconds": 1.0}, {"id": "b", "seconds": 60.0})
+START = multiprocessing.get_context("forkserver")
+
+
+def measure(port: str, output: Path) -> None:
+    acquire(RUNS, port, output, Watcher().operator, force=True)
+
+
+def test_a_killed_writer_loses_a_quarter_of_a_second_at_most(tmp_path: Path) -> None:
+    START.set_forkserver_preload(["rig.acquire.session", "ramps"])
+    random = np.random.default_rng(1)
+    lost = []
+    for kill in range(KILLS):
+        output = tmp_path / f"{kill}.h5"
+        with ramp_instrument(speed=1.0, rows=16) as (port, instrument):
+            process = START.Process(target=measure, args=(port, output))
+            process.start()
+            wait_for(lambda instrument=instrument: instrument.count.ticks > 0)
+            time.sleep(float(random.uniform(0.0, 1.5)))
+            ticks_before = instrument.count.ticks
+            assert process.pid is not None
+            os.kill(process.pid, signal.SIGKILL)
+            process.join()
+        _, found = read_working(working_file(output))
+        last = next(item for item in reversed(found) if item.begun)
+        assert not last.finished or last.id == "a"
+        if last.run is not None:
+            for k, name in enumerate(CHANNELS):
+                np.testing.assert_array_equal(last.run.channels[name].samples, np.arange(last.stored) * 4 + k)
+        counts_this_run = last.id == "b" or ticks_before >= last.stored
+        lost.append((ticks_before - last.stored) / 1024.0 if counts_this_run and not last.finished else 0.0)
+    assert max(lost) <= 0.25, lost
+
+
+def test_recover_says_what_was_saved_and_resume_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "campaign.h5"
+    with ramp_instrument(speed=20.0) as (port, instrument):
+        process = START.Process(target=measure, args=(port, output))
+        process.start()
+        wait_for(lambda: instrument.count.ticks > 20_000)
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+    partial = working_file(output)
+    assert main(["recover", str(partial), "-o", str(tmp_path / "saved.h5")]) == 0
+    told = capsys.readouterr().out
+    assert "a: whole, 1024 samples saved, none lost." in told
+    saved = read(tmp_path / "saved.h5")
+    assert f"b: broken off, {len(saved.runs[1])} samples saved, none lost." in told
+    watcher = Watcher()
+    with ramp_instrument() as (port, _):
+        with pytest.raises(OutputError, match="--resume"):
+            acquire(RUNS, port, output, watcher.operator)
+        acquire(RUNS, port, output, watcher.operator, resume=True, force=True)
+    assert [taken.id for taken in watcher.runs] == ["b"]
+    assert [len(run) for run in read(output).runs] == [1024, 61440]
+    assert not partial.exists()
+
+
+def test_an_unplugged_instrument_leaves_what_it_gave(tmp_path: Path) -> None:
+    output, watcher = tmp_path / "c.h5", Watcher()
+    plan = plan_of({"id": "a", "seconds": 8.0})
+    with ramp_instrument(Faults(unplug_after=3.0)) as (port, _), pytest.raises(ConnectionLostError, match="resume"):
+        acquire(plan, port, output, watcher.operator, force=True)
+    run = read(output).runs[0]
+    assert 0 < len(run) <= 3 * 1024
+    np.testing.assert_array_equal(run.channels["motor"].samples, ticks_of(run) * 4 + 1)
+    with ramp_instrument() as (port, _):
+        acquire(plan, port, output, watcher.operator, resume=True, force=True)
+    assert len(read(output).runs[0]) == 8 * 1024
+
+
+def test_ctrl_c_stops_the_drive_and_keeps_the_run(tmp_path: Path) -> None:
+    output, watcher = tmp_path / "c.h5", Watcher()
+
+    def stop(live: object) -> None:
+        watcher.seen.append(live)  # type: ignore[arg-type]
+        raise KeyboardInterrupt
+
+    operator = type(watcher.operator)(lock=watcher.locks.append, watch=stop, taken=watcher.runs.append)
+    with ramp_instrument(speed=8.0) as (port, instrument):
+        with pytest.raises(KeyboardInterrupt):
+            acquire(plan_of({"id": "a", "seconds": 60.0}), port, output, operator, force=True)
+        wait_for(lambda: not instrument.running)
+    assert 0 < len(read(output).runs[0]) < 60 * 1024
+
+
+def test_a_full_disk_is_said_in_a_sentence_and_what_fitted_is_kept(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    small = f"mount -t tmpfs -o size=24m none {disk}"
+    if subprocess.run(["unshare", "-Urm", "sh", "-c", small], capture_output=True, timeout=20, check=False).returncode:
+        pytest.skip("a small disk cannot be mounted here")
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    with ramp_instrument(rows=1024) as (port, _):
+        call = f"{sys.executable} -m rig acquire {plan} --port {port} --force --yes -o {disk}/c.h5"
+        save = f"{sys.executable} -m rig recover {disk}/c.h5.partial -o {tmp_path}/saved.h5"
+        script = f"{small} && {call}; echo status $?; {save}"
+        ended = subprocess.run(["unshare", "-Urm", "sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert "status 2" in ended.stdout
+    assert "the disk is nearly full: what was measured is in" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    saved = read(tmp_path / "saved.h5")
+    assert [run.id for run in saved.runs] == ["a", "b"]
+    assert len(saved.runs[0]) == 1024
+    np.testing.assert_array_equal(saved.runs[1].channels["table"].samples, np.arange(len(saved.runs[1])) * 4 + 2)
+
+
+PLAN = """
+[instrument]
+kind = "framed"
+port = "by hand"
+sample_rate = 1024.0
+[channels]
+head = {input = 0, sensitivity = 1.0}
+motor = {input = 1, sensitivity = 1.0}
+table = {input = 2, sensitivity = 1.0}
+heatblock = {input = 3, sensitivity = 1.0}
+[[runs]]
+id = "a"
+configuration = "unlocked"
+gain = 1.0
+excitation = "moves"
+seconds = 1.0
+[[runs]]
+id = "b"
+configuration = "unlocked"
+gain = 1.0
+excitation = "moves"
+seconds = 2000.0
+"""
+
+
+def test_a_session_that_does_not_fit_is_not_begun(tmp_path: Path) -> None:
+    plan = plan_of({"id": "a", "seconds": 86400.0, "repeats": 1000}, rate=51200.0)
+    with pytest.raises(OutputError, match="MiB free and the session needs"):
+        acquire(plan, "nowhere", tmp_path / "c.h5", Watcher().operator)
+
+
+def wait_for(condition: object) -> None:
+    assert callable(condition)
+    end = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
