@@ -86,7 +86,7 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     values = np.asarray(column.values, dtype=np.float64)
     note = "" if found else f"    # ? {f'the file says {column.unit!r}' if column.unit else 'the file does not say'}"
     return [
-        f"[channels.{name}]    # {len(values)} values from {values.min():.4g} to {values.max():.4g}, rms {values.std():.4g}",
+        f"[channels.{name}]    # {len(values)} values from {values.min():.4g} to {values.max():.4g}",
         f"source = {_quoted(source)}",
         f"unit = {_quoted(found or 'm/s^2')}{note}",
         "sensitivity = 1.0    # ? column's unit per unit, e.g. V per m/s^2",
