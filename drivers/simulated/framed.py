@@ -111,6 +111,7 @@ class SimulatedFramed:
         self._speed, self._rows = speed, rows
         self._random = np.random.default_rng(self._faults.seed)
         self._commands = bytearray()
+        self._needed = 0
         self._out: deque[bytes] = deque()
         self._rate, self._gain, self._configuration = 1024.0, 1.0, "unlocked"
         self._drive: FloatArray = np.zeros(0)
@@ -183,13 +184,16 @@ class SimulatedFramed:
             self._late = time.monotonic() + 0.2
 
     def _obey(self) -> None:
-        while b"\n" in self._commands:
+        while len(self._commands) >= self._needed and b"\n" in self._commands:
+            self._needed = 0
             line, _, rest = bytes(self._commands).partition(b"\n")
             words = line.decode("ascii", "replace").split()
             if words and words[0] == "DRIVE":
                 size = self._drive_size(words)
                 if size is not None and len(rest) < size:
-                    return  # the rest of the drive is on its way
+                    # The rest of the drive is on its way.
+                    self._needed = len(line) + 1 + size
+                    return
                 self._commands = bytearray(rest[size or 0 :])
                 self._say(self._take_drive(rest[:size]) if size else f"ERR DRIVE {' '.join(words[1:])} is no length")
                 continue
