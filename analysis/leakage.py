@@ -83,7 +83,7 @@ def _noise(power: FloatArray, leaked: FloatArray, averages: float) -> FloatArray
     left = power - leaked
     weight = 1.0 / np.maximum(power, 1e-12 * power.max()) ** 2
     flat = max(float((weight * left).sum() / weight.sum()), 0.0)
-    return np.maximum(left - 3.0 * power / np.sqrt(averages), flat)
+    return np.asarray(np.maximum(left - 3.0 * power / np.sqrt(averages), flat))
 
 
 def through(rows: ComplexArray, moments: tuple[ComplexArray, ComplexArray]) -> FloatArray:

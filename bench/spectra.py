@@ -1,0 +1,170 @@
+"""CPU and memory of transfer functions with coherence, beside peers: 600 s at 25.6 kHz, 1 input, 4 outputs, 8192-point segments.
+
+Run `python bench/spectra.py`; the peers come with the extra `bench`. Each method has a process of its own, so that its peak
+memory is its own; its CPU time is the least of its repeats. Memory is the peak above the loaded record (for the recording
+on disk: above the process before it opened the file).
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import scipy.fft
+import scipy.signal
+
+from analysis.measured import Channel, FloatArray, Run
+from analysis.spectra import estimate, hann
+
+RATE, LENGTH, SECONDS = 25600.0, 8192, 600
+NAMES = ("head", "a", "b", "c", "d")
+LIMIT_CPU, LIMIT_MEMORY = 2.5, 32.0
+
+
+def record(seconds: float = SECONDS) -> FloatArray:
+    """Noise in all channels, shape (5, n)."""
+    return np.random.default_rng(0).standard_normal((len(NAMES), round(seconds * RATE)))
+
+
+def run_of(samples: dict[str, FloatArray] | h5py.Group) -> Run:
+    """A run whose channels are arrays or datasets."""
+    channels = {name: Channel(name=name, samples=samples[name]) for name in NAMES}
+    return Run(id="bench", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels)
+
+
+def ours(data: FloatArray) -> float:
+    """Our estimate from memory."""
+    run = run_of(dict(zip(NAMES, data, strict=True)))
+    start = time.process_time()
+    spectra = estimate([run], references=["head"], resolution=RATE / LENGTH)
+    for name in NAMES[1:]:
+        spectra.frf(name, "head")
+    return time.process_time() - start
+
+
+def transform_alone(data: FloatArray) -> float:
+    """rfft of the windowed segments and nothing else: what no method can go below."""
+    window, block, spent = hann(LENGTH), np.empty((8, LENGTH)), 0.0
+    for row in data:
+        segments = np.lib.stride_tricks.sliding_window_view(row, LENGTH)[:: LENGTH // 2]
+        for first in range(0, len(segments), len(block)):
+            part = block[: len(segments[first : first + len(block)])]
+            np.multiply(segments[first : first + len(block)], window, out=part)
+            start = time.process_time()
+            scipy.fft.rfft(part, axis=1)
+            spent += time.process_time() - start
+    return spent
+
+
+def pyfrf(data: FloatArray) -> float:
+    """pyFRF, told not to copy."""
+    import pyFRF
+
+    start = time.process_time()
+    frf = pyFRF.FRF(
+        sampling_freq=int(RATE), exc=data[None, :1], resp=data[None, 1:], window="hann", nperseg=LENGTH, fft_len=LENGTH,
+        noverlap=LENGTH // 2, copy=False,
+    )  # fmt: skip
+    frf.get_H1()
+    frf.get_coherence()
+    return time.process_time() - start
+
+
+def csd_and_welch(data: FloatArray) -> float:
+    """scipy.signal's csd of all channels at once, and welch of all."""
+    start = time.process_time()
+    _, cross = scipy.signal.csd(data[:1], data[1:], RATE, nperseg=LENGTH)
+    _, auto = scipy.signal.welch(data, RATE, nperseg=LENGTH)
+    _ = cross / auto[0], np.abs(cross) ** 2 / (auto[0] * auto[1:])
+    return time.process_time() - start
+
+
+def coherence_pairwise(data: FloatArray) -> float:
+    """scipy.signal's welch, csd and coherence, pair by pair."""
+    start = time.process_time()
+    for row in data[1:]:
+        _, auto = scipy.signal.welch(data[0], RATE, nperseg=LENGTH)
+        _, cross = scipy.signal.csd(data[0], row, RATE, nperseg=LENGTH)
+        scipy.signal.coherence(data[0], row, RATE, nperseg=LENGTH)
+        _ = cross / auto
+    return time.process_time() - start
+
+
+METHODS: dict[str, tuple[Callable[[FloatArray], float], int]] = {
+    "rfft alone": (transform_alone, 3),
+    "isorig": (ours, 3),
+    "pyFRF, no copy": (pyfrf, 1),
+    "scipy csd + welch": (csd_and_welch, 1),
+    "scipy welch, csd, coherence": (coherence_pairwise, 1),
+}
+
+
+def peak() -> float:
+    """Peak memory of this process so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def from_disk(seconds: float) -> dict[str, float]:
+    """Our estimate from a recording on disk that this process did not write."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "long.h5"
+        subprocess.run([sys.executable, __file__, "write", str(seconds), str(path)], check=True)
+        before, start = peak(), time.process_time()
+        with h5py.File(path) as file:
+            estimate([run_of(file)], references=["head"], resolution=RATE / LENGTH)
+        return {"cpu": time.process_time() - start, "memory": peak() - before}
+
+
+def write(seconds: float, path: str) -> None:
+    """A recording of that length."""
+    with h5py.File(path, "w") as file:
+        for name, row in zip(NAMES, record(seconds), strict=True):
+            file.create_dataset(name, data=row, chunks=(LENGTH,))
+
+
+def measured(name: str) -> dict[str, float]:
+    """CPU seconds and MB of a method, in this process."""
+    if name.startswith("isorig from disk"):
+        return from_disk(float(name.split()[-2]))
+    method, repeats = METHODS[name]
+    data = record()
+    method(data[:, : 4 * LENGTH])  # what is imported and planned once is not counted
+    before = peak()
+    cpu = min(method(data) for _ in range(repeats))
+    return {"cpu": cpu, "memory": peak() - before}
+
+
+def main() -> int:
+    """Print the table; the exit status says whether our limits hold."""
+    names = (*METHODS, "isorig from disk, 60 s", "isorig from disk, 600 s")
+    rows = {
+        name: json.loads(subprocess.run([sys.executable, __file__, name], check=True, capture_output=True, text=True).stdout)
+        for name in names
+    }
+    alone = rows["rfft alone"]["cpu"]
+    print(f"{SECONDS} s at {RATE:g} Hz, {len(NAMES)} channels, {LENGTH}-point Hann segments, half overlap, float64")
+    print(f"{'method':30s} {'CPU s':>8s} {'/ rfft':>8s} {'MB above':>9s}")
+    for name, row in rows.items():
+        print(f"{name:30s} {row['cpu']:8.2f} {row['cpu'] / alone:8.2f} {row['memory']:9.1f}")
+    held = rows["isorig"]["cpu"] <= LIMIT_CPU * alone and all(
+        rows[name]["memory"] <= LIMIT_MEMORY for name in rows if name.startswith("isorig")
+    )
+    print(f"limits ({LIMIT_CPU:g} times the transform alone, {LIMIT_MEMORY:g} MB): {'held' if held else 'broken'}")
+    return 0 if held else 1
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 1:
+        sys.exit(main())
+    elif sys.argv[1] == "write":
+        write(float(sys.argv[2]), sys.argv[3])
+    else:
+        print(json.dumps(measured(sys.argv[1])))
