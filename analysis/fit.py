@@ -109,7 +109,7 @@ class Waveform:
 
     def __init__(self, trial: Trial, share: float) -> None:
         n = trial.fitted
-        self._lines = int(trial.ceiling / trial.run.sample_rate * n) + 1
+        self._lines = int(trial.ceiling / trial.sample_rate * n) + 1
         measured = trial.measured[:, :n]
         sigma = np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2)
         self._weights = (np.sqrt(2.0 / n) / sigma)[:, None]
@@ -129,7 +129,7 @@ class Correlated:
     """
 
     def __init__(self, trial: Trial, share: float) -> None:
-        rate, n = trial.run.sample_rate, trial.fitted
+        rate, n = trial.sample_rate, trial.fitted
         length = min(round(SEGMENT * rate), n)
         self._hop = max(length // 2, 1)
         self._window = np.hanning(length + 1)[:-1]

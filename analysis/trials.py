@@ -9,8 +9,9 @@ import numpy as np
 
 from analysis.errors import DataError
 from analysis.hum import hum
+from analysis.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
 from analysis.measured import Campaign, FloatArray, Run
-from analysis.model import RigModel
+from analysis.model import GROUND, RigModel
 from analysis.simulate import Excitation, record, simulate, true_drive
 
 #: Share of every run that a fit may see; the rest takes part in no fit.
@@ -43,6 +44,9 @@ class Trial:
         Number of leading samples that fits may see.
     ceiling
         Highest frequency in Hz at which residuals count while a fit converges.
+    motion
+        Of a rig that no spring holds: what its bodies did. Such a trial is judged by its drive: `measured` is the drive's channel,
+        decimated, and `shaken` the same motion with the sensors' noise put on once more.
     """
 
     run: Run
@@ -53,6 +57,13 @@ class Trial:
     noise: FloatArray
     fitted: int
     ceiling: float
+    motion: Motion | None = None
+    shaken: Motion | None = None
+
+    @property
+    def sample_rate(self) -> float:
+        """Of what is compared, Hz."""
+        return self.excitation.sample_rate
 
     @property
     def samples(self) -> int:
@@ -77,21 +88,25 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     SimulationError
         Where the motion grows without bound.
     """
+    if trial.motion is not None:
+        return required_drive(model, trial.motion)[None, : trial.samples if motion is None else trial.fitted]
     if motion is None:
         motion = true_motion(model, trial)
-    recorded = record(model, motion, trial.run.sample_rate)
+    recorded = record(model, motion, trial.sample_rate)
     predicted = np.stack([recorded[name] for name in trial.channels])
     for row, name in enumerate(trial.channels):
         mains = model.sensor(name).chain.mains_frequency
         if mains is not None and trial.fitted > 0:
             n = min(trial.fitted, predicted.shape[1])
             left = trial.measured[row, :n] - predicted[row, :n]
-            predicted[row] += hum(left, trial.run.sample_rate, mains, predicted.shape[1])
+            predicted[row] += hum(left, trial.sample_rate, mains, predicted.shape[1])
     return predicted
 
 
 def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> dict[str, FloatArray]:
-    """The true values of drive and sensors in a trial by channel, each shape (samples,)."""
+    """The true values of drive and sensors in a trial by channel, each shape (samples,); none of a trial judged by its drive."""
+    if trial.motion is not None:
+        return {}
     response = simulate(
         model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
     )
@@ -165,6 +180,9 @@ def prepare(
         stop = whole if seconds is None else min(whole, round(seconds * run.sample_rate))
         if stop < SHORTEST:
             continue
+        if floats(model):
+            trials.append(_by_drive(campaign, model, run, stop, noise, share))
+            continue
         drive = run.channel(model.drive.channel).read(0, stop)
         names = tuple(sensor.channel for sensor in model.sensors)
         measured = np.stack([run.channel(name).read(0, stop) for name in names])
@@ -184,3 +202,27 @@ def prepare(
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
     return tuple(trials)
+
+
+def _by_drive(campaign: Campaign, model: RigModel, run: Run, stop: int, noise: Mapping[str, float], share: float) -> Trial:
+    sensors = {sensor.body: sensor for sensor in model.sensors}
+    other = next((s for s in model.sensors if s.quantity != "displacement" or s.relative_to != GROUND), None)
+    if other is not None or len(sensors) != len(model.bodies):
+        raise DataError(
+            f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
+            "that takes the absolute position of every body, so measure those or add the spring to the description"
+        )
+    generator = np.random.default_rng(5)
+    positions = {body: run.channel(sensor.channel).read(0, stop) for body, sensor in sensors.items()}
+    shaken = {
+        body: values + generator.normal(0.0, noise.get(sensors[body].channel, 0.0), stop) for body, values in positions.items()
+    }
+    force = decimated(run.channel(model.drive.channel).read(0, stop))
+    rate = run.sample_rate / DECIMATION
+    return Trial(
+        run=run, start_time=campaign.seconds_since_start(run), excitation=Excitation.prepare(force, rate, oversample=1),
+        channels=(model.drive.channel,), measured=force[None, :],
+        noise=np.array([noise.get(model.drive.channel, 0.0) / np.sqrt(DECIMATION)]),
+        fitted=0 if run.use == "holdout" else round(len(force) * share), ceiling=rate / 2.0,
+        motion=motion_from(positions, run.sample_rate), shaken=motion_from(shaken, run.sample_rate),
+    )  # fmt: skip

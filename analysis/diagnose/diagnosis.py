@@ -36,8 +36,9 @@ from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.misfit import Discrepancy, discrepancies
 from analysis.diagnose.observe import observe
 from analysis.diagnose.search import Progress, Screen, glanced
+from analysis.errors import ModelError
 from analysis.fit import Fit, Problem, fit
-from analysis.measured import Campaign
+from analysis.measured import Campaign, FloatArray
 from analysis.model import RigModel
 from analysis.trials import Trial, noise_levels, prepare
 
@@ -46,9 +47,11 @@ FINALISTS = 4
 MOST_STEPS = 3
 #: Share of the excess over the floor that must go for a cause to be certain, and for the data to count as explained.
 EXPLAINED = 0.8
-#: Share of what is left of the excess that a step must remove, and what a further step must lower the error by, as a logarithm:
-#: whatever bends a little takes a little off what a first cause has left.
-WORTH, WORTH_MORE = 0.15, 0.3
+#: Share of the figure's excess that certain causes must remove where not all is explained, and what makes them certain.
+PARTLY, CERTAIN = 2.0 / 3.0, 0.95
+#: Share of the excess that the first step must remove; a further one must lower the errors by it, and some error by more than
+#: the simulation itself may be wrong: whatever bends a little takes a little off what a first cause has left.
+WORTH = 0.15
 #: A model fitted anew from where a step has led it is another one where its excess is lower by this much.
 BETTER = 0.1
 
@@ -179,7 +182,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
             else:
                 fits[-1], scores[-1] = bare, plain
         gained = excess(now, floors) - excess(best, floors)
-        if gained < WORTH * max(excess(now, floors), 1e-12) or (steps and gained < WORTH_MORE):
+        if gained < WORTH * (1.0 if steps else excess(now, floors)) or (steps and _drop(now, best) < SIMULATION_LIMIT):
             if moved and not adequate(now, floors) and tries < MOST_STEPS:
                 tries += 1
                 continue
@@ -188,15 +191,20 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         fits.append(better)
         scores.append(best)
         current, now = better, best
-    verdict, kept = _verdict(first, scores, steps, floors)
+    verdict, kept = _verdict(first, scores, steps, floors, floor)
     extended = fits[kept - 1] if kept else baseline
     last = scores[kept - 1] if kept else first
     return Diagnosis(
         verdict=verdict, baseline=baseline, extended=extended,
         discrepancies=discrepancies(baseline.model, fine),
-        steps=tuple(replace(step, parameters=_values(step.reported, extended)) for step in steps[:kept]),
+        steps=tuple(_updated(step, extended) for step in steps[:kept]),
         baseline_error=first.figure, extended_error=last.figure, floor=floor, scores=(first, last), trials=fine,
     )  # fmt: skip
+
+
+def _drop(before: Score, after: Score) -> float:
+    # The largest fall of the error of a run and channel.
+    return float(np.max(before.error - after.error))
 
 
 def _next_step(
@@ -262,6 +270,14 @@ def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tu
     return step, fitted, carried
 
 
+def _updated(step: Step, extended: Fit) -> Step:
+    # With what later steps made of its parameters; a later step may have replaced them altogether.
+    try:
+        return replace(step, parameters=_values(step.reported, extended))
+    except ModelError:
+        return step
+
+
 def _values(reported: Sequence[Reported], fitted: Fit) -> dict[str, tuple[float, float, str]]:
     return {r.name: (r.of(fitted.model), _deviation(r, fitted), r.unit) for r in reported}
 
@@ -277,15 +293,14 @@ def _deviation(reported: Reported, fitted: Fit) -> float:
     return float(np.sqrt(max(float(slope @ fitted.covariance @ slope), 0.0)))
 
 
-def _verdict(first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: np.ndarray) -> tuple[str, int]:
+def _verdict(first: Score, scores: Sequence[Score], steps: Sequence[Step], floors: FloatArray, floor: float) -> tuple[str, int]:
+    # "Explained" is asked of every run and channel alike, by the logarithm; "partly" of the figure, and of certain causes.
     if not scores:
         return ("adequate" if adequate(first, floors) else "unexplained"), 0
     total = excess(first, floors)
     for kept in range(len(scores), 0, -1):
-        removed = 1.0 - excess(scores[kept - 1], floors) / max(total, 1e-12)
-        if removed >= EXPLAINED:
+        if 1.0 - excess(scores[kept - 1], floors) / max(total, 1e-12) >= EXPLAINED:
             return "explained", kept
-    alone = 1.0 - excess(scores[0], floors) / max(total, 1e-12)
-    if alone >= 0.6 and steps[0].confidence >= 0.95:
-        return "partly explained", 1
-    return "unexplained", 0
+    certain = next((k for k, step in enumerate(steps) if step.confidence < CERTAIN or step.indistinguishable), len(steps))
+    removed = (first.figure - scores[certain - 1].figure) / max(first.figure - floor, 1e-12) if certain else 0.0
+    return ("partly explained", certain) if removed >= PARTLY else ("unexplained", 0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.errors import SimulationError
+from analysis.inverse import required_drive
 from analysis.measured import FloatArray
 from analysis.model import RigModel
 from analysis.parallel import side_by_side
@@ -80,6 +81,10 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
     def one(job: tuple[Trial, FloatArray]) -> FloatArray:
         trial, noise = job
         part = held_out(trial)
+        if trial.motion is not None and trial.shaken is not None:
+            through = (required_drive(model, trial.motion) - required_drive(model, trial.shaken))[part]
+            power = trial.noise**2 + np.mean(through**2)
+            return np.asarray(np.sqrt(power / np.maximum(np.mean(trial.measured[:, part] ** 2, axis=1), 1e-30)))
         excitation = trial.excitation
         shaken = Excitation.prepare(excitation.recorded + noise, excitation.sample_rate, oversample=excitation.oversample)
         a, b = (

@@ -39,7 +39,7 @@ def discrepancies(model: RigModel, trials: Sequence[Trial], *, most: int = 12) -
     """The bands in which the model's error stands above the noise, largest first."""
     found = []
     for trial in trials:
-        rate, n = trial.run.sample_rate, trial.samples
+        rate, n = trial.sample_rate, trial.samples
         predicted = expected(model, trial)
         frequency = np.fft.rfftfreq(n, 1.0 / rate)
         edges = np.geomspace(1.0, rate / 2.1, 40)

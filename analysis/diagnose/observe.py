@@ -22,8 +22,8 @@ FLAT_SAMPLES = 12
 def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
     """What the fitted baseline and the data say."""
     deflection, speed = swings(model, trials)
-    rate = trials[0].run.sample_rate
-    last = max(t.start_time + t.samples / t.run.sample_rate for t in trials)
+    rate = trials[0].sample_rate
+    last = max(t.start_time + t.samples / t.sample_rate for t in trials)
     peaks: dict[str, float] = {}
     for run in campaign.runs:
         for name in run.channels:
@@ -49,10 +49,16 @@ def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], 
     for link in model.links:
         ends = [sensors.get(end) for end in (link.a, link.b) if end != GROUND]
         for trial in trials:
+            if trial.motion is not None:
+                parts = [(trial.motion.velocity[end], trial.motion.position[end]) for end in (link.a, link.b) if end != GROUND]
+                v, d = (a - b for a, b in zip(*parts, strict=True)) if len(parts) == 2 else parts[0]
+                deflection[link.name] = max(deflection.get(link.name, 0.0), float(np.abs(d).max()))
+                speed[link.name] = max(speed.get(link.name, 0.0), float(np.abs(v).max()))
+                continue
             if any(end is None for end in ends) or link.name in model.configurations[trial.run.configuration].rigid:
                 continue
             moves = [
-                motion_of(trial.measured[trial.channels.index(s.channel)], s.quantity, trial.run.sample_rate, trial.run.band)
+                motion_of(trial.measured[trial.channels.index(s.channel)], s.quantity, trial.sample_rate, trial.run.band)
                 for s in ends
                 if s is not None
             ]
@@ -88,21 +94,21 @@ def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
             continue
         left = trial.measured[:, : trial.fitted] - expected(model, trial, true_motion(model, trial, trial.fitted))
         for row, name in enumerate(trial.channels):
-            seen.setdefault(name, []).append(mains_in(left[row], trial.run.sample_rate))
+            seen.setdefault(name, []).append(mains_in(left[row], trial.sample_rate))
     found = {name: [f for f in lines if f is not None] for name, lines in seen.items()}
     return {name: float(np.median(f)) for name, f in found.items() if 2 * len(f) >= len(seen[name])}
 
 
 def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 4) -> tuple[float, ...]:
     """Centres of the third-octave bands where the misfit stands highest above the noise, strongest first."""
-    edges = 2.0 ** np.arange(np.log2(2.0), np.log2(trials[0].run.sample_rate / 2.2), 1.0 / 6.0)
+    edges = 2.0 ** np.arange(np.log2(2.0), np.log2(trials[0].sample_rate / 2.2), 1.0 / 6.0)
     excess = np.zeros(len(edges) - 1)
     for trial in trials:
         n = trial.fitted
         if n == 0:
             continue
         predicted = expected(model, trial, true_motion(model, trial, n))
-        frequency = np.fft.rfftfreq(n, 1.0 / trial.run.sample_rate)
+        frequency = np.fft.rfftfreq(n, 1.0 / trial.sample_rate)
         for row in range(len(trial.channels)):
             error = np.abs(np.fft.rfft(predicted[row] - trial.measured[row, :n])) ** 2 / n
             signal = np.abs(np.fft.rfft(trial.measured[row, :n])) ** 2 / n

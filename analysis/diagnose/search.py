@@ -38,7 +38,7 @@ def glanced(trials: Sequence[Trial]) -> tuple[Trial, ...]:
     return tuple(
         replace(
             trial,
-            fitted=min(trial.fitted, round(GLANCE * trial.run.sample_rate)),
+            fitted=min(trial.fitted, round(GLANCE * trial.sample_rate)),
             excitation=trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE)),
         )
         for trial in trials

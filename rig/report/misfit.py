@@ -40,7 +40,7 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Sim
 
 
 def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated]) -> Chart:
-    rate = trial.run.sample_rate
+    rate = trial.sample_rate
     traces = []
     for panel, name in enumerate(trial.channels):
         frequency, measured = _amplitude(trial.measured[panel], rate)
@@ -74,7 +74,7 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
     """A stretch of held-out time of each kind of unlocked run: measured, and each model running free."""
     charts = []
     for trial in [t for t in distinct(trials) if t.run.configuration == "unlocked"] or distinct(trials):
-        rate = trial.run.sample_rate
+        rate = trial.sample_rate
         part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
         seconds = np.arange(trial.samples)[part] / rate
         traces = []

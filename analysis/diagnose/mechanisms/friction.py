@@ -141,7 +141,8 @@ class AsymmetricFriction:
                         Free(path=f"{path}.forward_viscosity", high=1e3 * viscosity, log=False, step=0.02 * viscosity),
                         Free(path=f"{path}.backward_viscosity", high=1e3 * viscosity, log=False, step=0.02 * viscosity),
                     ),
-                    dropped=(f"{path}.friction_force",),
+                    # A constant offset of the drive does what two dry levels do: one of them is enough.
+                    dropped=(f"{path}.friction_force", "drive.chain.offset"),
                     reported=(
                         Reported(name="forward_force", path=f"{path}.forward_force", unit="N"),
                         Reported(name="backward_force", path=f"{path}.backward_force", unit="N"),
