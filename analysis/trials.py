@@ -45,7 +45,7 @@ class Trial:
     ceiling
         Highest frequency in Hz at which residuals count while a fit converges.
     motion
-        Of a rig that no spring holds: what its bodies did. Such a trial is judged by its drive: `measured` is the drive's channel,
+        Of a rig that no spring holds: what its bodies did. Such a trial is judged by its drive: `measured` is its channel,
         decimated, and `shaken` the same motion with the sensors' noise put on once more.
     """
 

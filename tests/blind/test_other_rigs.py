@@ -1,0 +1,55 @@
+"""Rigs that are no wire bonder, measured by others: a carriage on a guide, and an electronic mass on a hardening spring."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.cli import main
+from rig.models import read_model
+from rig.prediction import predicted
+from rig.recording import read
+
+ROOT = Path(__file__).parents[2]
+MEASURED = ROOT.parent / "shared" / "measured"
+MAPPINGS = ROOT / "fixtures_data" / "mappings"
+pytestmark = pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured data of other rigs are not on this machine")
+
+
+def diagnosed(name: str, folder: Path) -> dict[str, object]:
+    recording = folder / f"{name}.h5"
+    assert main(["import", str(MAPPINGS / f"{name}.toml"), "--data", str(MEASURED / name), "-o", str(recording)]) == 0
+    assert main(["diagnose", str(recording), "-o", str(folder / "out")]) == 0
+    return json.loads((folder / "out" / "findings.json").read_text())
+
+
+@pytest.mark.timeout(300)
+def test_positioning_system(tmp_path: Path) -> None:
+    """Dry friction, then its direction, and nothing after that; published: 17.0 / 16.9, 4.04 / 5.95, 3.06 / 5.34 %."""
+    findings = diagnosed("emps", tmp_path)
+    steps = findings["steps"]
+    assert [step["cause"] for step in steps] == ["coulomb_friction", "asymmetric_friction"]
+    assert findings["verdict"] in ("explained", "partly explained")
+    assert steps[0]["holdout_error_before"] == pytest.approx(0.17, abs=0.005)
+    assert steps[0]["parameters"]["friction_force"]["value"] == pytest.approx(20.4, abs=0.6)
+    assert steps[0]["holdout_error_after"] < 0.055
+    assert findings["holdout"]["extended"] < 0.5 * (0.031 + 0.054) + 0.0005
+    model, _ = read_model(tmp_path / "out" / "model.json")
+    law = model.contact("guide").law
+    assert model.body("carriage").mass == pytest.approx(95.15, rel=0.005)
+    assert model.link("guide").damping + law.backward_viscosity == pytest.approx(240.4, rel=0.02)
+    assert model.link("guide").damping + law.forward_viscosity == pytest.approx(166.7, rel=0.02)
+
+
+@pytest.mark.timeout(300)
+def test_silverbox(tmp_path: Path) -> None:
+    """A hardening spring and nothing else; published free-run errors on the arrow: linear 14.2 mV, cubic 0.38 mV."""
+    findings = diagnosed("silverbox", tmp_path)
+    assert findings["verdict"] == "explained"
+    assert [(step["cause"], step["location"]) for step in findings["steps"]] == [("hardening_stiffness", "spring")]
+    campaign = read(tmp_path / "silverbox.h5")
+    model, origin = read_model(tmp_path / "out" / "model.json")
+    said = predicted(model, campaign, origin=origin, as_recorded=True)
+    arrow, guess = (next(run for run in c.runs if run.id == "arrow").read("position") for c in (campaign, said))
+    assert np.sqrt(np.mean((arrow - guess) ** 2)) < 0.6e-3
