@@ -160,8 +160,7 @@ def peaks(frf: Frf) -> tuple[float, ...]:
     size = np.maximum(np.abs(frf.value), np.finfo(float).tiny)
     scatter = frf.magnitude_std / size
     found = find_peaks(np.log(size), prominence=np.log(PROMINENT))[0]
+    rises = peak_prominences(np.log(size), found)[0]
     return tuple(
-        float(frf.frequency[i])
-        for i, rise in zip(found, about["prominences"], strict=True)
-        if rise > 3.0 * scatter[i] and scatter[i] < 0.3
+        float(frf.frequency[i]) for i, rise in zip(found, rises, strict=True) if rise > 3.0 * scatter[i] and scatter[i] < 0.3
     )
