@@ -13,22 +13,7 @@ import numpy as np
 
 from drivers.block import FloatArray, Raw
 from drivers.frames import encode_samples, encode_text
-
-
-class Wire(Protocol):
-    """Where bytes go and come from."""
-
-    def read(self, timeout: float) -> bytes:
-        """What arrived within `timeout` seconds."""
-        ...
-
-    def write(self, data: bytes, timeout: float) -> int:
-        """Send what fits within `timeout` seconds; the number of bytes taken."""
-        ...
-
-    def close(self) -> None:
-        """Unplug."""
-        ...
+from drivers.simulated.wire import Wire
 
 
 class Plant(Protocol):

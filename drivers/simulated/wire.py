@@ -1,12 +1,29 @@
-"""A pseudo-terminal as the wire between a simulated instrument and a driver."""
+"""Wires between a simulated instrument and a driver."""
 
 from __future__ import annotations
 
 import os
 import select
 import sys
+from typing import Protocol
 
 from drivers.errors import SettingError
+
+
+class Wire(Protocol):
+    """Where bytes go and come from."""
+
+    def read(self, timeout: float) -> bytes:
+        """What arrived within `timeout` seconds."""
+        ...
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Send what fits within `timeout` seconds; the number of bytes taken."""
+        ...
+
+    def close(self) -> None:
+        """Unplug."""
+        ...
 
 
 class PtyWire:

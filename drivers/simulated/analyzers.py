@@ -1,0 +1,105 @@
+"""Simulated analyzers: they answer the commands that the drivers of the SR785 and the 35670A use, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.block import FloatArray
+
+#: x and values of a trace.
+Curve = tuple[FloatArray, FloatArray]
+
+
+class _Lines:
+    """Answers commands that end in LF; what it does not know makes an error of the instrument's own kind."""
+
+    def __init__(self) -> None:
+        self._waiting = b""
+        self.heard: list[str] = []
+
+    def step(self, data: bytes) -> bytes:
+        self._waiting += data
+        answers = b""
+        while b"\n" in self._waiting:
+            line, _, self._waiting = self._waiting.partition(b"\n")
+            command = line.decode("ascii", "replace").strip()
+            self.heard.append(command)
+            answers += self.answer(command)
+        return answers
+
+    def answer(self, command: str) -> bytes:
+        raise NotImplementedError
+
+
+class SimulatedSr785(_Lines):
+    """Two displays whose curves are given; `polls` questions pass before a measurement is done."""
+
+    def __init__(self, displays: Mapping[int, Curve], *, polls: int = 2, overload: bool = False, order: str = "<") -> None:
+        super().__init__()
+        self._displays, self._polls, self._overload, self._order = displays, polls, overload, order
+        self._left, self._events = 0, 0
+
+    def answer(self, command: str) -> bytes:
+        """What goes back for a command."""
+        head, _, rest = command.partition("?")
+        words = rest.split(",") if rest else []
+        if command in ("OUTX1", "STRT"):
+            self._left = self._polls if command == "STRT" else self._left
+            return b""
+        if head in ("DSPN", "DBIN", "DSPB", "DSPY") and words and int(words[0]) in self._displays:
+            return self._display(head, words)
+        numbers = {"*ESR?": self._events, "DSPS?1": int(self._left <= 1), "NAVG?0": 10, "INPS?": int(self._overload)}
+        if command not in numbers:
+            self._events |= 1 << 5
+            return b""
+        if command == "DSPS?1":
+            self._left -= 1
+        if command == "*ESR?":
+            self._events = 0
+        return b"%d\n" % numbers[command]
+
+    def _display(self, head: str, words: list[str]) -> bytes:
+        x, values = self._displays[int(words[0])]
+        if head == "DSPN":
+            return b"%d\n" % len(values)
+        if head == "DSPB":
+            return values.astype(f"{self._order}f4").tobytes()
+        chosen = x if head == "DBIN" else values.astype(np.float32)
+        return b"%.9g\n" % chosen[int(words[1])]
+
+
+class Simulated35670a(_Lines):
+    """Traces by the feed that shows them; `polls` questions pass before a measurement is done."""
+
+    def __init__(self, feeds: Mapping[str, Curve], *, polls: int = 2) -> None:
+        super().__init__()
+        self._feeds, self._polls = feeds, polls
+        self._left = 0
+        self._traces: dict[str, Curve] = {}
+        self._errors: list[str] = []
+
+    def answer(self, command: str) -> bytes:
+        """What goes back for a command."""
+        trace, _, about = command.partition(":")
+        if command == "ABOR;INIT:IMM;*OPC":
+            self._left = self._polls
+        elif command == "*STB?":
+            self._left = max(self._left - 1, 0)
+            return b"+32\n" if self._left == 0 else b"+0\n"
+        elif command == "SYST:ERR?":
+            return (self._errors.pop(0) if self._errors else '+0,"No Error"').encode() + b"\n"
+        elif trace.startswith("CALC") and about.startswith("FEED '") and about[6:-1] in self._feeds:
+            self._traces[trace] = self._feeds[about[6:-1]]
+        elif about in ("DATA?", "X:DATA?") and trace in self._traces:
+            return self._block(self._traces[trace][0 if about.startswith("X") else 1])
+        elif command != "FORM:DATA REAL,32":
+            self._errors.append('-113,"Undefined header"')
+        return b""
+
+    @staticmethod
+    def _block(values: FloatArray) -> bytes:
+        data = values.astype(">f4").tobytes()
+        length = str(len(data)).encode()
+        return b"#" + str(len(length)).encode() + length + data + b"\n"

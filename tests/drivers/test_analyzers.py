@@ -1,0 +1,112 @@
+"""The analyzers' dialogues byte by byte, over a pseudo-terminal and over TCP."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers import hp35670a, sr785
+from drivers.block import Status
+from drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
+from drivers.hp35670a import Hp35670aInstrument
+from drivers.shows import Shows
+from drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
+from drivers.simulated.served import TcpWire, served
+from drivers.sr785 import Sr785Instrument
+
+SPECTRUM = (np.linspace(0.0, 800.0, 801), 1.0 / (1.0 + np.arange(801.0)))
+RECORD = (np.arange(1024) / 1024.0, np.sin(np.arange(1024.0)))
+SHOWS = (Shows(trace="0", kind="spectrum", unit="1"), Shows(trace="1", kind="time", unit="V"))
+FEEDS = (Shows(trace="XTIM:VOLT 1", kind="time", unit="V"), Shows(trace="XFR:POW:COH 1,2", kind="spectrum", unit="1"))
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sr785, "POLL", 0.0)
+    monkeypatch.setattr(hp35670a, "POLL", 0.0)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("wire", ["pty", "tcp"])
+def test_sr785_dialogue(order: str, wire: str) -> None:
+    peer = SimulatedSr785({0: SPECTRUM, 1: RECORD}, order=order)
+    with served(peer, TcpWire() if wire == "tcp" else None) as port:
+        instrument = Sr785Instrument(port, SHOWS)
+        instrument.measure(5.0)
+        spectrum, record = instrument.records()
+        instrument.close()
+    assert peer.heard == [
+        "OUTX1", "*ESR?", "STRT", "DSPS?1", "DSPS?1", "NAVG?0", "INPS?", "*ESR?",
+        "DSPN?0", "DBIN?0,0", "DBIN?0,800", "DSPB?0", "DSPY?0,400",
+        "DSPN?1", "DBIN?1,0", "DBIN?1,1023", "DSPB?1", "DSPY?1,512",
+    ]  # fmt: skip
+    np.testing.assert_allclose(spectrum.x, SPECTRUM[0], rtol=1e-9)
+    np.testing.assert_array_equal(spectrum.values, SPECTRUM[1].astype(np.float32))
+    np.testing.assert_array_equal(record.values, RECORD[1].astype(np.float32))
+    assert (spectrum.kind, spectrum.averages, spectrum.status, record.kind) == ("spectrum", 10, Status.GOOD, "time")
+
+
+def test_sr785_tells_of_an_overload_and_of_an_unknown_command() -> None:
+    with served(SimulatedSr785({0: SPECTRUM}, overload=True)) as port:
+        instrument = Sr785Instrument(port, SHOWS[:1])
+        instrument.measure(5.0)
+        assert instrument.records()[0].status == Status.OVERLOAD
+        instrument._send("SRAT 1024")
+        with pytest.raises(InstrumentError, match="does not know a command"):
+            instrument.measure(5.0)
+        instrument.close()
+
+
+def test_hp35670a_dialogue() -> None:
+    peer = Simulated35670a({"XTIM:VOLT 1": RECORD, "XFR:POW:COH 1,2": SPECTRUM})
+    with served(peer) as port:
+        instrument = Hp35670aInstrument(port, FEEDS)
+        instrument.measure(5.0)
+        record, coherence = instrument.records()
+        instrument.close()
+    assert peer.heard == [
+        "FORM:DATA REAL,32", "CALC1:FEED 'XTIM:VOLT 1'", "CALC2:FEED 'XFR:POW:COH 1,2'", "SYST:ERR?",
+        "ABOR;INIT:IMM;*OPC", "*STB?", "*STB?", "SYST:ERR?",
+        "CALC1:X:DATA?", "CALC1:DATA?", "CALC2:X:DATA?", "CALC2:DATA?",
+    ]  # fmt: skip
+    np.testing.assert_array_equal(record.values, RECORD[1].astype(np.float32))
+    np.testing.assert_array_equal(coherence.values, SPECTRUM[1].astype(np.float32))
+
+
+def test_hp35670a_block_bytes_and_bad_values() -> None:
+    holes = RECORD[1].copy()
+    holes[5] = -9.9e37
+    assert Simulated35670a._block(np.array([1.0])).hex() == "2331" + "34" + "3f800000" + "0a"
+    with served(Simulated35670a({"XTIM:VOLT 1": (RECORD[0], holes)})) as port:
+        instrument = Hp35670aInstrument(port, FEEDS[:1])
+        instrument.measure(5.0)
+        record = instrument.records()[0]
+        instrument.close()
+    assert len(record.values) == 1023
+    assert record.status == Status.LOST
+
+
+def test_hp35670a_refuses_a_feed_it_does_not_have() -> None:
+    with served(Simulated35670a({})) as port, pytest.raises(InstrumentError, match="Undefined header"):
+        Hp35670aInstrument(port, FEEDS)
+
+
+class Silent:
+    def step(self, data: bytes) -> bytes:
+        return b""
+
+
+class Chatty:
+    def step(self, data: bytes) -> bytes:
+        return b"nonsense" if data else b""
+
+
+def test_what_does_not_answer_or_answers_nonsense_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    with served(Silent()) as port, pytest.raises(ConnectionLostError, match="did not send a line"):
+        Sr785Instrument(port, SHOWS)
+    with served(Chatty()) as port:
+        instrument = Hp35670aInstrument.__new__(Hp35670aInstrument)
+        instrument._port = hp35670a.Port(port, baud_rate=9600)
+        with pytest.raises(ProtocolError, match="a block begins with #"):
+            instrument._block("CALC1:DATA?")
+        instrument.close()

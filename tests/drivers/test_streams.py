@@ -1,0 +1,156 @@
+"""Streams that are not of our making: the DI-1100's dialogue and loss against a clock, the MTi-600 on CAN."""
+
+from __future__ import annotations
+
+import can
+import cantools
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.arrivals import Arrivals
+from drivers.block import Block, Status
+from drivers.dataq import DataqInstrument
+from drivers.errors import SettingError
+from drivers.mti600 import DBC, PER_COUNT, MtiInstrument, decode
+from drivers.simulated.served import served
+from drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups
+
+
+def counts(samples: int, rate: float, inputs: int = 4) -> np.ndarray:
+    return (np.arange(samples)[:, None] * 4 * np.arange(1, inputs + 1) % 30000).astype(np.int16)
+
+
+def collect(instrument: object, ticks: int) -> list[Block]:
+    blocks: list[Block] = []
+    for _ in range(2000):
+        block = instrument.read(0.05)  # type: ignore[attr-defined]
+        if block is not None:
+            blocks.append(block)
+            if block.end_tick >= ticks:
+                break
+    return blocks
+
+
+def test_di1100_dialogue_and_samples() -> None:
+    peer = SimulatedDataq(counts, seconds=3.0, speed=4.0)
+    with served(peer) as port:
+        instrument = DataqInstrument(port, full_scale=10.0)
+        assert instrument.prepare(sample_rate=2000.0, channels=[0, 3]) == 2000.0
+        instrument.start()
+        blocks = collect(instrument, 6000)
+        assert instrument.stop() is None
+        instrument.close()
+    assert peer.heard == [
+        "stop", "encode 0", "slist 0 0", "slist 1 1", "slist 2 2", "slist 3 3", "srate 30000", "dec 1", "deca 1", "ps 0",
+        "start", "stop",
+    ]  # fmt: skip
+    samples = np.concatenate([block.samples for block in blocks])
+    np.testing.assert_array_equal(samples, counts(6000, 2000.0))
+
+
+def test_di1100_masks_its_digital_inputs_and_refuses_a_rate_it_has_not() -> None:
+    def ones(samples: int, rate: float) -> np.ndarray:
+        return np.full((samples, 2), 3, np.int16)
+
+    with served(SimulatedDataq(ones, seconds=1.0)) as port:
+        instrument = DataqInstrument(port, full_scale=10.0)
+        with pytest.raises(SettingError, match="916 Hz or more"):
+            instrument.prepare(sample_rate=100.0, channels=[0])
+        instrument.prepare(sample_rate=1000.0, channels=[0, 1])
+        instrument.start()
+        block = collect(instrument, 10)[0]
+        instrument.stop()
+        instrument.close()
+    assert (block.samples[0] == [0, 3]).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    ppm=st.floats(-300.0, 300.0), gone=st.integers(100, 5000), when=st.floats(15.0, 80.0), seed=st.integers(0, 99),
+    jitter=st.floats(0.0, 0.3),
+)  # fmt: skip
+def test_loss_is_told_from_clocks_that_drift(ppm: float, gone: int, when: float, seed: int, jitter: float) -> None:
+    rate, random = 1000.0, np.random.default_rng(seed)
+    arrivals, told, arrived = Arrivals(rate), 0, 0
+    lost_at = []
+    for now in np.arange(0.0, 100.0, 0.01):
+        taken = int(now * rate * (1.0 + 1e-6 * ppm)) - (gone if now > when else 0)
+        late = random.random() < jitter
+        if taken > arrived and not late:
+            arrived = taken
+            found = arrivals.lost(arrived + told, now)
+            told += found
+            if found:
+                lost_at.append(now)
+    # Loss is told once, of the right size but for what the clocks drift in a window, within two windows.
+    assert abs(told - gone) <= 25
+    assert len(lost_at) == 1
+    assert when < lost_at[0] < when + gone / rate + 4.5
+
+
+def test_without_loss_drift_is_never_loss() -> None:
+    for ppm in (-1000.0, 0.0, 1000.0):
+        arrivals = Arrivals(1000.0)
+        assert sum(arrivals.lost(int(now * 1000.0 * (1 + 1e-6 * ppm)), now) for now in np.arange(0.0, 400.0, 0.01)) == 0
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 60), counter=st.integers(0, 65535))
+def test_the_batch_decoder_agrees_with_cantools(seed: int, count: int, counter: int) -> None:
+    random = np.random.default_rng(seed)
+    samples = random.integers(-(2**15), 2**15, (count, 3), dtype=np.int16)
+    frames = [frame for group in groups(samples, rate=100.0, counter=counter) for frame in group]
+    database = cantools.database.load_file(DBC)
+    told = [(identifier, database.decode_message(identifier, data)) for identifier, data in frames]
+    found = decode(
+        np.array([identifier for identifier, _ in frames]),
+        np.frombuffer(b"".join(data.ljust(8, b"\0") for _, data in frames), np.uint8).reshape(-1, 8),
+    )
+    np.testing.assert_array_equal(found.counter, [values["Counter"] for identifier, values in told if identifier == 6])
+    expected = [[values[f"Acc{axis}"] for axis in "XYZ"] for identifier, values in told if identifier == 0x34]
+    np.testing.assert_array_equal(found.acceleration * PER_COUNT, expected)
+    np.testing.assert_allclose(found.seconds, [values["Time"] for identifier, values in told if identifier == 5], rtol=1e-12)
+    clipped = [bool(int(values["Flags"]) & 0x700) for identifier, values in told if identifier == 0x11]
+    np.testing.assert_array_equal(found.clipped, clipped)
+
+
+@pytest.mark.parametrize("counter", [0, 65500])
+def test_mti_over_slcan_places_every_sample_by_its_counter(counter: int) -> None:
+    def ramp(samples: int, rate: float) -> np.ndarray:
+        return np.stack([np.arange(samples)] * 3, axis=1).astype(np.int16)
+
+    peer = SimulatedSlcan(ramp, rate=400.0, seconds=8.0, speed=8.0, counter=counter, drop=0.05, seed=3)
+    with served(peer) as port:
+        instrument = MtiInstrument(port)
+        instrument.start()
+        blocks = collect(instrument, 2500)
+        instrument.stop()
+        instrument.close()
+    assert [command for command in peer.heard if command][:4] == ["C", "S5", "O", "O"]
+    offset = int(blocks[0].samples[0, 0])
+    placed = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
+    values = np.concatenate([block.samples[:, 0] for block in blocks])
+    assert len(placed) > 1500
+    assert (np.diff(placed) > 0).all()
+    # Where a counter and the acceleration before it are both lost, a sample stands one group early: rarer than 0.05^2.
+    assert np.mean(values - offset != placed) <= 0.01
+
+
+def test_mti_on_the_virtual_bus_tells_clipping_and_loss_inside() -> None:
+    samples = np.zeros((20, 3), np.int16)
+    samples[3, 1] = 32767
+    with can.Bus(interface="virtual", channel="rig-test") as sender:
+        instrument = MtiInstrument("rig-test", bus="virtual")
+        instrument.start()
+        sender.send(can.Message(arbitration_id=1, data=b"\x01", is_extended_id=False))
+        for group in groups(samples, rate=100.0):
+            for identifier, data in group:
+                sender.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        block = instrument.read(0.5)
+        assert block is not None
+        assert block.status == Status.OVERLOAD | Status.LOST
+        assert block.first_tick == 0
+        assert len(block.samples) == 16
+        instrument.close()
