@@ -1,0 +1,231 @@
+"""The design study of a file: moves and limit in, strokes, recommended frequency, histories and ratios out."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from analysis import design
+from analysis.errors import ModelError
+from analysis.isolation import IsolationRatio, isolation_ratio
+from analysis.measured import FloatArray
+from analysis.model import RigModel
+from analysis.profile import Move, head_acceleration
+from analysis.rigs import THESIS, wire_bonder
+from rig.errors import PlanError
+from rig.virtual import Take, virtual_campaign
+
+#: Samples per second: fifteen at least in a move of a hundredth of a second.
+RATE = 2048.0
+#: The motor swings out for this share of the slowest period after the last move.
+TAIL = 0.6
+TAKES = tuple(
+    Take(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
+    for c in ("unlocked", "locked")
+    for g, top in ((70.0, 20.0), (7.0, 400.0))
+)
+
+
+class MovePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Moves alike: distance in m, largest acceleration in m/s^2, pause in s, how many."""
+
+    distance: float
+    acceleration: float
+    pause: float
+    shape: Literal["sine", "constant"] = "sine"
+    repeat: int = 1
+
+
+class HeadPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The head's mass in kg and its standard deviation."""
+
+    mass: float
+    std: float = 0.0
+
+
+class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the study is about.
+
+    Parameters
+    ----------
+    moves
+        The moves in their order.
+    limit
+        Largest stroke either way, m.
+    safety
+        The stroke must stay inside limit / safety.
+    frequencies
+        Lowest and highest isolation frequency to try, Hz.
+    head
+        The head, where it is not the model's.
+    """
+
+    moves: tuple[MovePlan, ...]
+    limit: float
+    safety: float = 1.0
+    frequencies: tuple[float, float] = (0.3, 6.0)
+    head: HeadPlan | None = None
+
+    def drive(self, tail: float) -> FloatArray:
+        """The head's acceleration at `RATE`."""
+        moves = [
+            Move(distance=m.distance, acceleration=m.acceleration, pause=m.pause, shape=m.shape)
+            for m in self.moves
+            for _ in range(m.repeat)
+        ]
+        return head_acceleration(moves, RATE, tail=tail)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Designed:
+    """The study's results.
+
+    Parameters
+    ----------
+    studies
+        Stroke against frequency "without friction" and "with friction".
+    head
+        The drive, m/s^2 at `RATE`, and `histories` of all bodies by case, m.
+    ratios
+        Isolation ratio by case, estimated from simulated runs as a lab would.
+    offsets
+        By drive offset in m: largest rocking in rad, stroke in m, worst ratio from 5 to 50 Hz over that without.
+    present
+        Isolation frequency of the present design, Hz.
+    """
+
+    studies: Mapping[str, design.StrokeStudy]
+    head: FloatArray
+    histories: Mapping[str, Mapping[str, FloatArray]]
+    ratios: Mapping[str, IsolationRatio]
+    offsets: Mapping[float, tuple[float, float, float]]
+    present: float
+
+
+def read_design(path: Path) -> DesignPlan:
+    """Read a move profile and check it.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    try:
+        plan = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), DesignPlan, strict=False)
+    except FileNotFoundError:
+        raise PlanError(f"{path} does not exist; give the path of a move profile") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanError(f"{path} cannot be read as text ({error}); give a move profile in TOML") from None
+    except tomllib.TOMLDecodeError as error:
+        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
+    except msgspec.ValidationError as error:
+        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
+    low, high = plan.frequencies
+    if not 0.05 <= low < high <= 100.0:
+        raise PlanError(f"{path}: frequencies are {low:g} to {high:g} Hz; give low < high between 0.05 and 100 Hz")
+    repeats = [move.repeat for move in plan.moves]
+    if not plan.moves or min(repeats) < 1 or sum(repeats) > 1000:
+        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to 1000, each repeated once at least")
+    if plan.head is not None and not (0.0 < plan.head.mass < math.inf and 0.0 <= plan.head.std < plan.head.mass):
+        found = f"{plan.head.mass:g} kg with std {plan.head.std:g}"
+        raise PlanError(f"{path}: the head has {found}; give a mass above zero and a smaller std")
+    return plan
+
+
+def rigs_of(parameters: Path | None, plan: DesignPlan, *, draws: int, seed: int) -> list[RigModel]:
+    """The rig of a parameter table, and behind it `draws` of the same with parameters drawn from their deviations.
+
+    Raises
+    ------
+    PlanError
+        Where the file is not a parameter table.
+    """
+    values, stds = dict(THESIS), dict.fromkeys(THESIS, 0.0)
+    if parameters is not None:
+        for name, (value, std) in _table(parameters).items():
+            if name in values:
+                values[name], stds[name] = value, std
+    if plan.head is not None:
+        values["head_mass"], stds["head_mass"] = plan.head.mass, plan.head.std
+    if not any(stds.values()):
+        draws = 0
+    generator = np.random.default_rng(seed)
+    drawn = [
+        # A mass, a frequency or a friction force is never below zero; far out there a draw is no guide.
+        {name: max(generator.normal(value, stds[name]), 0.01 * value) for name, value in values.items()}
+        for _ in range(draws)
+    ]
+    return [wire_bonder(given) for given in (values, *drawn)]
+
+
+def _table(path: Path) -> dict[str, tuple[float, float]]:
+    try:
+        content = msgspec.json.decode(path.read_bytes())
+        rows = content["parameters"].items() if content["format"] == "rig-parameters" else ()
+        found = {name: (float(row["value"]), float(row.get("std") or 0.0)) for name, row in rows if row["value"] is not None}
+        if not found:
+            raise ValueError
+    except OSError as error:
+        raise PlanError(f"{path} cannot be read ({error.strerror}); give the parameters.json of rig characterize") from None
+    except (msgspec.DecodeError, AttributeError, KeyError, TypeError, ValueError):
+        raise PlanError(f"{path} is not a parameter table; give the parameters.json of rig characterize") from None
+    return found
+
+
+def designed(
+    plan: DesignPlan, rigs: list[RigModel], *, points: int = 100, offsets: tuple[float, ...] = (), rocking_frequency: float = 30.0
+) -> Designed:
+    """Run the whole study.
+
+    Parameters
+    ----------
+    plan
+        Moves, limit, frequencies.
+    rigs
+        The present rig, then its draws.
+    points
+        Isolation frequencies on the grid; the grid has points * rigs designs each with and without friction.
+    offsets
+        Distances of the drive from the motor's centre of gravity, m.
+    rocking_frequency
+        Frequency at which the motor rocks on its bearings, Hz.
+    """
+    rig = rigs[0]
+    grid = np.geomspace(*plan.frequencies, points)
+    tail = TAIL / plan.frequencies[0]
+    head = plan.drive(tail)
+    free = [design.frictionless(model) for model in rigs]
+    studies = {
+        name: design.stroke_study(models, grid, head, RATE, limit=plan.limit, safety=plan.safety)
+        for name, models in (("without friction", free), ("with friction", rigs))
+    }
+    isolation = rig.link("isolation")
+    present = math.sqrt(isolation.stiffness / rig.body("motor").mass) / (2.0 * math.pi)
+    cases = {f"present, {present:.2f} Hz with friction": rig}
+    chosen = studies["without friction"].recommended
+    if math.isfinite(chosen):
+        cases[f"{chosen:.2f} Hz without friction"] = design.isolated(free[0], chosen)
+    ratios = {name: isolation_ratio(virtual_campaign(model, TAKES, noise=0.0, oversample=8)) for name, model in cases.items()}
+    last = list(cases.values())[-1]
+    return Designed(
+        studies=studies, head=head, histories={name: design.histories(model, head, RATE) for name, model in cases.items()},
+        ratios=ratios, offsets={o: _offset(last, o, head, rocking_frequency) for o in offsets}, present=present,
+    )  # fmt: skip
+
+
+def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) -> tuple[float, float, float]:
+    try:
+        rocked = design.rocking(model, offset, frequency=frequency)
+    except ModelError as error:
+        raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
+    seen = design.histories(rocked, head, RATE)
+    lines = np.linspace(5.0, 50.0, 451)
+    worse = np.max(design.linear_ratio(rocked, lines) / design.linear_ratio(model, lines))
+    return float(np.abs(seen["rocking"]).max()), float(np.abs(seen["motor"] - seen["table"]).max()), float(worse)
