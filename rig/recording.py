@@ -28,6 +28,8 @@ UNITS = frozenset({"m/s^2", "m/s", "m", "N", "V", "A", "1"})
 #: Datasets of a run that are no channel; "gain" is one, though none that a sensor recorded.
 NOT_CHANNELS = frozenset({"gaps", "timing"})
 GAIN = "gain"
+#: Bytes of chunks that are kept of each dataset while it is read: runs are read from front to back.
+CHUNK_CACHE = 1 << 20
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -83,7 +85,7 @@ def open_recording(path: str | Path) -> Iterator[Campaign]:
             raise RecordingError(f"{path} is a folder, not a recording; give the path of a file") from None
         raise RecordingError(f"{path} cannot be read ({error.strerror}); change its permissions or copy it") from None
     try:
-        file = h5py.File(path, "r")
+        file = h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE)
     except OSError as error:
         raise RecordingError(_unreadable(path, begin, error)) from None
     with file:
