@@ -18,7 +18,7 @@ from analysis.leakage import error_moments, through
 from analysis.measured import ComplexArray, FloatArray
 from analysis.spectra import Frf
 
-Kind = Literal["accelerance", "transmissibility"]
+Kind = Literal["accelerance", "transmissibility", "general"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ def fit_modes(
         Hz: the lines that are fitted.
     kind
         accelerance: each mode is A s^2 / (s^2 + 2 zeta w s + w^2); transmissibility: A (2 zeta w s + w^2) over the same.
-        A is real and fitted.
+        A is real and fitted. general: any complex residue, for modes that damping couples; what is constant is a residual.
     guesses
         (frequency in Hz, damping ratio) of each mode; the highest peak in the band where none.
     residuals
@@ -96,7 +96,7 @@ def fit_modes(
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
     f, value = frf.frequency[kept], frf.value[kept]
     guesses = guesses or _guess(f, np.abs(value), frf.resolution)
-    if 2 * len(f) <= 3 * len(guesses) + residuals or len(f) < 5:
+    if 2 * len(f) <= 4 * len(guesses) + residuals or len(f) < 5:
         raise DataError(
             f"the band {band[0]:g} to {band[1]:g} Hz holds {len(f)} lines, too few for {len(guesses)} modes; "
             "widen it or take a finer resolution"
@@ -176,15 +176,18 @@ class _Shape:
 
     def columns(self, pairs: FloatArray) -> ComplexArray:
         """Shape (..., modes + residuals), for frequencies (Hz) and damping ratios in turn."""
-        modes = [self._mode(2.0 * np.pi * pairs[i], pairs[i + 1]) for i in range(0, len(pairs), 2)]
+        modes = [column for i in range(0, len(pairs), 2) for column in self._mode(2.0 * np.pi * pairs[i], pairs[i + 1])]
         return np.stack([*modes, *self._rest], axis=-1)
 
-    def _mode(self, omega: float, zeta: float) -> ComplexArray:
+    def _mode(self, omega: float, zeta: float) -> tuple[ComplexArray, ...]:
         # (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial fractions; s^2 over the same is one less it.
         pole = omega * (-zeta + 1j * np.sqrt(max(1.0 - zeta**2, 1e-12)))
+        seen, mirrored = self._seen(pole), self._seen(np.conj(pole))
+        if self._kind == "general":
+            return omega * (seen + mirrored), 1j * omega * (seen - mirrored)
         residue = (2.0 * zeta * omega * pole + omega**2) / (pole - np.conj(pole))
-        ratio = residue * self._seen(pole) + np.conj(residue) * self._seen(np.conj(pole))
-        return np.asarray(ratio if self._kind == "transmissibility" else 1.0 - ratio)
+        ratio = np.asarray(residue * seen + np.conj(residue) * mirrored)
+        return (ratio if self._kind == "transmissibility" else 1.0 - ratio,)
 
     def _seen(self, pole: complex) -> ComplexArray:
         # The transform of exp(pole t), t > 0, times the Hann window's autocorrelation (1 - u)(2 + cos 2 pi u) / 3 +

@@ -23,6 +23,7 @@ import scipy.signal
 
 from analysis.measured import Channel, FloatArray, Run
 from analysis.spectra import estimate, hann
+from rig.recording import open_recording
 
 RATE, LENGTH, SECONDS = 25600.0, 8192, 600
 NAMES = ("head", "a", "b", "c", "d")
@@ -34,15 +35,15 @@ def record(seconds: float = SECONDS) -> FloatArray:
     return np.random.default_rng(0).standard_normal((len(NAMES), round(seconds * RATE)))
 
 
-def run_of(samples: dict[str, FloatArray] | h5py.Group) -> Run:
-    """A run whose channels are arrays or datasets."""
-    channels = {name: Channel(name=name, samples=samples[name]) for name in NAMES}
+def run_of(data: FloatArray) -> Run:
+    """A run in memory."""
+    channels = {name: Channel(name=name, samples=row) for name, row in zip(NAMES, data, strict=True)}
     return Run(id="bench", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels)
 
 
 def ours(data: FloatArray) -> float:
     """Our estimate from memory."""
-    run = run_of(dict(zip(NAMES, data, strict=True)))
+    run = run_of(data)
     start = time.process_time()
     spectra = estimate([run], references=["head"], resolution=RATE / LENGTH)
     for name in NAMES[1:]:
@@ -119,16 +120,19 @@ def from_disk(seconds: float) -> dict[str, float]:
         subprocess.run([sys.executable, __file__, "write", str(seconds), str(path)], check=True)
         ours(record(1.0))  # what is imported and planned once is not counted
         before, start = peak(), time.process_time()
-        with h5py.File(path) as file:
-            estimate([run_of(file)], references=["head"], resolution=RATE / LENGTH)
+        with open_recording(path) as campaign:
+            estimate(campaign.runs, references=["head"], resolution=RATE / LENGTH)
         return {"cpu": time.process_time() - start, "memory": peak() - before}
 
 
 def write(seconds: float, path: str) -> None:
     """A recording of that length."""
     with h5py.File(path, "w") as file:
+        file.attrs["format"], file.attrs["format_version"] = "rig-recording", 1
+        run = file.create_group("runs/long")
+        run.attrs.update(configuration="unlocked", sample_rate=RATE, gain=1.0)
         for name, row in zip(NAMES, record(seconds), strict=True):
-            file.create_dataset(name, data=row, chunks=(LENGTH,))
+            run.create_dataset(name, data=row, chunks=(LENGTH,))
 
 
 def measured(name: str) -> dict[str, float]:
