@@ -186,8 +186,8 @@ class _Shape:
         if self._kind == "general":
             return omega * (seen + mirrored), 1j * omega * (seen - mirrored)
         residue = (2.0 * zeta * omega * pole + omega**2) / (pole - np.conj(pole))
-        ratio = np.asarray(residue * seen + np.conj(residue) * mirrored)
-        return (ratio if self._kind == "transmissibility" else 1.0 - ratio,)
+        ratio: ComplexArray = np.asarray(residue * seen + np.conj(residue) * mirrored)
+        return (ratio,) if self._kind == "transmissibility" else (np.asarray(1.0 - ratio),)
 
     def _seen(self, pole: complex) -> ComplexArray:
         # The transform of exp(pole t), t > 0, times the Hann window's autocorrelation (1 - u)(2 + cos 2 pi u) / 3 +

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -32,8 +33,13 @@ def characterize_campaign(campaign: Campaign, tell: Callable[[str], None]) -> Ch
     return characterize(campaign, baseline_model(campaign), progress=tell)
 
 
-def write_characterization(folder: Path, campaign: Campaign, found: Characterization) -> Path:
-    """Write parameters.json, the same table as CSV, and the fitted model; the path of the first."""
+def write_characterization(
+    folder: Path, campaign: Campaign, found: Characterization, beside: Mapping[str, Any] | None = None
+) -> Path:
+    """Write parameters.json, the same table as CSV, and the fitted model; the path of the first.
+
+    `beside` goes into parameters.json as further keys.
+    """
     table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -42,5 +48,5 @@ def write_characterization(folder: Path, campaign: Campaign, found: Characteriza
     write_text(folder / "parameters.csv", text.getvalue())
     origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
     write_model(folder / "model.json", found.fit.model, origin=origin)
-    content = {"format": "rig-parameters", "format_version": 1, "parameters": table}
+    content = {"format": "rig-parameters", "format_version": 1, "parameters": table, **(beside or {})}
     return write_json(folder / "parameters.json", content)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.typing import ColorType
 
+    from analysis.classic import ErrorSurface, SetUp
     from analysis.isolation import IsolationRatio
     from analysis.measured import FloatArray
     from analysis.spectra import Frf
@@ -70,6 +71,48 @@ def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float,
         wide.axvline(at, color="0.4", ls=":", lw=1.0)
     wide.legend(fontsize=8)
     return _gridded(figure)
+
+
+def set_ups_figure(set_ups: Sequence[SetUp]) -> Figure:
+    """Each set-up's magnitude and phase, measured with error bars, the fit over it and the half-power points."""
+    figure = Figure(figsize=(4.6 * len(set_ups), 6.0), layout="constrained")
+    axes = figure.subplots(2, len(set_ups), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
+    for (magnitude, phase), item in zip(axes.T, set_ups, strict=True):
+        frf, half = item.frf, item.half_power
+        kept = (frf.frequency >= item.band[0]) & (frf.frequency <= item.band[1])
+        line = _banded(magnitude, frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept], "measured")
+        phase.plot(frf.frequency[kept], np.degrees(np.angle(frf.value[kept])), ".", ms=2, color=line)
+        if item.fit is not None:
+            magnitude.plot(item.fit.frequency, np.abs(item.fit.fitted), "k--", lw=1.0, label="fit")
+            phase.plot(item.fit.frequency, np.degrees(np.angle(item.fit.fitted)), "k--", lw=1.0)
+        if half.mode is not None:
+            points = half.amplitude * np.array([0.5**0.5, 1.0, 0.5**0.5])
+            magnitude.plot([half.low, half.peak, half.high], points, "o", mfc="none", ms=6, color="C3", label="half-power")
+        mode = item.mode
+        found = "" if mode is None else f"\n{mode.frequency:.3f} Hz, {mode.damping:.4g}"
+        magnitude.set(yscale="log", title=f"{frf.reference} → {frf.response}{found}", ylabel="magnitude")
+        magnitude.legend(fontsize=8)
+        phase.set(xlabel="frequency, Hz", ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
+    return _gridded(figure)
+
+
+def surface_figure(surface: ErrorSurface) -> Figure:
+    """The error surface over table mass and damping, and the simulation at its minimum over what was measured."""
+    figure = Figure(figsize=(10.0, 4.5), layout="constrained")
+    plane, curve = figure.subplots(1, 2)
+    mesh = plane.contourf(surface.mass, surface.damping, surface.error, levels=30, cmap="viridis")
+    plane.plot(*surface.best[:2], "w+", ms=12)
+    plane.set(
+        xscale="log", yscale="log", xlabel="table mass, kg", ylabel="damping ratio",
+        title=f"least at {surface.best[0]:.4g} kg, {surface.best[1]:.3g}",
+    )  # fmt: skip
+    figure.colorbar(mesh, ax=plane, label="mean relative error of |table / head|")
+    curve.plot(surface.frequency, surface.measured, lw=1.0, label="measured")
+    curve.plot(surface.frequency, surface.simulated, "k--", lw=1.0, label="simulated at the minimum")
+    curve.set(yscale="log", xlabel="frequency, Hz", ylabel="|table / head|")
+    curve.grid(visible=True, which="both", alpha=0.25, lw=0.5)
+    curve.legend(fontsize=8)
+    return figure
 
 
 def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str) -> ColorType:

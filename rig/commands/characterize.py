@@ -11,6 +11,8 @@ from cyclopts import Parameter
 def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
     """Fit masses, frequencies, damping ratios and friction to all runs, and write the parameter table.
 
+    The thesis's own readings, set-up by set-up, stand beside the joint fit.
+
     Example: rig characterize campaign.h5 -o parameters
 
     Parameters
@@ -18,18 +20,22 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
     campaign
         A recording of the wire bonder, locked and unlocked.
     output
-        The folder for parameters.json, parameters.csv and the fitted model.json.
+        The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit over its data,
+        set-ups.png and error-surface.png.
     """
     from rich.console import Console
 
     from rig.characterized import characterize_campaign, write_characterization
     from rig.recording import read
+    from rig.set_ups import about, write_set_ups
     from rig.terminal import show_table
 
     measured = read(campaign)
     with Console(stderr=True).status("reading") as status:
         found = characterize_campaign(measured, status.update)
-    path = write_characterization(output, measured, found)
+        status.update("reading the set-ups one by one")
+        read_off = about(write_set_ups(output, measured, found))
+    path = write_characterization(output, measured, found, {"set_ups": read_off})
     rows = [
         (name, "–" if e.value is None else f"{e.value:.6g}", "–" if e.std is None else f"{e.std:.2g}", e.unit, e.method, e.note)
         for name, e in found.table.items()
