@@ -1,0 +1,61 @@
+"""Every command block of the documentation runs as it stands there, page by page, in one folder as a reader would."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from analysis.rigs import wire_bonder
+from rig.recording import write
+from rig.virtual import SESSION, virtual_campaign
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+#: Pages that need files of others come behind them.
+ORDER = ("index.md", "session.md", "offline.md", "diagnosing.md", "designing.md", "formats.md")
+BLOCK = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+#: Languages of blocks that are not run: what is shown, not called.
+SHOWN = {"", "text", "toml", "json"}
+
+
+def pages() -> list[Path]:
+    """All pages, those of a session first."""
+    first = [DOCS / name for name in ORDER]
+    return [*first, *sorted(set(DOCS.glob("*.md")) - set(first))]
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the pages' commands run: with a short recording that stands for a session."""
+    place = tmp_path_factory.mktemp("docs")
+    takes = [replace(take, seconds=10.0) for take in SESSION if take.id in ("u70a", "u7", "l70", "l7")]
+    write(place / "campaign.h5", virtual_campaign(wire_bonder(), takes, seed=1))
+    return place
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_commands_run(page: Path, folder: Path) -> None:
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "80"}
+    for language, code in BLOCK.findall(page.read_text(encoding="utf-8")):
+        assert language in {"bash", "python", *SHOWN}, f"a block of {page.name} says {language!r}; name bash, python or {SHOWN}"
+        if language in SHOWN:
+            assert not re.search(r"^\s*(rig|make|\$) ", code, re.MULTILINE), (
+                f"{page.name} shows a command that no test runs:\n{code}"
+            )
+            continue
+        call = ["bash", "-euo", "pipefail", "-c", code] if language == "bash" else [sys.executable, "-c", code]
+        done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, timeout=200, check=False)
+        assert done.returncode == 0, f"{page.name}:\n{code}\n{done.stdout}\n{done.stderr}"
+
+
+def test_every_command_is_on_the_first_page() -> None:
+    told = (DOCS / "index.md").read_text(encoding="utf-8")
+    registered = re.findall(r'name="(\w+)"\)', (ROOT / "rig" / "cli.py").read_text(encoding="utf-8"))
+    missing = [name for name in registered if f"`rig {name}" not in told and name != "demo"]
+    assert not missing
