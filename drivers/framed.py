@@ -20,6 +20,8 @@ from drivers.port import PATIENCE, Port
 #: How often a command is repeated, and seconds that the instrument may need before it starts.
 TRIES = 3
 START_PATIENCE = 60.0
+#: Seconds of silence after which the rest of a frame will not come.
+HALF = 0.5
 
 
 class FramedInstrument:
@@ -47,6 +49,7 @@ class FramedInstrument:
         self._tick = 0
         self._first = 0
         self._clock = 0
+        self._heard = time.monotonic()
         self.identity = self._ask("STOP", "ID?")[1]
         self.inputs: Sequence[Input] = self._inputs()
 
@@ -94,10 +97,7 @@ class FramedInstrument:
         while not self._frames:
             self._receive()
             if not self._frames and time.monotonic() >= end:
-                # Half a frame whose rest was lost holds up what comes behind it.
-                self._sort(self._decoder.give_up())
-                if not self._frames:
-                    return None
+                return None
         frame, host_time = self._frames.popleft()
         self._tick = unwrap(frame.tick, self._tick)
         self._clock = unwrap(frame.time_us, self._clock)
@@ -159,8 +159,13 @@ class FramedInstrument:
 
     def _receive(self) -> None:
         data = self._port.read()
+        now = time.monotonic()
         if data:
+            self._heard = now
             self._sort(self._decoder.feed(data))
+        elif now - self._heard > HALF:
+            # Half a frame whose rest was lost holds up what came behind it.
+            self._sort(self._decoder.give_up())
 
     def _sort(self, frames: list[Frame]) -> None:
         now = time.monotonic()

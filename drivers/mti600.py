@@ -25,8 +25,9 @@ ERROR, SAMPLE_TIME, GROUP_COUNTER, STATUS_WORD, ACCELERATION = 0x001, 0x005, 0x0
 PER_COUNT = 2.0**-8
 CLIPPED = 0x700
 WRAP = 1 << 16
-#: Groups in a block.
+#: Groups in a block, and frames that may have been waiting before a run.
 GROUPS = 16
+BACKLOG = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +110,9 @@ class MtiInstrument:
 
     def start(self) -> None:
         """Forget what was on its way; the first group from now on has tick 0."""
-        while self._receive(0.0) is not None:
-            pass
+        for _ in range(BACKLOG):
+            if self._receive(0.0) is None:
+                break
         self._frames, self._first, self._tick, self._time = [], None, 0, 0.0
         self._open = True
 

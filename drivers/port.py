@@ -35,7 +35,9 @@ class Port:
         self.name = name
         self._buffer = bytearray()
         try:
-            self._port = serial.serial_for_url(name, baudrate=baud_rate, timeout=0.05)
+            # A socket does not tell how much is waiting, so it is read until nothing comes for a moment.
+            self._counts = "://" not in name
+            self._port = serial.serial_for_url(name, baudrate=baud_rate, timeout=0.05 if self._counts else 0.01)
         except (serial.SerialException, OSError, ValueError) as error:
             raise ConnectionLostError(f"the port {name} cannot be opened ({error}); check the cable and the name") from None
 
@@ -49,7 +51,8 @@ class Port:
     def read(self) -> bytes:
         """What arrived, after at most 0.05 s of waiting."""
         try:
-            data: bytes = self._port.read(min(max(self._port.in_waiting, 1), CHUNK))
+            size = min(max(self._port.in_waiting, 1), CHUNK) if self._counts else CHUNK
+            data: bytes = self._port.read(size)
         except (serial.SerialException, OSError, TypeError) as error:
             # pyserial trips over its own closed descriptor with a TypeError when the port goes during a read.
             raise ConnectionLostError(f"{self.name} is gone ({error}); plug it in and resume") from None

@@ -15,7 +15,7 @@ Source = Callable[[int, float], Raw]
 
 
 class _Paced:
-    """How many samples are due: of a finite signal, at a speed."""
+    """How many samples are due at a speed."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
@@ -38,7 +38,7 @@ class SimulatedDataq:
     source
         Plays the counts of all inputs.
     seconds
-        Length of what is played, signal seconds.
+        Length of what is played again and again, signal seconds.
     speed
         Signal seconds per second.
     lose
@@ -65,9 +65,9 @@ class SimulatedDataq:
             count = self._pace.due(self._rate, 4096)
             first, self._pace.sent = self._pace.sent, self._pace.sent + count
             after, gone = self._lose
-            ticks = np.arange(first, min(first + count, len(self._signal)))
+            ticks = np.arange(first, first + count)
             kept = ticks[(ticks < after) | (ticks >= after + gone)]
-            answer += self._signal[kept, : self._inputs].astype("<i2").tobytes()
+            answer += self._signal.take(kept, axis=0, mode="wrap")[:, : self._inputs].astype("<i2").tobytes()
         return answer
 
     def _command(self, command: str) -> bytes:
@@ -124,6 +124,12 @@ class SimulatedSlcan:
         Plays the counts of three axes.
     rate
         Hz.
+    seconds
+        Length of what is played again and again, signal seconds.
+    speed
+        Signal seconds per second.
+    counter
+        Of the first sample, to see it wrap.
     drop
         Probability per frame that it never comes.
     """
@@ -158,7 +164,7 @@ class SimulatedSlcan:
         if self._opened:
             count = self._pace.due(self._rate, 256)
             first, self._pace.sent = self._pace.sent, self._pace.sent + count
-            part = self._signal[first : first + count]
+            part = self._signal.take(np.arange(first, first + count), axis=0, mode="wrap")
             for group in groups(part, rate=self._rate, first=first, counter=self._counter):
                 answer += b"".join(slcan(frame) for frame in group if self._random.random() >= self._drop)
         return answer

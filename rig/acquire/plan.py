@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Literal
@@ -17,13 +18,39 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Anything in a plan."""
 
 
-class InstrumentPlan(Part, frozen=True):
-    """Where the samples come from: the kind of instrument, its port, its rate in Hz."""
+class ShowsPlan(Part, frozen=True):
+    """What a display or trace of an analyzer shows.
 
-    kind: Literal["framed"]
+    `trace` is the analyzer's word for it: a display's number (SR785), a feed such as "XTIM:VOLT 1" (35670A). A "time" trace fills
+    the channel of that name; a spectrum says of which channels it is, as in the recording.
+    """
+
+    trace: str
+    kind: Literal["time", "transfer_function", "coherence", "auto_spectrum", "cross_spectrum"]
+    channel: str
+    reference: str = ""
+    unit: str = "1"
+
+
+class InstrumentPlan(Part, frozen=True):
+    """Where the samples come from: the kind of instrument, its port, its rate in Hz.
+
+    `full_scale` (V) is asked of a DI-1100, `shows` of analyzers, which hand out records; `bus` is python-can's word for an
+    adapter.
+    """
+
+    kind: Literal["framed", "di1100", "mti600", "sr785", "35670a"]
     port: str
     sample_rate: float
     baud_rate: int = 921600
+    full_scale: float | None = None
+    bus: str = "slcan"
+    shows: tuple[ShowsPlan, ...] = ()
+
+    @property
+    def analyzer(self) -> bool:
+        """Whether it measures by itself and hands out records."""
+        return self.kind in ("sr785", "35670a")
 
 
 class ChannelPlan(Part, frozen=True):
@@ -110,6 +137,7 @@ def _check(plan: Plan, where: str) -> None:
     rate = plan.instrument.sample_rate
     if not 0.0 < rate < math.inf:
         raise PlanError(f"{where}: sample_rate is {rate:g} Hz; it must be positive and finite, so correct it")
+    _check_instrument(plan, where)
     if not plan.channels:
         raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
     if not plan.runs:
@@ -134,6 +162,24 @@ def _check(plan: Plan, where: str) -> None:
         raise PlanError(f"{where}: two runs are called {twice!r}; give each its own id")
     for run in plan.runs:
         _check_run(run, rate, f"{where}: run {run.id!r}")
+
+
+def _check_instrument(plan: Plan, where: str) -> None:
+    instrument = plan.instrument
+    if instrument.kind == "di1100" and not (instrument.full_scale and 0.0 < instrument.full_scale < math.inf):
+        raise PlanError(f"{where}: instrument.full_scale is {instrument.full_scale}; give the inputs' range in V, e.g. 10.0")
+    if instrument.analyzer != bool(instrument.shows):
+        told = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
+        raise PlanError(f"{where} {told}; an analyzer needs them, one [[instrument.shows]] for each display, others have none")
+    if instrument.analyzer and not any(shown.kind == "time" for shown in instrument.shows):
+        raise PlanError(f"{where}: no display shows a time record; a recording needs one, so show a channel as time on one")
+    for shown in instrument.shows:
+        unknown = next((name for name in (shown.channel, shown.reference) if name and name not in plan.channels), None)
+        if unknown is not None:
+            raise PlanError(f"{where}: instrument.shows names {unknown!r}; the plan has {', '.join(plan.channels)}")
+        pattern = r"[01]" if instrument.kind == "sr785" else r"[A-Z0-9:]+( \d(,\d)?)?"
+        if not re.fullmatch(pattern, shown.trace):
+            raise PlanError(f"{where}: instrument.shows has trace {shown.trace!r}; give a display (0, 1) or a feed (XTIM:VOLT 1)")
 
 
 def _check_run(run: RunPlan, rate: float, here: str) -> None:

@@ -100,7 +100,7 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
             period=int(progress["period"]) or None, gaps=gaps,
         )  # fmt: skip
     return Recovered(
-        id=name, finished=progress["state"] == DONE, begun=progress["state"] >= RUNNING, run=run, stored=stored,
+        id=name, finished=bool(progress["state"] == DONE), begun=bool(progress["state"] >= RUNNING), run=run, stored=stored,
         lost=sum(gap.count for gap in gaps), overloads=int((group["timing"]["status"] & Status.OVERLOAD).astype(bool).sum()),
         drift_ppm=_drift(group["timing"][:], float(progress["sample_rate"])),
     )  # fmt: skip

@@ -13,13 +13,14 @@ import h5py
 from analysis.measured import Run
 from drivers.instrument import Exciter, Stream
 from rig.acquire.check import Verdict, check_run
-from rig.acquire.instruments import opened
+from rig.acquire.instruments import opened, opened_analyzer
 from rig.acquire.plan import Plan, RunPlan
 from rig.acquire.preflight import check_room, preflight, refuse
 from rig.acquire.recorder import RESERVE, Tally, lay_out, working_file
-from rig.acquire.recover import campaign_of, read_working, recovered
+from rig.acquire.records import measure_run
+from rig.acquire.recover import Recovered, campaign_of, read_working, recovered
 from rig.acquire.take import Live, take
-from rig.errors import OutputError, PlanError
+from rig.errors import OutputError, PlanError, RecordingError
 from rig.recording import read, write
 
 
@@ -85,6 +86,8 @@ def acquire(
     if no_room is not None and not force:
         raise OutputError(f"{no_room}; --force begins all the same")
     done = _done(partial, output, plan, resume=resume)
+    if plan.instrument.analyzer:
+        return output, _with_analyzer(plan, port, output, operator, done)
     taken: list[Taken] = []
     with opened(plan, port) as instrument:
         _check_against(instrument, plan)
@@ -104,7 +107,29 @@ def acquire(
                     operator.taken(taken[-1])
         finally:
             _keep(partial, output, done)
+    if not output.exists():
+        raise RecordingError(f"not one sample arrived, so {output} was not written; check the instrument and begin again")
     return output, taken
+
+
+def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done: dict[str, Run]) -> list[Taken]:
+    # A record is whole or not there: the recording is written anew after each.
+    taken: list[Taken] = []
+    configuration = ""
+    with opened_analyzer(plan, port) as instrument:
+        for run, _, name in _wanted(plan, done):
+            if run.configuration != configuration:
+                operator.lock(run.configuration)
+                configuration = run.configuration
+            done[name], overloads = measure_run(instrument, plan, run, name)
+            write(output, campaign_of(plan.rig, list(done.values()), str(output)))
+            found = Recovered(
+                id=name, finished=True, begun=True, run=done[name], stored=len(done[name]), lost=0, overloads=overloads,
+                drift_ppm=None,
+            )  # fmt: skip
+            taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=check_run(found)))
+            operator.taken(taken[-1])
+    return taken
 
 
 def _wanted(plan: Plan, done: Mapping[str, Run]) -> Iterator[tuple[RunPlan, int, str]]:
@@ -116,7 +141,10 @@ def _wanted(plan: Plan, done: Mapping[str, Run]) -> Iterator[tuple[RunPlan, int,
 
 def _check_against(instrument: Stream, plan: Plan) -> None:
     asked = plan.instrument.sample_rate
+    highest = max(channel.input for channel in plan.channels.values())
     rate = instrument.prepare(sample_rate=asked, channels=[channel.input for channel in plan.channels.values()])
+    if highest >= len(instrument.inputs):
+        raise PlanError(f"the instrument has {len(instrument.inputs)} inputs and the plan uses input {highest}; correct it")
     if abs(rate / asked - 1.0) > 1e-6:
         raise PlanError(
             f"the instrument's nearest rate to {asked:.9g} Hz is {rate:.9g} Hz; write that as sample_rate in the plan"
@@ -153,7 +181,7 @@ def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> dict[str,
         partial.unlink()
     # A run that was broken off is shorter than planned.
     rate = plan.instrument.sample_rate
-    needed = {name: run.ticks(rate) for run in plan.runs for name in run.ids()}
+    needed = {name: 1 if plan.instrument.analyzer else run.ticks(rate) for run in plan.runs for name in run.ids()}
     return {
         name: run for name, run in done.items() if len(run) + sum(gap.count for gap in run.gaps) >= needed.get(name, 0)
     }  # fmt: skip

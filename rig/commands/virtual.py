@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -49,6 +50,7 @@ def campaign(
 @app.command
 def instrument(
     *,
+    kind: Literal["framed", "di1100", "mti600", "sr785", "35670a"] = "framed",
     model: Path | None = None,
     seed: int = 0,
     noise: float = 1e-3,
@@ -61,15 +63,20 @@ def instrument(
     overload: float = 0.0,
     unplug_after: float | None = None,
     ppm: float = 0.0,
+    tcp: bool = False,
 ) -> None:
     """Start a simulated instrument with a virtual rig behind it on a pseudo-terminal, and print its port.
 
-    It speaks the framed serial protocol, so rig acquire --port, or any program that speaks it, can measure with it.
+    It speaks the protocol of its kind, so rig acquire --port, or any program that speaks it, can measure with it. A framed
+    instrument plays the drive it is given; behind the others the rig is shaken by a drive of its own, at speed 1 unless told
+    otherwise.
 
-    Example: rig virtual instrument --speed 1
+    Example: rig virtual instrument --kind di1100
 
     Parameters
     ----------
+    kind
+        framed, di1100, mti600 (behind a serial CAN adapter), sr785 or 35670a.
     model
         A model.json of the rig; the thesis's wire bonder where absent.
     seed
@@ -86,18 +93,29 @@ def instrument(
         Signal seconds after which the wire is cut.
     ppm
         How much faster than told its clock runs, parts per million.
+    tcp
+        Listen on a TCP port of this machine instead of a pseudo-terminal, for machines that have none.
+
+    Faults on request (from drop to ppm) are those of a framed instrument.
     """
     from analysis.rigs import wire_bonder
     from drivers.simulated.framed import Faults, SimulatedFramed
+    from drivers.simulated.served import TcpWire, exchange
     from drivers.simulated.wire import PtyWire
+    from rig.acquire.far_ends import far_end
     from rig.acquire.plant import VirtualPlant
     from rig.models import read_model
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
+    wire = TcpWire() if tcp else PtyWire()
+    print(wire.port, flush=True)
+    if kind != "framed":
+        peer = far_end(kind, rig, noise=noise, seed=seed, speed=speed or 1.0, seconds=min(seconds, 600.0))
+        end = time.monotonic() + seconds
+        exchange(wire, peer, lambda: time.monotonic() > end)
+        return
     faults = Faults(
         drop=drop, duplicate=duplicate, corrupt=corrupt, stall=stall, overload=overload, unplug_after=unplug_after,
         ppm=ppm, seed=seed,
     )  # fmt: skip
-    wire = PtyWire()
-    print(wire.port, flush=True)
     SimulatedFramed(wire, VirtualPlant(rig, noise=noise, seed=seed), faults=faults, speed=speed).serve(seconds)

@@ -1,0 +1,320 @@
+"""A session as its user sees it: from a plan to a recording, over real ports."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from ramps import RampPlant, Watcher, plan_of, ramp_instrument
+
+from analysis.rigs import wire_bonder
+from drivers.block import Block
+from drivers.simulated.framed import Faults
+from drivers.simulated.served import served
+from rig.acquire.far_ends import far_end
+from rig.acquire.follow import follow
+from rig.acquire.plan import Plan, read_plan
+from rig.acquire.recorder import RunWriter, lay_out
+from rig.acquire.recover import recovered
+from rig.acquire.session import acquire
+from rig.cli import main
+from rig.errors import PlanError
+from rig.recording import read
+
+RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 8.0}
+
+
+def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
+    watcher, output = Watcher(), tmp_path / "c.h5"
+    plan = plan_of(
+        {"id": "u70", **RANDOM, "repeats": 2}, {"id": "m", "excitation": "multisine", "band": [1.0, 50.0], "seconds": 9.0},
+        {"id": "l70", **RANDOM, "configuration": "locked", "seconds": 24.0}, {"id": "u7", **RANDOM, "gain": 7.0, "seed": 5},
+    )  # fmt: skip
+    plan = msgspec.structs.replace(
+        plan, channels={name: msgspec.structs.replace(about, sensitivity=0.2) for name, about in plan.channels.items()}
+    )
+    acquire(plan, "virtual", output, watcher.operator)
+    campaign = read(output)
+    assert [run.id for run in campaign.runs] == ["u70-1", "u70-2", "m", "l70", "u7"]
+    assert dict(campaign.known) == {"head_mass": 6.5}
+    assert watcher.locks == []  # this rig locks by itself
+    by_id = {run.id: run for run in campaign.runs}
+    assert by_id["u70-1"].read("head").std() == pytest.approx(3.8, rel=0.01)
+    assert not np.array_equal(by_id["u70-1"].read("head"), by_id["u70-2"].read("head"))
+    assert (by_id["m"].period, len(by_id["m"])) == (4096, 8192)
+    np.testing.assert_allclose(by_id["l70"].read("motor"), by_id["l70"].read("table"), atol=0.01)
+    verdicts = {taken.id: taken.verdict for taken in watcher.runs}
+    assert any("friction was not overcome" in advice for advice in verdicts["u7"].advice)
+    assert not any("friction" in advice for advice in verdicts["u70-1"].advice)
+    assert verdicts["l70"].coherence["table"] > 0.9
+    assert all(run.gaps == () for run in campaign.runs)
+    assert watcher.seen[-1].full_scale == dict.fromkeys(("head", "motor", "table", "heatblock"), 50.0)
+
+
+def test_two_processes_and_numbers_for_other_programs(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    call = [sys.executable, "-m", "rig", "virtual", "instrument", "--seconds", "60", "--tcp"]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as instrument:
+        try:
+            assert instrument.stdout is not None
+            port = instrument.stdout.readline().strip()
+            assert port.startswith("socket://127.0.0.1:")
+            assert main(["acquire", str(plan), "--port", port, "--yes", "--json", "-o", str(tmp_path / "c.h5")]) == 0
+        finally:
+            instrument.kill()
+    lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    assert {line["event"] for line in lines} == {"live", "taken"}
+    assert lines[-1]["tally"] == {"stored": 3072, "lost": 0, "overloads": 0}
+    assert main(["check", str(tmp_path / "c.h5")]) == 0
+
+
+PLAN = """
+rig = {head_mass = 6.5}
+[instrument]
+kind = "framed"
+port = "virtual"
+sample_rate = 1024.0
+[channels]
+head = {input = 0, sensitivity = 0.2}
+motor = {input = 1, sensitivity = 0.2}
+[[runs]]
+id = "a"
+configuration = "unlocked"
+gain = 70.0
+excitation = "random"
+band = [0.5, 20.0]
+seconds = 3.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("sample_rate = 1024.0", "sample_rate = 0.0", "sample_rate is 0 Hz"),
+        ("sample_rate = 1024.0", "", "sample_rate"),
+        ("sensitivity = 0.2}\nmotor", "sensitivity = 0.0}\nmotor", "channels.head.sensitivity is 0"),
+        ("head = {input = 0, sensitivity = 0.2}", "head = {input = 0}", "sensitivity"),
+        ("input = 1", "input = 0", "share an input"),
+        ("input = 1", "input = -1", "inputs count from 0"),
+        ("head = {input = 0,", 'head = {input = 0, unit = "g",', "allowed are"),
+        ("seconds = 3.0", "seconds = 0.0", "lasts 0 s"),
+        ("seconds = 3.0", "seconds = nan", "lasts nan s"),
+        ("band = [0.5, 20.0]", "band = [20.0, 0.5]", "low < high"),
+        ("band = [0.5, 20.0]", "band = [0.5, 2000.0]", "half the sample rate"),
+        ("band = [0.5, 20.0]", "", "has no band"),
+        ("gain = 70.0", "gain = -1.0", "gain -1"),
+        ('id = "a"', 'id = "a/b"', "without a slash"),
+        ('id = "a"', 'id = "a"\nspeed = 3', "speed"),
+        ('excitation = "random"', 'excitation = "loud"', "excitation"),
+        ('kind = "framed"', 'kind = "telepathy"', "kind"),
+        ('kind = "framed"', 'kind = "di1100"', "full_scale"),
+        ('kind = "framed"', 'kind = "sr785"', "instrument.shows"),
+        ("[[runs]]", "[[walks]]", "walks"),
+        ("rig = {", "rig = {{", "not TOML"),
+    ],
+)
+def test_a_bad_plan_is_refused_in_a_sentence(tmp_path: Path, old: str, new: str, says: str) -> None:
+    assert old in PLAN
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN.replace(old, new, 1))
+    with pytest.raises(PlanError) as refusal:
+        read_plan(plan)
+    assert says in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+class Bad(RampPlant):
+    """A plant with one input out of order."""
+
+    def __init__(self, fault: str) -> None:
+        super().__init__()
+        self.fault = fault
+
+    def play(self, drive: np.ndarray, *, sample_rate: float, gain: float, configuration: str) -> np.ndarray:
+        noise = np.random.default_rng(0).normal(0.0, 50.0, (len(drive), 4))
+        values = (noise + 1e6 * np.asarray(drive)[:, None] * (0.0 if self.fault == "no drive" else 1.0)).astype(np.int32)
+        if self.fault == "dead":
+            values[:, 1] = 0
+        elif self.fault == "open":
+            values[:, 1] = 4_000_000_000 // 2
+        elif self.fault == "loud":
+            values[::50, 1] = 2**31 - 1
+        elif self.fault == "loose":
+            values[:, 1] = noise[:, 1].astype(np.int32)
+        return values
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("dead", "motor does not change by a single count"), ("open", "motor stands at the end"),
+        ("loud", "motor goes beyond"), ("loose", "motor does not respond"), ("no drive", "the drive has no response"),
+    ],
+)  # fmt: skip
+def test_a_rig_out_of_order_is_refused_before_the_run(
+    tmp_path: Path, fault: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant = Bad(fault)
+    plant.inputs = (4, "V", 1e-6, 2000.0)
+    monkeypatch.setattr("ramps.RampPlant", lambda inputs: plant)
+    plan, output = plan_of({"id": "a", **RANDOM, "seconds": 2.0}), tmp_path / "c.h5"
+    with ramp_instrument() as (port, _):
+        with pytest.raises(PlanError, match=says) as refusal:
+            acquire(plan, port, output, Watcher().operator)
+        assert "--force" in str(refusal.value)
+        assert list(tmp_path.iterdir()) == []
+        watcher = Watcher()
+        acquire(plan, port, output, watcher.operator, force=True)
+        assert len(watcher.runs) == 1
+
+
+def test_an_overload_and_a_wrong_rate_are_refused(tmp_path: Path) -> None:
+    plan = plan_of({"id": "a", **RANDOM})
+    with ramp_instrument(Faults(overload=1.0)) as (port, _), pytest.raises(PlanError, match="reports an overload"):
+        acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
+    with ramp_instrument(Faults(ppm=50_000.0)) as (port, _), pytest.raises(PlanError, match=r"takes 1075.2 samples a second"):
+        acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
+
+
+def test_an_operator_is_asked_where_the_rig_cannot_lock_by_itself(tmp_path: Path) -> None:
+    plan = plan_of(
+        {"id": "a", "excitation": "other", "seconds": 1.0}, {"id": "b", "excitation": "other", "seconds": 1.0},
+        {"id": "c", "excitation": "other", "configuration": "locked", "seconds": 1.0},
+    )  # fmt: skip
+    about = msgspec.structs.replace(plan.instrument, kind="di1100", full_scale=10.0, sample_rate=2000.0)
+    plan = msgspec.structs.replace(
+        plan, instrument=about, channels={n: msgspec.structs.replace(c, sensitivity=0.2) for n, c in plan.channels.items()}
+    )
+    watcher = Watcher()
+    with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=8.0, seconds=20.0)) as port:
+        acquire(plan, port, tmp_path / "c.h5", watcher.operator)
+    assert watcher.locks == ["unlocked", "locked"]
+    runs = read(tmp_path / "c.h5").runs
+    assert [run.id for run in runs] == ["a", "b", "c"]
+    assert all(len(run) >= 2000 for run in runs)
+    assert runs[0].channels["motor"].full_scale == 50.0
+    with pytest.raises(PlanError, match="plays none"), served(_quiet_dataq()) as port:
+        acquire(msgspec.structs.replace(plan, runs=plan_of({"id": "x"}).runs), port, tmp_path / "d.h5", watcher.operator)
+
+
+def _quiet_dataq() -> object:
+    return far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=8.0, seconds=2.0)
+
+
+def test_an_accelerometer_on_can(tmp_path: Path) -> None:
+    plan = plan_of({"id": "a", "excitation": "other", "seconds": 4.0}, rate=400.0)
+    about = msgspec.structs.replace(plan.instrument, kind="mti600")
+    plan = msgspec.structs.replace(
+        plan, instrument=about, channels={"motor": msgspec.structs.replace(plan.channels["motor"], input=1)}
+    )
+    with served(far_end("mti600", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=60.0)) as port:
+        acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
+    run = read(tmp_path / "c.h5").runs[0]
+    assert len(run) >= 1600
+    assert run.channels["motor"].scale == 2.0**-8
+    assert 0.3 < run.read("motor").std() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "traces"), [("sr785", ("0", "1")), ("35670a", ("XFR:POW:COH 1,2", "XTIM:VOLT 1"))]
+)  # fmt: skip
+def test_analyzers_give_spectra_and_time_records(tmp_path: Path, kind: str, traces: tuple[str, str]) -> None:
+    tree = msgspec.to_builtins(plan_of({"id": "a", "excitation": "other"}, {"id": "b", "excitation": "other"}))
+    tree["instrument"] |= {
+        "kind": kind,
+        "shows": [
+            {"trace": traces[0], "kind": "coherence", "channel": "motor", "reference": "head"},
+            {"trace": traces[1], "kind": "time", "channel": "motor", "unit": "V"},
+        ],
+    }
+    tree["channels"] = {name: {"input": k, "sensitivity": 0.2} for k, name in enumerate(("head", "motor"))}
+    watcher = Watcher()
+    with served(far_end(kind, wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=1.0)) as port:  # type: ignore[arg-type]
+        acquire(msgspec.convert(tree, Plan), port, tmp_path / "c.h5", watcher.operator)
+    runs = read(tmp_path / "c.h5").runs
+    assert [run.id for run in runs] == ["a", "b"]
+    assert runs[0].sample_rate == pytest.approx(256.0, rel=1e-6)
+    assert 0.3 < runs[0].read("motor").std() < 5.0
+    (spectrum,) = runs[0].spectra
+    assert (spectrum.kind, spectrum.response, spectrum.reference) == ("coherence", "motor", "head")
+    assert 0.0 <= spectrum.values.min() <= spectrum.values.max() <= 1.0 + 1e-6
+    assert watcher.locks == ["unlocked"]
+
+
+@contextmanager
+def written(tmp_path: Path, blocks: list[Block]) -> Iterator[object]:
+    import h5py
+
+    from drivers.block import Input
+
+    plan, path = plan_of({"id": "a"}), tmp_path / "w.partial"
+    lay_out(path, plan, [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4)
+    with h5py.File(path, "r+", libver="latest") as file:
+        file.swmr_mode = True
+        writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
+        for block in blocks:
+            writer.put(block)
+        writer.finish(None)
+        yield recovered(file["runs/a"], "a")
+
+
+def blocks_of(rate: float, seconds: float, step: float = 0.1, lose: range = range(0)) -> list[Block]:
+    random = np.random.default_rng(0)
+    return [
+        Block(
+            first_tick=64 * k, samples=np.full((64, 4), k, np.int32), host_time=64 * (k + 1) / rate + random.exponential(0.003),
+            gain=70.0 * (1.0 + step * (k > 50)),
+        )
+        for k in range(int(seconds * rate / 64)) if k not in lose
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("ppm", [-200.0, 0.0, 53.0])
+def test_drift_is_told_in_ppm_apart_from_loss(tmp_path: Path, ppm: float) -> None:
+    # The plan says 1024 Hz, the device takes a little more; 100 blocks were lost on the way.
+    with written(tmp_path, blocks_of(1024.0 * (1.0 + 1e-6 * ppm), 120.0, lose=range(300, 400))) as found:
+        assert found.drift_ppm == pytest.approx(ppm, abs=10.0)
+        assert found.lost == 6400
+
+
+def test_a_gain_that_moved_stands_beside_the_samples(tmp_path: Path) -> None:
+    with written(tmp_path, blocks_of(1024.0, 8.0, lose=range(10, 12))) as found:
+        gains = found.run.read("gain")
+        assert found.run.gain == pytest.approx(77.0)
+        assert (np.unique(gains).round(6) == [70.0, 77.0]).all()
+        # 51 blocks before the step, two of which were lost.
+        assert int((gains < 71.0).sum()) == 49 * 64
+    with written(tmp_path, blocks_of(1024.0, 8.0, step=0.0)) as found:
+        assert "gain" not in found.run.channels
+
+
+def test_a_recording_is_followed_while_it_is_made(tmp_path: Path) -> None:
+    output = tmp_path / "c.h5"
+    with ramp_instrument(speed=4.0) as (port, _):
+        plan = plan_of({"id": "a", "seconds": 8.0})
+        session = threading.Thread(target=lambda: acquire(plan, port, output, Watcher().operator, force=True))
+        session.start()
+        while not output.with_name("c.h5.partial").exists():
+            session.join(0.01)
+        lengths = [len(campaign.runs[0]) for campaign in follow(output, every=0.1)]
+        session.join()
+    assert lengths[-1] == 8 * 1024
+    assert len(lengths) >= 4
+    assert lengths == sorted(lengths)
+
+
+def test_without_room_or_a_recording_nothing_is_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = tmp_path / "not.partial"
+    plan.write_text("no")
+    assert main(["recover", str(plan), "-o", str(tmp_path / "o.h5")]) == 2
+    assert "is no working file" in capsys.readouterr().err
+    assert main(["acquire", str(plan), "-o", str(tmp_path / "o.h5")]) == 2
