@@ -72,7 +72,7 @@ def fit_modes(
         Hz: the lines that are fitted.
     kind
         accelerance: each mode is A s^2 / (s^2 + 2 zeta w s + w^2); transmissibility: A (2 zeta w s + w^2) over the same.
-        A is real and fitted. general: any complex residue, for modes that damping couples; what is constant is a residual.
+        A is real and fitted. general: any complex residue, for modes that damping couples, and complex residuals.
     guesses
         (frequency in Hz, damping ratio) of each mode; the highest peak in the band where none.
     residuals
@@ -89,14 +89,15 @@ def fit_modes(
 
     Notes
     -----
-    Weights are the error bars. Deviations come from the covariance of the lines' errors, which the window correlates.
+    Weights are the error bars. Deviations come from the covariance of the lines' errors, which the window correlates, and grow
+    with a misfit above 1.
     """
     from scipy.optimize import least_squares
 
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
     f, value = frf.frequency[kept], frf.value[kept]
     guesses = guesses or _guess(f, np.abs(value), frf.resolution)
-    if 2 * len(f) <= 4 * len(guesses) + residuals or len(f) < 5:
+    if 2 * len(f) <= 4 * len(guesses) + 2 * residuals or len(f) < 5:
         raise DataError(
             f"the band {band[0]:g} to {band[1]:g} Hz holds {len(f)} lines, too few for {len(guesses)} modes; "
             "widen it or take a finer resolution"
@@ -119,7 +120,8 @@ def fit_modes(
     columns = shape.columns(pairs.ravel())
     weighted = _parts(columns / sigma[:, None])
     amplitudes = np.asarray(np.linalg.lstsq(weighted, side, rcond=None)[0], dtype=np.float64)
-    std = _deviations(shape, pairs.ravel(), amplitudes, sigma, frf)
+    misfit = float(np.sqrt(np.mean((weighted @ amplitudes - side) ** 2)))
+    std = max(misfit, 1.0) * _deviations(shape, pairs.ravel(), amplitudes, sigma, frf)
     order = np.argsort(pairs[:, 0])
     modes = tuple(
         Mode(
@@ -129,7 +131,6 @@ def fit_modes(
         for i in order
     )  # fmt: skip
     narrow = min(mode.lines for mode in modes)
-    misfit = float(np.sqrt(np.mean((weighted @ amplitudes - side) ** 2)))
     return ModalFit(
         modes=modes, kind=kind, frequency=f, fitted=np.asarray(columns @ amplitudes), misfit=misfit,
         warning=f"only {narrow:.1f} lines in the narrowest bandwidth; take a finer resolution" if narrow < 1.5 else "",
@@ -168,7 +169,9 @@ class _Shape:
         self._s: ComplexArray = np.asarray(2j * np.pi * f, dtype=np.complex128)
         self._kind, self._resolution, self._residuals = kind, resolution, residuals
         self._top = float(f.max()) if top is None else top
-        self._rest = [np.ones(f.shape, dtype=np.complex128), (f / self._top) ** 2 + 0j][:residuals]
+        rest: list[ComplexArray] = [np.ones(f.shape, dtype=np.complex128), np.asarray((f / self._top) ** 2 + 0j)][:residuals]
+        # Damped modes far off leave a background of any phase.
+        self._rest = [turn * term for term in rest for turn in (1.0, 1j)] if kind == "general" else rest
 
     def at(self, f: FloatArray) -> _Shape:
         """The same model at other frequencies, without the window."""

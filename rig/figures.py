@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from rig.output import replaced
@@ -100,13 +101,17 @@ def surface_figure(surface: ErrorSurface) -> Figure:
     """The error surface over table mass and damping, and the simulation at its minimum over what was measured."""
     figure = Figure(figsize=(10.0, 4.5), layout="constrained")
     plane, curve = figure.subplots(1, 2)
-    mesh = plane.contourf(surface.mass, surface.damping, surface.error, levels=30, cmap="viridis")
+    levels = np.geomspace(surface.error.min(), surface.error.max() * 1.01, 25)
+    mesh = plane.contourf(surface.mass, surface.damping, surface.error, levels=levels, norm=LogNorm(), cmap="viridis")
     plane.plot(*surface.best[:2], "w+", ms=12)
     plane.set(
         xscale="log", yscale="log", xlabel="table mass, kg", ylabel="damping ratio",
         title=f"least at {surface.best[0]:.4g} kg, {surface.best[1]:.3g}",
     )  # fmt: skip
-    figure.colorbar(mesh, ax=plane, label="mean relative error of |table / head|")
+    marks = [m for m in (20, 30, 50, 80, 120, 200, 300, 500) if m <= surface.mass[-1]]
+    plane.set_xticks(marks, labels=[str(m) for m in marks])
+    plane.xaxis.minorticks_off()
+    figure.colorbar(mesh, ax=plane, label="mean relative error of |table / head|", format="%.2g")
     curve.plot(surface.frequency, surface.measured, lw=1.0, label="measured")
     curve.plot(surface.frequency, surface.simulated, "k--", lw=1.0, label="simulated at the minimum")
     curve.set(yscale="log", xlabel="frequency, Hz", ylabel="|table / head|")
