@@ -126,11 +126,8 @@ class Coulomb(Law, frozen=True, kw_only=True, tag="coulomb"):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require("friction_force", least=0.0)
-        if self.static_force is not None and self.static_force < self.friction_force:
-            raise ModelError(
-                f"static_force is {self.static_force:g} N, below friction_force {self.friction_force:g} N; "
-                "breakaway is never below sliding friction"
-            )
+        if self.static_force is not None:
+            _breakaway(self.static_force, self.friction_force)
 
 
 class Stribeck(Law, frozen=True, kw_only=True, tag="stribeck"):
@@ -150,11 +147,7 @@ class Stribeck(Law, frozen=True, kw_only=True, tag="stribeck"):
         self.require("friction_force", least=0.0)
         self.require("stribeck_velocity", above=0.0)
         self.require("exponent", above=0.0)
-        if self.static_force < self.friction_force:
-            raise ModelError(
-                f"static_force is {self.static_force:g} N, below friction_force {self.friction_force:g} N; "
-                "breakaway is never below sliding friction"
-            )
+        _breakaway(self.static_force, self.friction_force)
 
 
 class Arctan(Law, frozen=True, kw_only=True, tag="arctan"):
@@ -195,4 +188,53 @@ class Asymmetric(Law, frozen=True, kw_only=True, tag="asymmetric"):
             self.require(name, least=0.0)
 
 
-FrictionLaw = Viscous | Coulomb | Stribeck | Arctan | Dahl | Asymmetric
+class Karnopp(Law, frozen=True, kw_only=True, tag="karnopp"):
+    """Coulomb with a band of speed in which the contact holds: |v| < band (m/s) resists up to static_force.
+
+    Held in the band the speed stays what it was, it is not taken to zero (Karnopp, J. Dyn. Syst. Meas. Control 107,
+    1985).
+    """
+
+    friction_force: float
+    static_force: float
+    band: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("friction_force", least=0.0)
+        self.require("band", above=0.0)
+        _breakaway(self.static_force, self.friction_force)
+
+
+class LuGre(Law, frozen=True, kw_only=True, tag="lugre"):
+    """Bristles of mean deflection z: force = s0 z + s1 dz/dt + s2 v, dz/dt = v - s0 |v| z / g(v).
+
+    g(v) = Fc + (Fs - Fc) exp(-|v / vs|^exponent); s0 is `bristle_stiffness` (N/m), s1 `bristle_damping` and s2
+    `viscous_coefficient` (N s/m) (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 1995).
+    """
+
+    bristle_stiffness: float
+    friction_force: float
+    static_force: float
+    stribeck_velocity: float
+    bristle_damping: float = 0.0
+    viscous_coefficient: float = 0.0
+    exponent: float = 2.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("bristle_stiffness", "friction_force", "stribeck_velocity", "exponent"):
+            self.require(name, above=0.0)
+        for name in ("bristle_damping", "viscous_coefficient"):
+            self.require(name, least=0.0)
+        _breakaway(self.static_force, self.friction_force)
+
+
+def _breakaway(static: float, sliding: float) -> None:
+    if static < sliding:
+        raise ModelError(
+            f"static_force is {static:g} N, below friction_force {sliding:g} N; breakaway is never below sliding friction"
+        )
+
+
+FrictionLaw = Viscous | Coulomb | Stribeck | Arctan | Karnopp | Dahl | LuGre | Asymmetric

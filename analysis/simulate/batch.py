@@ -51,7 +51,7 @@ def simulate_many(models: Sequence[RigModel], excitation: Excitation, *, configu
 
     Rigs of one structure (same parts, other numbers) that are linear but for at most one Coulomb contact take fixed
     steps of the excitation's grid, each with its exact matrices, the friction's share of a step worked out from its
-    reversal within (a time-stepping after Moreau, with second-order events): within 1 % of `simulate` at 2048 Hz and
+    reversal within (a time-stepping after Moreau, with second-order events): within 1.2 % of `simulate` at 2048 Hz and
     60 N rms, 2 % at 25 N. Others are simulated one by one on all cores.
 
     To scan the isolation frequency of the built-in rig under moves::

@@ -1,104 +1,104 @@
-"""A rig in a configuration as plain arrays for the kernel: phases, directions, laws by code."""
+"""A rig in a configuration as plain arrays for the kernel: a linear system, its guards and its steps for every mode.
+
+A mode is one combination of its elements' states: which contacts hold, which way others slide, which stops touch.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
+from math import prod
 
 import numpy as np
 
-from analysis import laws
 from analysis.errors import ModelError
 from analysis.measured import FloatArray, IntArray
 from analysis.model import GROUND, Link, RigModel, direction, matrices
+from analysis.simulate.elements import WIDTH, Element, Exit, of_contact, of_link
+from analysis.simulate.exponential import exponentials
 
-#: Codes of the laws in the kernel; 10 to 13 but for Dahl's are those that stick.
-CODES = {
-    laws.Cubic: 1,
-    laws.BoundedSoftening: 2,
-    laws.Backlash: 3,
-    laws.EndStop: 4,
-    laws.QuadraticDamping: 5,
-    laws.Drift: 6,
-    laws.Coulomb: 10,
-    laws.Stribeck: 11,
-    laws.Dahl: 12,
-    laws.Asymmetric: 13,
-    laws.Arctan: 14,
-    laws.Viscous: 15,
-}
-#: Parameters that a law may have.
-WIDTH = 5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Phases:
-    """The linear system of every phase (set of sticking contacts, a bit each), m = 2 n states and q inputs.
-
-    Parameters
-    ----------
-    system, inputs
-        z' = system z + inputs u, shapes (phases, m, m) and (phases, m, q).
-    step, start, end
-        z(h) = step z + start u(0) + end u(h) for inputs linear in between.
-    holding
-        Force that holds each sticking contact, as rows on (z, u), shape (phases, contacts, m + q).
-    """
-
-    system: FloatArray
-    inputs: FloatArray
-    step: FloatArray
-    start: FloatArray
-    end: FloatArray
-    holding: FloatArray
+#: Modes that a rig may have: six contacts, or four end stops.
+MODES = 729
+#: Angle in rad that the quickest motion may turn in one step, so that its Taylor series and its roots are safe.
+TURN = 1.2
+#: The same where a parabola has to follow curved forces.
+CURVED_TURN = 0.4
+#: Parts into which a step may be cut for that.
+CUTS = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compiled:
-    """A rig as the kernel takes it.
+    """A rig as the kernel takes it, for steps of h / `cuts`.
+
+    The kernel's vector is y = (z, 1, u, u', f, f', f'' of every curved element): z the n coordinates and their
+    speeds, u the drive, straight within a step, f the curved forces, parabolas within a step; M long. In units of
+    a step: derivatives in y are multiplied by the step's length (and f'' by its square).
 
     Parameters
     ----------
     basis
-        Full coordinates from the n free ones, shape (bodies, n).
-    directions
-        Weights of the coordinates in each element's elongation, shape (elements, n).
-    shares, compliance
-        Velocity that a unit impulse along each element makes, shape (elements, n), and along itself, (elements,).
-    codes, params
-        Law of each element, and its parameters (elements, WIDTH).
-    sticking, limits
-        Elements that stick and their breakaway forces forward and backward, shapes (contacts,), (contacts, 2).
-    phases
-        The systems.
+        Full coordinates from the free ones, shape (bodies, n).
+    cuts
+        Parts into which a fine step is cut.
+    speed
+        Largest turn of any motion in such a part, rad.
+    rate
+        z' = rate y, shape (modes, 2 n, M).
+    whole, half
+        What follows from y after a step, in groups of eight rows by columns: z and, by exit, its margin and the margin's
+        slope, shape (modes, groups, M, 8); z after half a step.
+    blocks
+        Groups of eight rows of `whole` that a mode needs, shape (modes,).
+    guards
+        Taylor coefficients in time of each exit's margin as rows on y, shape (modes, exits, terms, M).
+    exits
+        Element whose state each exit ends, the state that follows, and whether the margin starts from zero when the
+        element has just changed, shape (modes, exits, 3); element -1 where a mode has fewer.
+    settle
+        What makes settled contacts' speeds exactly zero, on the coordinates' speeds, shape (modes, n, n).
+    strides, counts
+        mode = sum of stride * state; number of states by element.
+    resistance
+        Each element's resistance as a row on y, shape (modes, elements, M).
+    holds
+        Whether each element holds, shape (modes, elements).
+    curve_of, codes, params, directions, gates
+        Of the curved elements: index of the element, law, parameters, direction, sign by state (0 beyond).
+    elements
+        The elements' names.
     """
 
     basis: FloatArray
-    directions: FloatArray
-    shares: FloatArray
-    compliance: FloatArray
+    cuts: int
+    speed: float
+    rate: FloatArray
+    whole: FloatArray
+    half: FloatArray
+    blocks: IntArray
+    guards: FloatArray
+    exits: IntArray
+    settle: FloatArray
+    strides: IntArray
+    counts: IntArray
+    resistance: FloatArray
+    holds: IntArray
+    curve_of: IntArray
     codes: IntArray
     params: FloatArray
-    sticking: IntArray
-    limits: FloatArray
-    phases: Phases
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Element:
-    direction: FloatArray
-    code: int
-    row: list[float]
-    limits: tuple[float, float] | None = None
+    directions: FloatArray
+    gates: FloatArray
+    elements: tuple[str, ...]
 
 
 def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
-    """Arrays of a rig for steps of `h` seconds.
+    """Arrays of a rig for fine steps of `h` seconds.
 
     Raises
     ------
     ModelError
-        Where the rig has no such configuration.
+        Where the rig has no such configuration, more modes than the engine holds, or motions far too quick for the step.
     """
     if configuration not in model.configurations:
         raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
@@ -114,27 +114,21 @@ def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
             stiffness = stiffness + setup.lock_stiffness * np.outer(w, w)
             damping = damping + setup.lock_damping * np.outer(w, w)
     basis = constraint_basis(model, rigid)
-    elements = _elements(model, frozenset(setup.rigid), basis)
-    n = basis.shape[1]
-    directions = np.array([e.direction for e in elements]).reshape(len(elements), n)
-    inverse: FloatArray = np.linalg.inv(basis.T @ mass @ basis).astype(np.float64)
     push = np.zeros(len(model.bodies))
     for name, factor in model.drive.pushes.items():
         push += factor * model.drive.factor * direction(model, name, GROUND, {})
-    sticking = [k for k, e in enumerate(elements) if e.limits is not None]
-    motion: FloatArray = -inverse @ np.column_stack([basis.T @ stiffness @ basis, basis.T @ damping @ basis])
-    inputs = inverse @ np.column_stack([basis.T @ push, directions.T])
-    return Compiled(
-        basis=basis,
-        directions=directions,
-        shares=np.ascontiguousarray(directions @ inverse),
-        compliance=np.einsum("ij,jk,ik->i", directions, inverse, directions),
-        codes=np.array([e.code for e in elements], dtype=np.int64),
-        params=np.array([e.row + [0.0] * (WIDTH - len(e.row)) for e in elements]).reshape(len(elements), WIDTH),
-        sticking=np.array(sticking, dtype=np.int64),
-        limits=np.array([e.limits for e in elements if e.limits is not None]).reshape(len(sticking), 2),
-        phases=_phases(motion, inputs, directions, inverse, sticking, h),
-    )
+    inverse: FloatArray = np.linalg.inv(basis.T @ mass @ basis).astype(np.float64)
+    free = inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(push)), push])
+    elements = _elements(model, frozenset(setup.rigid), basis)
+    systems = _Systems(free, inverse, elements)
+    quickest = float(np.abs(np.linalg.eigvals(systems.square())).max(initial=0.0))
+    cuts = max(1, int(np.ceil(quickest * h / (CURVED_TURN if systems.curved else TURN))))
+    if cuts > CUTS:
+        raise ModelError(
+            f"the rig {model.name!r} moves at up to {quickest:.3g} rad/s, too quick for steps of {h:.3g} s; "
+            "lower its stiffest spring or damper, or raise the masses it acts on"
+        )
+    return systems.compiled(basis, cuts, h / cuts, quickest * h / cuts)
 
 
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
@@ -149,92 +143,155 @@ def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
     return basis
 
 
-def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray) -> list[_Element]:
+def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray) -> list[Element]:
     # A lock grips: across it neither laws nor contacts act.
-    found = []
+    found: list[Element | None] = []
     for link in model.links:
         if link.name not in blocked:
             w = direction(model, link.a, link.b, link.arms) @ basis
-            found += [_Element(direction=w, code=CODES[type(law)], row=_link_row(link, law)) for law in link.laws]
+            found += [of_link(link, law, w) for law in link.laws]
     for contact in model.contacts:
         if contact.name not in blocked:
-            w = direction(model, contact.a, contact.b, contact.arms) @ basis
-            row, limits = _friction_row(contact.law)
-            found.append(_Element(direction=w, code=CODES[type(contact.law)], row=row, limits=limits))
-    return found
+            found.append(of_contact(contact.name, contact.law, direction(model, contact.a, contact.b, contact.arms) @ basis))
+    elements = [element for element in found if element is not None]
+    if prod(len(element.states) for element in elements) > MODES:
+        names = ", ".join(element.name for element in elements if len(element.states) > 1)
+        raise ModelError(f"the contacts and stops {names} have more than {MODES} states together; leave some out")
+    return elements
 
 
-def _phases(
-    motion: FloatArray,
-    inputs: FloatArray,
-    directions: FloatArray,
-    inverse: FloatArray,
-    sticking: Sequence[int],
-    h: float,
-) -> Phases:
-    from scipy.linalg import expm
+class _Systems:
+    """The linear system of every mode in physical units, z' = rate y."""
 
-    n, m = motion.shape
-    q, contacts = inputs.shape[1], len(sticking)
-    count = 1 << contacts
-    system, given = np.zeros((count, m, m)), np.zeros((count, m, q))
-    step, start, end = np.zeros((count, m, m)), np.zeros((count, m, q)), np.zeros((count, m, q))
-    holding = np.zeros((count, max(contacts, 1), m + q))
-    for phase in range(count):
-        acceleration = np.column_stack([motion, inputs])
-        held = [c for c in range(contacts) if phase >> c & 1]
-        if held:
-            w = directions[[sticking[c] for c in held]]
-            # The force that keeps the relative acceleration zero; two contacts along one line share it.
-            force = np.linalg.pinv(w @ inverse @ w.T) @ w @ acceleration
-            holding[phase, held] = force
-            acceleration = acceleration - inverse @ w.T @ force
-        system[phase, :n, n:] = np.eye(n)
-        system[phase, n:] = acceleration[:, :m]
-        given[phase, n:] = acceleration[:, m:]
-        whole = np.zeros((m + 2 * q, m + 2 * q))
-        whole[:m, :m] = system[phase] * h
-        whole[:m, m : m + q] = given[phase] * h
-        whole[m : m + q, m + q :] = np.eye(q)
-        moved = expm(whole)
-        step[phase] = moved[:m, :m]
-        end[phase] = moved[:m, m + q :]
-        start[phase] = moved[:m, m : m + q] - end[phase]
-    return Phases(system=system, inputs=given, step=step, start=start, end=end, holding=holding)
+    def __init__(self, free: FloatArray, inverse: FloatArray, elements: Sequence[Element]) -> None:
+        n = free.shape[0]
+        self.m = m = 2 * n
+        self.elements = elements
+        self.curved = [k for k, element in enumerate(elements) if element.curve]
+        self.size = m + 3 + 3 * len(self.curved)
+        self.modes = list(product(*(range(len(element.states)) for element in elements)))
+        modes, count = len(self.modes), len(elements)
+        self.resistance = np.zeros((modes, count, self.size))
+        self.rate = np.zeros((modes, m, self.size))
+        self.rate[:, :n, n:m] = np.eye(n)
+        self.settle = np.tile(np.eye(n), (modes, 1, 1))
+        self.holds = np.zeros((modes, count), dtype=np.int64)
+        w = np.array([element.direction for element in elements]).reshape(count, n)
+        acceleration = np.zeros((n, self.size))
+        acceleration[:, : m + 2] = free
+        for mode, states in enumerate(self.modes):
+            given = self.resistance[mode]
+            for k, element in enumerate(elements):
+                state = element.states[states[k]]
+                given[k, :n], given[k, n:m], given[k, m] = state.d * w[k], state.v * w[k], state.const
+            for place, k in enumerate(self.curved):
+                given[k, m + 3 + 3 * place] = 1.0
+            moved = acceleration - inverse @ w.T @ given
+            self.holds[mode] = [element.states[s].holds for element, s in zip(elements, states, strict=True)]
+            held = [k for k in range(count) if self.holds[mode, k]]
+            if held:
+                # The force that keeps the relative acceleration zero; two contacts along one line share it.
+                force = _shared(w[held] @ inverse @ w[held].T) @ w[held] @ moved
+                given[held] += force
+                moved = moved - inverse @ w[held].T @ force
+            settled = [k for k in held if elements[k].states[states[k]].settles]
+            if settled:
+                ws = w[settled]
+                self.settle[mode] -= inverse @ ws.T @ _shared(ws @ inverse @ ws.T) @ ws
+            self.rate[mode, n:] = moved
+        self.w = w
+
+    def square(self) -> FloatArray:
+        """The modes' systems without inputs, the curved forces at their steepest among the springs and dampers."""
+        m = self.m
+        square = np.zeros((len(self.modes), m, m))
+        square[:] = self.rate[:, :, :m]
+        for place, k in enumerate(self.curved):
+            stiffness, damping = self.elements[k].steepest
+            steep = np.concatenate([stiffness * self.w[k], damping * self.w[k]])
+            square += self.rate[:, :, m + 3 + 3 * place, None] * steep
+        return square
+
+    def _margin(self, mode: int, k: int, way: Exit) -> FloatArray:
+        n, m = self.m // 2, self.m
+        row: FloatArray = way.hold * self.resistance[mode, k] + way.a * (self.w[k] @ self.rate[mode, n:])
+        row[:n] += way.d * self.w[k]
+        row[n:m] += way.v * self.w[k]
+        row[m] += way.const
+        return row
+
+    def compiled(self, basis: FloatArray, cuts: int, step: float, speed: float) -> Compiled:
+        """The arrays for the kernel, in units of a step."""
+        m, size, modes = self.m, self.size, len(self.modes)
+        n, elements = m // 2, self.elements
+        # y in units of a step: speeds and the first derivatives by its length, second ones by its square.
+        scale = np.ones(size)
+        scale[n:m] = step
+        scale[m + 2] = step
+        for place in range(len(self.curved)):
+            scale[m + 4 + 3 * place], scale[m + 5 + 3 * place] = step, step**2
+        system = np.zeros((modes, size, size))
+        system[:, :m] = self.rate * step * scale[:m, None] / scale
+        system[:, m + 1, m + 2] = 1.0
+        for place in range(len(self.curved)):
+            first = m + 3 + 3 * place
+            system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
+        small = exponentials(0.5 * system)
+        exits = max(sum(max(len(s.exits) for s in element.states) for element in elements), 1) if elements else 1
+        terms, last = 1, 1.0
+        while (terms < 6 or last > 1e-18) and terms < 30:
+            last *= speed / terms
+            terms += 1
+        guards = np.zeros((modes, exits, terms, size))
+        table = np.full((modes, exits, 3), -1, dtype=np.int64)
+        for mode, states in enumerate(self.modes):
+            place = 0
+            for k, element in enumerate(elements):
+                state = element.states[states[k]]
+                for way in state.exits:
+                    guards[mode, place, 0] = self._margin(mode, k, way) / scale
+                    table[mode, place] = k, way.to, not state.holds
+                    place += 1
+        for term in range(1, terms):
+            guards[:, :, term] = guards[:, :, term - 1] @ system / term
+        moved = small @ small
+        counts = [len(element.states) for element in elements]
+        params = [[*elements[k].params, *[0.0] * (WIDTH - len(elements[k].params))] for k in self.curved]
+        widest = max(counts, default=1)
+        return Compiled(
+            basis=basis,
+            cuts=cuts,
+            speed=speed,
+            rate=np.ascontiguousarray(system[:, :m]),
+            whole=_columns(np.concatenate([moved[:, :m], (guards[:, :, :2] @ moved[:, None]).reshape(modes, -1, size)], axis=1)),
+            half=_columns(small[:, :m]),
+            blocks=-(-(m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
+            guards=guards,
+            exits=table,
+            settle=self.settle,
+            strides=np.array([prod(counts[k + 1 :]) for k in range(len(counts))], dtype=np.int64),
+            counts=np.array(counts, dtype=np.int64),
+            resistance=self.resistance / scale,
+            holds=self.holds,
+            curve_of=np.array(self.curved, dtype=np.int64),
+            codes=np.array([elements[k].curve for k in self.curved], dtype=np.int64),
+            params=np.array(params).reshape(len(self.curved), WIDTH),
+            directions=self.w[self.curved].reshape(len(self.curved), n),
+            gates=np.array([[*elements[k].gates, *[0.0] * (widest - len(elements[k].gates))] for k in self.curved]).reshape(
+                len(self.curved), widest
+            ),
+            elements=tuple(element.name for element in elements),
+        )
 
 
-def _link_row(link: Link, law: laws.LinkLaw) -> list[float]:
-    match law:
-        case laws.Cubic():
-            return [law.cubic_stiffness]
-        case laws.BoundedSoftening():
-            return [link.stiffness, law.softening, law.scale]
-        case laws.Backlash():
-            return [link.stiffness * (1 - law.residual), law.clearance]
-        case laws.EndStop():
-            return [law.stroke, law.contact_stiffness, law.contact_damping]
-        case laws.QuadraticDamping():
-            return [law.quadratic_damping]
-        case laws.Drift():
-            return [link.stiffness, law.drift_rate, 1e18 if law.until is None else law.until]
+def _columns(rows: FloatArray) -> FloatArray:
+    """Rows (modes, rows, M) in groups of eight by columns, (modes, groups, M, 8)."""
+    modes, count, size = rows.shape
+    groups = -(-count // 8)
+    padded = np.zeros((modes, groups * 8, size))
+    padded[:, :count] = rows
+    return np.ascontiguousarray(padded.reshape(modes, groups, 8, size).transpose(0, 1, 3, 2))
 
 
-def _friction_row(law: laws.FrictionLaw) -> tuple[list[float], tuple[float, float] | None]:
-    # Parameters, and the breakaway forces each way of a law that sticks.
-    match law:
-        case laws.Coulomb():
-            static = law.friction_force if law.static_force is None else law.static_force
-            return [law.friction_force], (static, static)
-        case laws.Stribeck():
-            shape = 0.0 if law.shape == "exponential" else 1.0
-            row = [law.friction_force, law.static_force, law.stribeck_velocity, law.exponent, shape]
-            return row, (law.static_force, law.static_force)
-        case laws.Asymmetric():
-            row = [law.forward_force, law.backward_force, law.forward_viscosity, law.backward_viscosity]
-            return row, (law.forward_force, law.backward_force)
-        case laws.Dahl():
-            return [law.friction_force, law.bristle_stiffness], None
-        case laws.Arctan():
-            return [law.friction_force, law.smoothing_velocity], None
-        case laws.Viscous():
-            return [law.viscous_coefficient], None
+def _shared(compliance: FloatArray) -> FloatArray:
+    return np.asarray(1.0 / compliance if len(compliance) == 1 else np.linalg.pinv(compliance))

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.errors import SimulationError
-from analysis.measured import FloatArray
+from analysis.measured import FloatArray, IntArray
 from analysis.model import RigModel, direction
-from analysis.simulate.compiled import compile_rig
+from analysis.simulate.compiled import Compiled, compile_rig
 from analysis.simulate.kernel import run
 from analysis.simulate.sampling import TAPS, Excitation, sampled, shift
 
@@ -83,36 +83,13 @@ def simulate(
     total = min((n + 2 * TAPS) * over, len(excitation.fine))
     h = 1.0 / (rate * over)
     compiled = compile_rig(model, configuration, h)
-    phases = compiled.phases
     order = compiled.basis.shape[1]
     sense = np.zeros((len(model.sensors), 2 * order))
     for k, sensor in enumerate(model.sensors):
         place = slice(0, order) if sensor.quantity == "displacement" else slice(order, None)
         sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ compiled.basis
     motion = np.zeros((len(model.sensors), total))
-    status = run(
-        np.ascontiguousarray(_true_fine(model, excitation)[:total]),
-        h,
-        start_time,
-        phases.system,
-        phases.inputs,
-        phases.step,
-        phases.start,
-        phases.end,
-        compiled.directions,
-        compiled.shares,
-        compiled.compliance,
-        phases.holding,
-        compiled.codes,
-        compiled.params,
-        compiled.sticking,
-        sense,
-        motion,
-        np.zeros(len(compiled.codes)),
-        compiled.limits,
-    )
-    if status < 0:
-        raise SimulationError(f"the rig {model.name!r} grows without bound; correct its stiffness and damping")
+    run_compiled(model, compiled, true_fine(model, excitation)[:total], h, start_time, sense, motion)
     channels = {
         sensor.channel: sampled(motion[k], over, n, h, differentiate=sensor.quantity == "acceleration")
         for k, sensor in enumerate(model.sensors)
@@ -123,6 +100,50 @@ def simulate(
     return Response(sample_rate=rate, channels=channels)
 
 
-def _true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
+def run_compiled(
+    model: RigModel,
+    compiled: Compiled,
+    drive: FloatArray,
+    h: float,
+    start_time: float,
+    sense: FloatArray,
+    out: FloatArray,
+    *,
+    curved: FloatArray | None = None,
+    modes: IntArray | None = None,
+    log: FloatArray | None = None,
+) -> int:
+    """Run a compiled rig through a true drive on steps of `h` seconds and give the number of changes of state.
+
+    Parameters
+    ----------
+    sense, out
+        Rows on the coordinates and their speeds, (sensors, 2 n), and where their values go, (sensors, steps).
+    curved, modes, log
+        Where wanted: the curved forces (curves, steps), the mode (steps,), the changes (room, 3); see `kernel.run`.
+
+    Raises
+    ------
+    SimulationError
+        Where the motion grows without bound.
+    """
+    order, step = compiled.basis.shape[1], h / compiled.cuts
+    rows = sense.copy()
+    rows[:, order:] /= step
+    changes = run(
+        np.ascontiguousarray(drive), compiled.cuts, step, start_time, compiled.speed, compiled.rate, compiled.whole,
+        compiled.half, compiled.blocks, compiled.guards, compiled.exits, compiled.settle, compiled.strides, compiled.counts,
+        compiled.curve_of, compiled.codes, compiled.params, compiled.directions, compiled.gates, rows, out,
+        np.zeros((len(compiled.codes), 0)) if curved is None else curved,
+        np.zeros(0, dtype=np.int64) if modes is None else modes,
+        np.zeros((0, 3)) if log is None else log,
+    )  # fmt: skip
+    if changes < 0:
+        raise SimulationError(f"the rig {model.name!r} grows without bound; correct its stiffness and damping")
+    return changes
+
+
+def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
+    """The drive's true values on the fine grid, its own chain's gain and delay undone."""
     chain = model.drive.chain
     return (shift(excitation.fine, -chain.delay, excitation.sample_rate * excitation.oversample) - chain.offset) / chain.gain
