@@ -137,6 +137,23 @@ def classic(campaign: Campaign, model: RigModel) -> Classic:
     return Classic(set_ups=tuple(set_ups), surface=surface, refused=refused)
 
 
+def as_read(read: Classic, model: RigModel) -> RigModel:
+    """The wire bonder with the values that were read; first guesses where nothing was."""
+    changes: dict[str, float] = {}
+    if read.surface is not None:
+        mass = read.surface.best[0]
+        changes["bodies.table.mass"] = mass
+        changes["links.table.stiffness"] = (2.0 * np.pi * _frequency(model, "table")) ** 2 * mass
+    for item in read.set_ups:
+        link = "isolation" if item.name == "motor" else item.name
+        mass = changes.get(f"bodies.{item.name}.mass", model.body(item.name).mass)
+        if item.mode is not None:
+            omega = 2.0 * np.pi * item.mode.frequency
+            changes[f"links.{link}.stiffness"] = omega**2 * mass
+            changes[f"links.{link}.damping"] = 2.0 * item.mode.damping * omega * mass
+    return model.replace(changes)
+
+
 def _frequency(model: RigModel, body: str) -> float:
     link = model.link("isolation" if body == "motor" else body)
     return float(np.sqrt(link.stiffness / model.body(body).mass) / (2.0 * np.pi))

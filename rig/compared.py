@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 
+from analysis.classic import as_read, classic
+from analysis.errors import AnalysisError
 from analysis.isolation import STITCH, IsolationRatio, broad, isolation_ratio, stuck_share
 from analysis.measured import Campaign
 from analysis.model import RigModel
+from analysis.offset import PeakOffset, peak_offset
+from rig.baseline import baseline_model
+from rig.errors import RecordingError
 from rig.prediction import predicted
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """Ratios by name ("measured", and "simulated" where there is a model), and the share of time stuck by gain."""
+    """Ratios by name ("measured", and "simulated" where there is a model), and the share of time stuck by gain.
+
+    `offsets` are of the heatblock's peaks by the same names; `offset_refused` says why there are none.
+    """
 
     ratios: dict[str, IsolationRatio]
     stuck: dict[float, float]
+    offsets: dict[str, PeakOffset] = field(default_factory=dict)
+    offset_refused: str = ""
 
     @property
     def measured(self) -> IsolationRatio:
@@ -36,14 +47,21 @@ def compared_isolation(
 ) -> Compared:
     """The ratio of a campaign, and of the same runs simulated where there is a model; one estimate for both."""
     ratios = {"measured": isolation_ratio(campaign, stitch=stitch, resolution=resolution)}
+    campaigns = {"measured": campaign}
     stuck: dict[float, float] = {}
     if model is not None:
-        simulated = predicted(model, campaign, origin=origin, as_recorded=True)
-        ratios["simulated"] = isolation_ratio(simulated, stitch=stitch, resolution=resolution)
+        campaigns["simulated"] = predicted(model, campaign, origin=origin, as_recorded=True)
+        ratios["simulated"] = isolation_ratio(campaigns["simulated"], stitch=stitch, resolution=resolution)
         for piece in ratios["measured"].pieces:
             runs = broad(campaign.select(configuration="unlocked", gain=piece.gain))
             stuck[piece.gain] = float(np.mean([stuck_share(model, run) for run in runs]))
-    return Compared(ratios=ratios, stuck=stuck)
+    try:
+        guess = baseline_model(campaign)
+        rig = model or as_read(classic(campaign, guess), guess)
+        offsets, refused = {name: peak_offset(each, rig) for name, each in campaigns.items()}, ""
+    except (AnalysisError, RecordingError) as error:
+        offsets, refused = {}, str(error)
+    return Compared(ratios=ratios, stuck=stuck, offsets=offsets, offset_refused=refused)
 
 
 def told(found: Compared) -> list[str]:
@@ -54,7 +72,7 @@ def told(found: Compared) -> list[str]:
         if np.isfinite(step):
             sentences.append(
                 f"At {at:g} Hz gain {above.gain:g} hands over to gain {below.gain:g} with a step: around it the ratio at gain "
-                f"{above.gain:g} is {step:.2f} ± {std:.2f} of that at gain {below.gain:g}."
+                f"{above.gain:g} is {step:.3f} ± {std:.1g} of that at gain {below.gain:g}."
             )
     for gain, share in found.stuck.items():
         sentences.append(
@@ -68,9 +86,12 @@ def told(found: Compared) -> list[str]:
     for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
         if np.isfinite(peaks[2]):
             sentences.append(
-                f"{name.capitalize()}, the heatblock's peak lies at {peaks[0]:.2f} Hz unlocked and {peaks[1]:.2f} Hz locked; "
+                f"{name.capitalize()}, the heatblock's highest line lies at {peaks[0]:.2f} Hz unlocked and {peaks[1]:.2f} Hz locked; "
                 f"each peak taken at its own place, the ratio is {peaks[2]:.2f}."
             )
+    sentences += [f"{name.capitalize()}. {offset.verdict}" for name, offset in found.offsets.items()]
+    if found.offset_refused:
+        sentences.append(f"The offset of the heatblock's peaks is not known: {found.offset_refused}.")
     if "simulated" in found.ratios:
         other = found.ratios["simulated"]
         for low, high in ((0.0, 5.0), (5.0, 9.0), (9.0, 15.0), (15.0, np.inf)):
@@ -83,3 +104,20 @@ def told(found: Compared) -> list[str]:
                     f"{100 * (np.exp(np.median(off)) - 1):.2g} % (median over lines)."
                 )
     return sentences
+
+
+def about_offset(offset: PeakOffset) -> dict[str, Any]:
+    """The heatblock's peaks as plain values."""
+    finite = np.isfinite(offset.slope)
+    return {
+        "gains": [
+            {
+                "gain": pair.gain, "unlocked_hz": pair.unlocked.frequency, "unlocked_std_hz": pair.unlocked.frequency_std,
+                "locked_hz": pair.locked.frequency, "locked_std_hz": pair.locked.frequency_std, "offset_hz": pair.offset,
+                "offset_std_hz": pair.std,
+            }
+            for pair in offset.pairs
+        ],
+        "mass_loading_hz": offset.mass_loading, "slope_hz_per_gain": offset.slope if finite else None,
+        "slope_std_hz_per_gain": offset.slope_std if finite else None, "verdict": offset.verdict,
+    }  # fmt: skip

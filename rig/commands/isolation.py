@@ -33,7 +33,10 @@ def isolation(
     resolution
         Distance of lines, Hz.
     """
-    from rig.compared import compared_isolation, told
+    import numpy as np
+
+    from analysis.isolation import friction_bound
+    from rig.compared import about_offset, compared_isolation, told
     from rig.figures import isolation_figure, save
     from rig.models import read_model
     from rig.output import write_csv, write_json
@@ -44,6 +47,8 @@ def isolation(
     columns = {"frequency_hz": found.measured.frequency, "gain": found.measured.gain}
     for name, ratio in found.ratios.items():
         columns |= {f"ratio_{name}": ratio.ratio, f"ratio_{name}_std": ratio.std}
+    if found.stuck:
+        columns["friction_bound"] = friction_bound(found.measured, found.stuck).astype(np.float64)
     write_csv(output / "isolation.csv", columns)
     save(isolation_figure(found.ratios, found.stuck), output / "isolation.png")
     sentences = told(found)
@@ -54,7 +59,8 @@ def isolation(
             "steps": [{"ratio": s, "std": d} for s, d in found.measured.steps],
             "stuck_share": {f"{gain:g}": share for gain, share in found.stuck.items()},
             "peak_unlocked_hz": found.measured.peaks[0], "peak_locked_hz": found.measured.peaks[1],
-            "ratio_of_peaks": found.measured.peaks[2], "text": sentences,
+            "ratio_of_peaks": found.measured.peaks[2],
+            "peak_offset": {name: about_offset(offset) for name, offset in found.offsets.items()}, "text": sentences,
         },
     )  # fmt: skip
     for sentence in sentences:
