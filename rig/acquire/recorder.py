@@ -6,7 +6,6 @@ follow it and a killed writer leaves a file that opens. Samples are raw integers
 
 from __future__ import annotations
 
-import queue
 import shutil
 import threading
 import time
@@ -19,15 +18,15 @@ import numpy as np
 
 from drivers.block import Block, Input
 from rig.acquire.plan import Plan
+from rig.acquire.waiting import Waiting
 from rig.errors import OutputError
 from rig.recording import FORMAT, VERSION
 
 #: Seconds of samples that may wait for a slow disk, and seconds between flushes.
 QUEUE_SECONDS = 5.0
 FLUSH = 0.05
-#: Seconds without progress after which the disk counts as stuck, and blocks that are written at once.
+#: Seconds without progress after which the disk counts as stuck.
 STUCK = 10.0
-BATCH = 64
 #: Bytes that must stay free on the disk: where fewer are left the session ends while the file can still be closed.
 RESERVE = 16 << 20
 #: Rows of a chunk.
@@ -112,8 +111,8 @@ class RunWriter:
         The input of each channel, by channel name.
     sample_rate
         Hz; sets the length of the queue.
-    block_rows
-        Rows of a typical block.
+    period
+        Samples per period of a periodic drive.
     """
 
     def __init__(
@@ -124,10 +123,9 @@ class RunWriter:
         *,
         sample_rate: float,
         period: int | None,
-        block_rows: int = 256,
     ) -> None:
         self._file, self._group, self._columns = file, file[f"runs/{run_id}"], columns
-        self._queue: queue.Queue[Block | None] = queue.Queue(max(BATCH, int(QUEUE_SECONDS * sample_rate / block_rows)))
+        self._waiting = Waiting(int(QUEUE_SECONDS * sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
@@ -147,10 +145,8 @@ class RunWriter:
         OutputError
             Where the disk refused to write, or has been stuck for long.
         """
-        try:
-            self._queue.put(block, timeout=STUCK)
-        except queue.Full:
-            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another place") from None
+        if not self._waiting.put(block, STUCK):
+            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another place")
         if self.error is not None:
             raise self._refused()
 
@@ -162,7 +158,7 @@ class RunWriter:
         OutputError
             Where the disk refuses.
         """
-        self._queue.put(None)
+        self._waiting.end()
         self._thread.join()
         if self.error is None:
             try:
@@ -182,16 +178,11 @@ class RunWriter:
         return OutputError(f"the recording cannot be written any more ({self.error}); make room, then go on with --resume")
 
     def _work(self) -> None:
-        ended = False
-        while not ended:
-            blocks = [self._queue.get()]
-            while not self._queue.empty() and len(blocks) < BATCH:
-                blocks.append(self._queue.get())
-            ended = blocks[-1] is None
+        while (blocks := self._waiting.take()) is not None:
             if self.error is not None:
                 continue
             try:
-                self._store([block for block in blocks if block is not None])
+                self._store(blocks)
                 if time.monotonic() - self._flushed > FLUSH:
                     self._flush()
             except (OSError, RuntimeError) as error:
