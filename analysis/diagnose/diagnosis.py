@@ -16,6 +16,7 @@ from analysis.diagnose.fits import (
     diverse,
     finished,
     first_start,
+    guesses_of,
     race,
     refined,
     settled,
@@ -148,11 +149,11 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     trials = prepare(campaign, model)
     fine = tuple(refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
-    guess = first_start(model, trials)
-    current = baseline = baseline_fit(guess, trials)
+    guesses = guesses_of(model, trials)
+    guesses = (first_start(guesses, trials), *guesses)
+    current = baseline = baseline_fit(guesses[0], trials)
     first = score(current.model, fine)
-    drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
-    floors = noise_floor(current.model, fine, drive_noise)
+    floors = noise_floor(current.model, fine, noise_levels(campaign).get(model.drive.channel, 0.0))
     floor = float(np.median(floors))
     floors = np.hypot(floors, SIMULATION_LIMIT)
     now = first
@@ -162,7 +163,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     tries = 0
     while len(steps) < MOST_STEPS and not adequate(now, floors):
         progress(f"held-out error {now.figure:.3g} against a noise floor of {floor:.3g}; looking for a cause")
-        found = _next_step(campaign, guess, current, now, trials, fine, progress)
+        found = _next_step(campaign, guesses, current, now, trials, fine, progress)
         if found is None:
             break
         step, better, best = found
@@ -209,7 +210,7 @@ def _drop(before: Score, after: Score) -> float:
 
 def _next_step(
     campaign: Campaign,
-    guess: RigModel,
+    guesses: tuple[RigModel, ...],
     current: Fit,
     now: Score,
     trials: Sequence[Trial],
@@ -220,7 +221,7 @@ def _next_step(
     problem = Problem(short)
     glance = fit(current.model, current.free, problem, iterations=1)
     screen = Screen(glance, problem)
-    evidence = observe(campaign, glance.model, trials, guess)
+    evidence = observe(campaign, glance.model, trials, guesses)
     looks = screen.ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
     if not looks:
         return None

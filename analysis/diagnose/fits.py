@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from analysis.diagnose.mechanisms import Candidate
 from analysis.diagnose.search import Look, glanced, parameters_of
 from analysis.errors import FitError, ModelError
@@ -20,8 +22,8 @@ JUDGED_OVERSAMPLE = 8
 MISFIT = 10.0
 #: A candidate whose misfit is this many times the best's is out of the race.
 BEHIND = 6.0
-#: Fresh starts that are followed beyond their first fit.
-FRESH = 3
+#: Fresh starts that are fitted; half of them are followed further.
+FRESH = 6
 #: Share of a channel's rms that counts as noise: to come near from far, and to finish.
 COARSE, NARROW = 0.02, 0.004
 
@@ -32,7 +34,7 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
     """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
     trials = prepare(campaign, model)
     fine = tuple(refined(trial) for trial in trials)
-    rough = baseline_fit(first_start(model, trials), trials)
+    rough = baseline_fit(first_start(guesses_of(model, trials), trials), trials)
     return finished(rough, fine), fine
 
 
@@ -41,14 +43,18 @@ def refined(trial: Trial) -> Trial:
     return replace(trial, excitation=trial.excitation.resampled(JUDGED_OVERSAMPLE))
 
 
-def first_start(model: RigModel, trials: Sequence[Trial]) -> RigModel:
-    """The best of several starts after a short look: the equations of motion, the first guesses, and between."""
+def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]:
+    """Where fits may start: the equations of motion, the same with the first guess of friction, and the first guesses."""
     solved = equation_start(model, trials)
     dry = [path for path in model.free if path.endswith("friction_force")]
-    between = solved.replace({path: model.get(path) for path in dry})
-    starts = {id(start): start for start in ((solved, between, model) if dry else (solved, model))}.values()
+    between = (solved.replace({path: model.get(path) for path in dry}),) if dry else ()
+    return (solved, *between, model)
+
+
+def first_start(guesses: Sequence[RigModel], trials: Sequence[Trial]) -> RigModel:
+    """The best of several starts after a short look."""
     problem = Problem(glanced(trials), gauge=Correlated, share=COARSE)
-    looks = [fit(start, base_parameters(start), problem, iterations=3, tolerance=5e-2) for start in starts]
+    looks = [fit(start, base_parameters(start), problem, iterations=3, tolerance=5e-2) for start in guesses]
     return min(looks, key=lambda look: look.cost).model
 
 
@@ -81,13 +87,13 @@ def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
 
 def diverse(looks: Sequence[Look]) -> list[Look]:
     """The best looks, and the best of each family that promises anything, so that no kind is lost to a rough first step."""
-    chosen = list(looks[:5])
+    chosen = list(looks[:6])
     seen = {look.candidate.family for look in chosen}
-    for look in looks[5:]:
+    for look in looks[6:]:
         if look.candidate.family not in seen and look.cost < 1.05 * looks[-1].cost:
             chosen.append(look)
             seen.add(look.candidate.family)
-    return chosen[:8]
+    return chosen[:10]
 
 
 def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running:
@@ -111,22 +117,34 @@ def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running
 def afresh(candidates: Sequence[Candidate], refined: Running, current: Fit, short: Sequence[Trial]) -> Running:
     """The race run again from each candidate's own starts: a baseline bent far out of shape is no place to start from."""
     problem, coarse = Problem(short), Problem(short, gauge=Correlated, share=COARSE)
+    starts = [(candidate, start) for candidate in candidates for start in candidate.fresh if _holds(start, current, candidate)]
+    if not starts:
+        return refined
+    costs = np.nan_to_num((coarse.residuals([start for _, start in starts]) ** 2).mean(axis=1), nan=np.inf)
     started = []
-    for candidate in candidates:
+    for k in np.argsort(costs)[:FRESH]:
+        candidate, start = starts[k]
         free = parameters_of(current.model, candidate, current.free)
-        for start in candidate.fresh:
-            try:
-                started.append((candidate, fit(start, free, coarse, iterations=6, tolerance=2e-2)))
-            except (FitError, ModelError):  # no simulation, or a start without an earlier step's parts
-                continue
+        try:
+            started.append((candidate, fit(start, free, coarse, iterations=6, tolerance=2e-2)))
+        except FitError:
+            continue
     started.sort(key=lambda pair: pair[1].cost)
     found = list(refined)
-    for candidate, near in started[:FRESH]:
+    for candidate, near in started[: FRESH // 2]:
         found.append((candidate, fit(near.model, near.free, problem, iterations=3, tolerance=5e-3)))
     best: dict[tuple[str, str], tuple[Candidate, Fit]] = {}
     for candidate, done in _to_the_end(found, problem):
         best.setdefault(candidate.key, (candidate, done))
     return list(best.values())
+
+
+def _holds(start: RigModel, current: Fit, candidate: Candidate) -> bool:
+    # Fresh starts are without an earlier step's parts: then they are no start for what comes after it.
+    try:
+        return all(np.isfinite(start.get(free.path)) for free in parameters_of(current.model, candidate, current.free))
+    except ModelError:
+        return False
 
 
 def _to_the_end(running: Running, problem: Problem) -> Running:

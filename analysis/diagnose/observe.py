@@ -19,7 +19,7 @@ FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
 
 
-def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
+def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesses: tuple[RigModel, ...]) -> Evidence:
     """What the fitted baseline and the data say."""
     deflection, speed = swings(model, trials)
     rate = trials[0].sample_rate
@@ -31,7 +31,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        guess=guess,
+        guess=guesses[0], guesses=guesses,
         restart=lambda rig: equation_start(rig, trials),
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip

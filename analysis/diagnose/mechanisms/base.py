@@ -36,6 +36,8 @@ class Evidence:
         The configurations that were measured.
     guess
         The rig as it was before any fit on simulation error.
+    guesses
+        Several such, one with the rig's first guesses of friction, and the first guesses themselves.
     restart
         Values of a rig's free parameters straight from the equations of motion.
     """
@@ -50,6 +52,7 @@ class Evidence:
     misfit_frequencies: tuple[float, ...]
     configurations: frozenset[str]
     guess: RigModel
+    guesses: tuple[RigModel, ...]
     restart: Callable[[RigModel], RigModel]
 
 

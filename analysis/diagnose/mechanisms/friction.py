@@ -36,6 +36,12 @@ def _force(model: RigModel, evidence: Evidence, contact: Contact, law: Coulomb) 
     return max(law.friction_force, least, 1e-6)
 
 
+def _own_force(model: RigModel, contact: Contact) -> float:
+    # The dry friction that a guess has at a contact; 0 where it has none.
+    law = next((other.law for other in model.contacts if other.name == contact.name), None)
+    return law.friction_force if isinstance(law, Coulomb) else 0.0
+
+
 class CoulombFriction:
     """Dry friction where the baseline has none."""
 
@@ -104,9 +110,12 @@ class PreslidingFriction:
             path = f"contacts.{contact.name}.law.bristle_stiffness"
             force = _force(model, evidence, contact, law)
             starts = tuple(_bristled(model, contact, force, share * deflection) for share in (0.01, 0.05))
-            guess = evidence.guess
-            known = any(other.name == contact.name and isinstance(other.law, Coulomb) for other in guess.contacts)
-            fresh = tuple(_bristled(guess, contact, force, share * deflection) for share in (0.01, 0.05)) if known else ()
+            fresh = tuple(
+                _bristled(guess, contact, max(force, _own_force(guess, contact)), share * deflection)
+                for guess in evidence.guesses
+                if _own_force(guess, contact) > 0.0
+                for share in (0.01, 0.03, 0.1)
+            )
             found.append(
                 Candidate(
                     cause="presliding_friction", location=contact.name, family="friction", starts=starts, fresh=fresh,

@@ -28,7 +28,12 @@ class ExtraMode:
             if any(other.name == name for other in model.bodies) or body.name.endswith("_rider"):
                 continue
             mass = 0.04 * body.mass
-            starts = tuple(self._with_rider(model, name, body, mass, f) for f in evidence.misfit_frequencies)
+            # A light one too: near a resonance a heavy rider splits it, and no slope leads back.
+            starts = tuple(
+                self._with_rider(model, name, body, share * body.mass, f)
+                for share in (0.04, 0.01)
+                for f in evidence.misfit_frequencies
+            )
             if not starts:
                 continue
             mass_path, stiffness, damping = (

@@ -35,9 +35,12 @@ def _sliding(model: RigModel, law: type) -> tuple[Link, ...]:
 
 
 def _first(model: RigModel, evidence: Evidence, link: Link) -> tuple[RigModel, ...]:
-    # The rig as the equations of motion saw it, where it has the link in the same state.
-    guess = evidence.guess
-    return (guess,) if any(other.name == link.name and len(other.laws) == len(link.laws) for other in guess.links) else ()
+    # The rig before it was fitted, where it has the link in the same state.
+    return tuple(
+        guess
+        for guess in evidence.guesses
+        if any(other.name == link.name and len(other.laws) == len(link.laws) for other in guess.links)
+    )
 
 
 def _cubic(model: RigModel, evidence: Evidence, link: Link, share: float) -> RigModel:
