@@ -86,8 +86,8 @@ def told(found: Compared) -> list[str]:
     for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
         if np.isfinite(peaks[2]):
             sentences.append(
-                f"{name.capitalize()}, the heatblock's highest line lies at {peaks[0]:.2f} Hz unlocked and {peaks[1]:.2f} Hz locked; "
-                f"each peak taken at its own place, the ratio is {peaks[2]:.2f}."
+                f"{name.capitalize()}, the heatblock's highest line lies at {peaks[0]:.2f} Hz unlocked and {peaks[1]:.2f} Hz "
+                f"locked; each peak taken at its own place, the ratio is {peaks[2]:.2f}."
             )
     sentences += [f"{name.capitalize()}. {offset.verdict}" for name, offset in found.offsets.items()]
     if found.offset_refused:
