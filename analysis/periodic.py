@@ -95,8 +95,8 @@ def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicF
     return PeriodicFrf(
         response=response, reference=reference,
         frequency=np.asarray(driven * first.sample_rate / float(first.period or 1), dtype=np.float64), value=value,
-        magnitude_std=std, phase_std=np.minimum(std / np.maximum(np.abs(value), np.finfo(float).tiny), np.pi), noise=np.sqrt(noise),
-        distortion=distortion, periods=min(len(x) for x, _ in spectra), realizations=many,
+        magnitude_std=std, phase_std=np.minimum(std / np.maximum(np.abs(value), np.finfo(float).tiny), np.pi),
+        noise=np.sqrt(noise), distortion=distortion, periods=min(len(x) for x, _ in spectra), realizations=many,
     )  # fmt: skip
 
 
