@@ -1,0 +1,22 @@
+"""Sampled accelerations of a linear rig against its transfer function in closed form: what the fine grid costs."""
+
+import numpy as np
+import pytest
+
+from analysis.classic import head_to_table
+from analysis.rigs import THESIS, wire_bonder
+from analysis.simulate import Excitation, simulate
+
+RATE = 1024.0
+
+
+@pytest.mark.parametrize("frequency", [5.0, 40.0, 164.0, 300.0])
+def test_eight_steps_a_sample_are_enough(frequency: float) -> None:
+    n, settled = 16384, 12288
+    drive = np.cos(2.0 * np.pi * frequency * np.arange(n) / RATE)
+    values = {**THESIS, "motor_damping": 0.3, "table_damping": 0.2, "heatblock_damping": 0.05}
+    seen = simulate(wire_bonder(values, friction=False), Excitation.prepare(drive, RATE)).channels["table"][settled:-64]
+    turn = np.exp(2j * np.pi * frequency * np.arange(settled, n - 64) / RATE)
+    parts = np.linalg.lstsq(np.stack([turn.real, -turn.imag], axis=1), seen, rcond=None)[0]
+    want = head_to_table(values, np.array([frequency]))[0]
+    assert abs(complex(*parts) / want - 1.0) < 2e-4
