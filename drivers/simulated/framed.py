@@ -65,8 +65,9 @@ class Faults:
 
 @dataclass
 class Count:
-    """What the far end knows: ticks taken, frames sent and hurt."""
+    """What the far end knows of a run: which one since it was switched on, ticks taken, frames sent and hurt."""
 
+    run: int = 0
     ticks: int = 0
     frames: int = 0
     faults: int = 0
@@ -235,7 +236,7 @@ class SimulatedFramed:
             self._drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration
         )  # fmt: skip
         self._sent = 0
-        self.count = Count()
+        self.count = Count(run=self.count.run + 1)
         self.running, self._began = True, time.monotonic()
 
     def _say(self, text: str) -> None:

@@ -22,9 +22,9 @@ from rig.acquire.waiting import Waiting
 from rig.errors import OutputError
 from rig.recording import FORMAT, VERSION
 
-#: Seconds of samples that may wait for a slow disk, and seconds between flushes.
+#: Seconds of samples that may wait for a slow disk, and seconds that are gathered and then written at once.
 QUEUE_SECONDS = 5.0
-FLUSH = 0.05
+GATHER = 0.1
 #: Seconds without progress after which the disk counts as stuck.
 STUCK = 10.0
 #: Bytes that must stay free on the disk: where fewer are left the session ends while the file can still be closed.
@@ -77,8 +77,8 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
                         )  # fmt: skip
                         if source.full_scale is not None:
                             dataset.attrs["range"] = abs(source.full_scale / about.sensitivity)
-                    group.create_dataset("gaps", (0,), GAPS, maxshape=(None,), chunks=(256,))
-                    group.create_dataset("timing", (0,), TIMING, maxshape=(None,), chunks=(1024,))
+                    group.create_dataset("gaps", (0,), GAPS, maxshape=(None,), chunks=(256,), fletcher32=True)
+                    group.create_dataset("timing", (0,), TIMING, maxshape=(None,), chunks=(1024,), fletcher32=True)
                     group.create_dataset("progress", (1,), PROGRESS)
     except OSError as error:
         raise OutputError(f"{path} cannot be written ({error}); choose another place with -o") from None
@@ -124,15 +124,17 @@ class RunWriter:
         sample_rate: float,
         period: int | None,
     ) -> None:
-        self._file, self._group, self._columns = file, file[f"runs/{run_id}"], columns
+        group = file[f"runs/{run_id}"]
+        self._file = file
+        self._channels = [(group[name], column) for name, column in columns.items()]
+        self._gaps, self._timing, self._state = group["gaps"], group["timing"], group["progress"]
         self._waiting = Waiting(int(QUEUE_SECONDS * sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
-        self._flushed = time.monotonic()
         self._folder = Path(file.filename).parent
         self._progress = np.array([(RUNNING, time.time_ns(), 0, period or 0, sample_rate)], PROGRESS)
-        self._group["progress"][...] = self._progress
+        self._state[...] = self._progress
         self._file.flush()
         self._thread = threading.Thread(target=self._work, name=f"writer of {run_id}", daemon=True)
         self._thread.start()
@@ -166,7 +168,7 @@ class RunWriter:
                     self._gap(counted - self._next)
                 self._progress["state"] = DONE if whole else BROKEN
                 self._progress["counted"] = self._next if counted is None else counted
-                self._group["progress"][...] = self._progress
+                self._state[...] = self._progress
                 self._file.flush()
             except OSError as error:
                 self.error = error
@@ -178,19 +180,17 @@ class RunWriter:
         return OutputError(f"the recording cannot be written any more ({self.error}); make room, then go on with --resume")
 
     def _work(self) -> None:
-        while (blocks := self._waiting.take()) is not None:
+        while (blocks := self._waiting.take(GATHER)) is not None:
             if self.error is not None:
                 continue
             try:
                 self._store(blocks)
-                if time.monotonic() - self._flushed > FLUSH:
-                    self._flush()
+                self._flush()
             except (OSError, RuntimeError) as error:
                 self.error = error if isinstance(error, OSError) else OSError(str(error))
 
     def _flush(self) -> None:
         self._file.flush()
-        self._flushed = time.monotonic()
         if shutil.disk_usage(self._folder).free < RESERVE:
             raise OSError(f"less than {RESERVE >> 20} MiB are free in {self._folder}")
 
@@ -215,18 +215,18 @@ class RunWriter:
             rows.append((first, block.host_time, device, gain, int(block.status)))
         self._append(whole)
         if rows:
-            _append(self._group["timing"], np.array(rows, TIMING))
+            _append(self._timing, np.array(rows, TIMING))
 
     def _append(self, parts: Sequence[np.ndarray]) -> None:
         if not parts:
             return
         samples = np.concatenate(parts)
-        for name, column in self._columns.items():
-            _append(self._group[name], samples[:, column])
+        for dataset, column in self._channels:
+            _append(dataset, samples[:, column])
         self.tally.stored += len(samples)
 
     def _gap(self, count: int) -> None:
-        _append(self._group["gaps"], np.array([(self._next, count)], GAPS))
+        _append(self._gaps, np.array([(self._next, count)], GAPS))
         self.tally.lost += count
         self._next += count
 

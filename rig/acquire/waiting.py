@@ -31,13 +31,15 @@ class Waiting:
             if room:
                 self._blocks.append(block)
                 self._samples += len(block.samples)
-                self._changed.notify_all()
+                if len(self._blocks) == 1 or self._samples > self._most // 2:
+                    self._changed.notify_all()
             return room
 
-    def take(self) -> list[Block] | None:
-        """All blocks that wait, as soon as there is one; None at the end."""
+    def take(self, gather: float) -> list[Block] | None:
+        """All blocks that came within `gather` seconds, sooner where half of the room is taken; None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._blocks or self._ended)
+            self._changed.wait_for(lambda: self._samples > self._most // 2 or self._ended, gather)
             blocks, self._samples = list(self._blocks), 0
             self._blocks.clear()
             self._changed.notify_all()

@@ -1,0 +1,83 @@
+"""What recording costs: 8 channels at 51.2 kHz from a framed instrument in another process, over a pseudo-terminal.
+
+    python bench/acquire.py [seconds]
+
+Prints the share of one core that the recording process used, and what was lost, for frames of several lengths.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import tempfile
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.simulated.framed import SimulatedFramed
+from drivers.simulated.wire import PtyWire
+from rig.acquire.plan import Plan
+from rig.acquire.session import Operator, acquire
+
+RATE, CHANNELS = 51200.0, 8
+ROWS = (64, 256, 1024)
+
+
+class Noise:
+    """Random counts on eight inputs."""
+
+    identity = "noise"
+    inputs = (CHANNELS, "V", 1e-6, 4000.0)
+
+    def play(self, drive: Any, *, sample_rate: float, gain: float, configuration: str) -> Any:
+        """Counts, shape (n, 8)."""
+        return np.random.default_rng(0).integers(-(2**23), 2**23, (len(drive), CHANNELS), dtype=np.int32)
+
+
+def instrument(pipe: Connection, rows: int) -> None:
+    """The far end, in real time."""
+    wire = PtyWire()
+    pipe.send(wire.port)
+    SimulatedFramed(wire, Noise(), speed=1.0, rows=rows).serve(600.0)
+
+
+def measure(seconds: float, rows: int) -> tuple[float, float, int, int]:
+    """Seconds looked at, CPU share in them, samples stored and lost."""
+    ours, theirs = multiprocessing.Pipe()
+    process = multiprocessing.Process(target=instrument, args=(theirs, rows), daemon=True)
+    process.start()
+    plan = msgspec.convert(
+        {
+            "instrument": {"kind": "framed", "port": "", "sample_rate": RATE},
+            "channels": {f"c{k}": {"input": k, "sensitivity": 1.0} for k in range(CHANNELS)},
+            "runs": [{"id": "a", "configuration": "unlocked", "gain": 1.0, "excitation": "moves", "seconds": seconds}],
+        },
+        Plan,
+    )
+    looks: list[tuple[float, float]] = []
+    taken: list[Any] = []
+    operator = Operator(
+        lock=lambda _: None, watch=lambda live: looks.append((time.process_time(), time.monotonic())), taken=taken.append
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        acquire(plan, ours.recv(), Path(folder) / "c.h5", operator, force=True)
+    process.terminate()
+    (cpu0, wall0), (cpu1, wall1) = looks[2], looks[-2]
+    return wall1 - wall0, (cpu1 - cpu0) / (wall1 - wall0), taken[0].tally.stored, taken[0].tally.lost
+
+
+def main(seconds: float) -> None:
+    """A row for each length of frame."""
+    print(f"{CHANNELS} channels at {RATE:g} Hz, 32 bits")
+    print(f"{'rows of a frame':>15} {'seconds':>8} {'% of a core':>12} {'stored':>9} {'lost':>5}")
+    for rows in ROWS:
+        length, share, stored, lost = measure(seconds, rows)
+        print(f"{rows:>15} {length:>8.1f} {100.0 * share:>12.1f} {stored:>9} {lost:>5}")
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)
