@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint study
+.PHONY: setup demo test lint study docs thesis
 
 setup: .venv/ready
 
@@ -20,6 +20,14 @@ test: setup
 
 study: setup
 	$(BIN)/python -m pytest -q -m study
+
+# The documentation site, warnings as errors.
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# Tables and figures of the thesis from a virtual campaign: docs/thesis.md and docs/pictures/thesis-*.
+thesis: setup
+	$(BIN)/python -m rig.thesis docs
 
 lint: setup
 	$(BIN)/ruff check .

@@ -65,6 +65,8 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         Lowest and highest isolation frequency to try, Hz.
     head
         The head, where it is not the model's.
+    after
+        Whether the swing after the last move counts too; without it the study is of moves that go on.
     """
 
     moves: tuple[MovePlan, ...]
@@ -72,15 +74,16 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     safety: float = 1.0
     frequencies: tuple[float, float] = (0.3, 6.0)
     head: HeadPlan | None = None
+    after: bool = True
 
-    def drive(self, tail: float) -> FloatArray:
+    def drive(self) -> FloatArray:
         """The head's acceleration at `RATE`."""
         moves = [
             Move(distance=m.distance, acceleration=m.acceleration, pause=m.pause, shape=m.shape)
             for m in self.moves
             for _ in range(m.repeat)
         ]
-        return head_acceleration(moves, RATE, tail=tail)
+        return head_acceleration(moves, RATE, tail=TAIL / self.frequencies[0] if self.after else 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,8 +202,7 @@ def designed(
     """
     rig = rigs[0]
     grid = np.geomspace(*plan.frequencies, points)
-    tail = TAIL / plan.frequencies[0]
-    head = plan.drive(tail)
+    head = plan.drive()
     free = [design.frictionless(model) for model in rigs]
     studies = {
         name: design.stroke_study(models, grid, head, RATE, limit=plan.limit, safety=plan.safety)
