@@ -13,6 +13,9 @@ import msgspec
 from rig.errors import PlanError
 from rig.recording import UNITS
 
+#: What a channel tells beside what the recording's format asks for.
+SENSOR = ("sensor", "place", "direction")
+
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Anything in a plan."""
@@ -63,6 +66,11 @@ class ChannelPlan(Part, frozen=True):
     sensor: str = ""
     place: str = ""
     direction: str = ""
+
+    @property
+    def told(self) -> dict[str, str]:
+        """What is told of the sensor for the reader of a recording."""
+        return {key: getattr(self, key) for key in SENSOR}
 
 
 class RunPlan(Part, frozen=True):

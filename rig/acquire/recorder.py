@@ -61,7 +61,7 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
                     group = file.create_group(f"runs/{name}")
                     group.attrs.update(
                         configuration=run.configuration, sample_rate=plan.instrument.sample_rate, gain=run.gain,
-                        excitation=run.excitation, use=run.use,
+                        excitation=run.excitation, use=run.use, planned=run.ticks(plan.instrument.sample_rate),
                     )  # fmt: skip
                     if run.excitation != "moves" and run.band is not None:
                         group.attrs["band"] = run.band
@@ -72,8 +72,7 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
                         )  # fmt: skip
                         dataset.attrs.update(
                             quantity=about.quantity, unit=about.unit, scale=source.per_count / about.sensitivity,
-                            offset=source.offset / about.sensitivity, sensor=about.sensor, place=about.place,
-                            direction=about.direction,
+                            offset=source.offset / about.sensitivity, **about.told,
                         )  # fmt: skip
                         if source.full_scale is not None:
                             dataset.attrs["range"] = abs(source.full_scale / about.sensitivity)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.measured import Campaign, Channel, Gap, Run
 from drivers.block import Status
@@ -21,9 +24,40 @@ LEDGERS = frozenset({"gaps", "timing", "progress"})
 GAIN_MOVED = 1e-5
 
 
+class Saved:
+    """The first `stored` samples of a channel that may be growing; read from disk by slice."""
+
+    def __init__(self, dataset: h5py.Dataset, stored: int) -> None:
+        self._dataset = dataset
+        self.shape = (stored,)
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]:
+        return np.asarray(self._dataset[slice(*key.indices(self.shape[0]))])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """One planned run: its samples where there are any, whether it was finished, ticks stored and lost, blocks overloaded."""
+    """One planned run as far as it got.
+
+    Parameters
+    ----------
+    id
+        Its name.
+    finished, begun
+        Whether it was taken to its end, whether at all.
+    run
+        Its samples, read from the open file as they are asked for; None where there are none.
+    stored, lost, planned
+        Ticks that are in the file, that were lost on the way, that the plan asks for.
+    overloads
+        Blocks that came with an overload.
+    planned_gain
+        The gain that the plan says; the run has the one that the instrument streamed.
+    drift_ppm
+        How much faster the instrument's clock runs than this machine's, parts per million; None where it cannot be told.
+    ledger
+        The run's group, with what a recording keeps beside the samples.
+    """
 
     id: str
     finished: bool
@@ -31,20 +65,25 @@ class Recovered:
     run: Run | None
     stored: int
     lost: int
+    planned: int
     overloads: int
+    planned_gain: float
     drift_ppm: float | None
+    ledger: h5py.Group | None = None
 
     @property
     def text(self) -> str:
         """What was saved and lost, in a sentence."""
         if not self.begun:
             return f"{self.id}: not begun."
-        state = "whole" if self.finished else "broken off"
         lost = f", {self.lost} lost on the way" if self.lost else ", none lost"
-        return f"{self.id}: {state}, {self.stored} samples saved{lost}."
+        if self.finished:
+            return f"{self.id}: whole, {self.stored} samples saved{lost}."
+        return f"{self.id}: broken off, {self.stored} of {self.planned} samples saved{lost}."
 
 
-def read_working(path: Path) -> tuple[dict[str, float | str], list[Recovered]]:
+@contextmanager
+def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered]]]:
     """What is known of the rig, and every planned run, from a working file that is finished, being written, or was left behind.
 
     Raises
@@ -65,7 +104,7 @@ def read_working(path: Path) -> tuple[dict[str, float | str], list[Recovered]]:
         if "runs" not in file or any("progress" not in group for group in file["runs"].values()):
             raise RecordingError(f"{path} is no working file; a finished recording needs no recovery, use rig check")
         known = {key: value if isinstance(value, str) else float(value) for key, value in file["rig"].attrs.items()}
-        return known, [recovered(group, name) for name, group in file["runs"].items()]
+        yield known, [recovered(group, name) for name, group in file["runs"].items()]
 
 
 def recovered(group: h5py.Group, name: str) -> Recovered:
@@ -75,22 +114,24 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
     # A writer that was killed may have stored one channel's block and not the next's.
     stored = min(len(group[key]) for key in names)
     gaps = tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in group["gaps"][:])
+    timing = group["timing"][:]
     run = None
     if stored > 0:
         attrs = group.attrs
         channels = {}
-        gains = _gains(group["timing"][:], stored, gaps)
         for key in names:
             about = group[key].attrs
             channels[key] = Channel(
-                name=key, samples=group[key][:stored], quantity=about["quantity"], unit=about["unit"],
+                name=key, samples=Saved(group[key], stored), quantity=about["quantity"], unit=about["unit"],
                 scale=float(about["scale"]), offset=float(about["offset"]),
                 full_scale=float(about["range"]) if "range" in about else None,
             )  # fmt: skip
-        gain = float(attrs["gain"])
-        if gains is not None:
-            gain = float(np.median(gains))
-            if np.ptp(gains) > GAIN_MOVED * abs(gain):
+        gain, streamed = float(attrs["gain"]), timing["gain"][np.isfinite(timing["gain"])]
+        if len(streamed):
+            gain = float(np.median(streamed))
+            if np.ptp(streamed) > GAIN_MOVED * abs(gain):
+                gains = _gains(timing, stored, gaps)
+                gain = float(np.median(gains))
                 channels["gain"] = Channel(name="gain", samples=gains, quantity="gain", unit="1")
         run = Run(
             id=name, configuration=attrs["configuration"], sample_rate=float(progress["sample_rate"]), gain=gain,
@@ -101,19 +142,20 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
         )  # fmt: skip
     return Recovered(
         id=name, finished=bool(progress["state"] == DONE), begun=bool(progress["state"] >= RUNNING), run=run, stored=stored,
-        lost=sum(gap.count for gap in gaps), overloads=int((group["timing"]["status"] & Status.OVERLOAD).astype(bool).sum()),
-        drift_ppm=_drift(group["timing"][:], float(progress["sample_rate"])),
+        lost=sum(gap.count for gap in gaps), planned=int(group.attrs["planned"]), planned_gain=float(group.attrs["gain"]),
+        ledger=group, overloads=int((timing["status"] & Status.OVERLOAD).astype(bool).sum()),
+        drift_ppm=_drift(timing, float(progress["sample_rate"])),
     )  # fmt: skip
 
 
-def _gains(timing: np.ndarray, stored: int, gaps: Sequence[Gap]) -> np.ndarray | None:
-    # The streamed gain of each stored sample; None where the instrument streams none.
+def _gains(timing: np.ndarray, stored: int, gaps: Sequence[Gap]) -> NDArray[np.float64]:
+    # The streamed gain of each stored sample.
     timing = timing[np.isfinite(timing["gain"])]
-    if not len(timing):
-        return None
-    ticks = np.arange(stored, dtype=np.int64)
-    for gap in gaps:
-        ticks[ticks >= gap.first_tick] += gap.count
+    # Gaps are in the order of their ticks: behind each, a sample is that much later than its index says.
+    late = np.cumsum([0, *(gap.count for gap in gaps)], dtype=np.int64)
+    behind = np.array([gap.first_tick for gap in gaps], np.int64) - late[:-1]
+    index = np.arange(stored, dtype=np.int64)
+    ticks = index + late[np.searchsorted(behind, index, side="right")]
     block = np.clip(np.searchsorted(timing["tick"], ticks, side="right") - 1, 0, None)
     return np.asarray(timing["gain"][block])
 
@@ -132,7 +174,7 @@ def _drift(timing: np.ndarray, rate: float) -> float | None:
     return ppm if abs(ppm) < 1e5 else None
 
 
-def campaign_of(known: dict[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
+def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
     """The campaign that runs amount to, in the order in which they were taken.
 
     Raises

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 
-from analysis.measured import Run
 from drivers.instrument import Exciter, Stream
 from rig.acquire.check import Verdict, check_run
 from rig.acquire.instruments import opened, opened_analyzer
+from rig.acquire.keep import keep_measured, keep_session, whole_runs
 from rig.acquire.plan import Plan, RunPlan
 from rig.acquire.preflight import check_room, preflight, refuse
-from rig.acquire.recorder import RESERVE, Tally, lay_out, working_file
+from rig.acquire.recorder import Tally, lay_out, working_file
 from rig.acquire.records import measure_run
-from rig.acquire.recover import Recovered, campaign_of, read_working, recovered
+from rig.acquire.recover import Recovered, recovered
 from rig.acquire.take import Live, take
 from rig.errors import OutputError, PlanError, RecordingError
-from rig.recording import read, write
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +85,7 @@ def acquire(
         raise OutputError(f"{no_room}; --force begins all the same")
     done = _done(partial, output, plan, resume=resume)
     if plan.instrument.analyzer:
-        return output, _with_analyzer(plan, port, output, operator, done)
+        return output, _with_analyzer(plan, port, output, operator, done, resume=resume)
     taken: list[Taken] = []
     with opened(plan, port) as instrument:
         _check_against(instrument, plan)
@@ -106,13 +104,13 @@ def acquire(
                     taken.append(Taken(id=name, tally=tally, verdict=check_run(found), drift_ppm=found.drift_ppm))
                     operator.taken(taken[-1])
         finally:
-            _keep(partial, output, done)
+            keep_session(partial, output, add=resume)
     if not output.exists():
         raise RecordingError(f"not one sample arrived, so {output} was not written; check the instrument and begin again")
     return output, taken
 
 
-def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done: dict[str, Run]) -> list[Taken]:
+def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool) -> list[Taken]:
     # A record is whole or not there: the recording is written anew after each.
     taken: list[Taken] = []
     configuration = ""
@@ -121,18 +119,18 @@ def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done
             if run.configuration != configuration:
                 operator.lock(run.configuration)
                 configuration = run.configuration
-            done[name], overloads = measure_run(instrument, plan, run, name)
-            write(output, campaign_of(plan.rig, list(done.values()), str(output)))
+            measured, overloads = measure_run(instrument, plan, run, name)
+            keep_measured(output, plan, measured, add=resume or bool(taken))
             found = Recovered(
-                id=name, finished=True, begun=True, run=done[name], stored=len(done[name]), lost=0, overloads=overloads,
-                drift_ppm=None,
+                id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
+                overloads=overloads, planned_gain=run.gain, drift_ppm=None,
             )  # fmt: skip
             taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=check_run(found)))
             operator.taken(taken[-1])
     return taken
 
 
-def _wanted(plan: Plan, done: Mapping[str, Run]) -> Iterator[tuple[RunPlan, int, str]]:
+def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:
     for run in plan.runs:
         for repeat, name in enumerate(run.ids()):
             if name not in done:
@@ -162,29 +160,18 @@ def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:
         operator.lock(configuration)
 
 
-def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> dict[str, Run]:
+def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> Set[str]:
     if not resume:
         if partial.exists():
             raise OutputError(
                 f"{partial} is left of a session that was broken off; go on with --resume, or recover and remove it"
             )
-        return {}
+        return frozenset()
     if not partial.exists() and not output.exists():
         raise OutputError(f"there is neither {output} nor {partial} to go on with; start without --resume")
-    done = {run.id: run for run in read(output).runs} if output.exists() else {}
     if partial.exists():
-        known, found = read_working(partial)
-        done |= {item.id: item.run for item in found if item.finished and item.run is not None}
-        # The old working file stays until what is kept of it is safe in the recording.
-        if done:
-            write(output, campaign_of(known, list(done.values()), str(partial)))
-        partial.unlink()
-    # A run that was broken off is shorter than planned.
-    rate = plan.instrument.sample_rate
-    needed = {name: 1 if plan.instrument.analyzer else run.ticks(rate) for run in plan.runs for name in run.ids()}
-    return {
-        name: run for name, run in done.items() if len(run) + sum(gap.count for gap in run.gaps) >= needed.get(name, 0)
-    }  # fmt: skip
+        keep_session(partial, output, add=output.exists())
+    return whole_runs(output, plan)
 
 
 @contextmanager
@@ -192,17 +179,3 @@ def _single_writer(partial: Path) -> Iterator[h5py.File]:
     with h5py.File(partial, "r+", libver="latest") as file:
         file.swmr_mode = True
         yield file
-
-
-def _keep(partial: Path, output: Path, done: Mapping[str, Run]) -> None:
-    # What was measured becomes a recording however the session ended; the working file goes only once that is safe.
-    known, found = read_working(partial)
-    runs = {**{item.id: item.run for item in found if item.run is not None}, **done}
-    if runs:
-        if shutil.disk_usage(partial.parent).free < partial.stat().st_size + RESERVE:
-            raise OutputError(
-                f"the disk is nearly full: what was measured is in {partial}; make room and go on with --resume, or save it "
-                "elsewhere with rig recover"
-            )
-        write(output, campaign_of(known, list(runs.values()), str(partial)))
-    partial.unlink()

@@ -20,11 +20,8 @@ def recover(working: Path, *, output: Annotated[Path, Parameter(name=["-o", "--o
     output
         The recording to write.
     """
-    from rig.acquire.recover import campaign_of, read_working
-    from rig.recording import write
+    from rig.acquire.keep import keep_recovered
 
-    known, found = read_working(working)
-    write(output, campaign_of(known, [item.run for item in found if item.run is not None], str(working)))
-    for item in found:
+    for item in keep_recovered(working, output):
         print(item.text)
     print(output)

@@ -18,7 +18,7 @@ from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
 from drivers.errors import ConnectionLostError
 from drivers.simulated.framed import Faults
 from rig.acquire.recorder import working_file
-from rig.acquire.recover import read_working
+from rig.acquire.recover import working
 from rig.acquire.session import acquire
 from rig.cli import main
 from rig.errors import OutputError
@@ -48,11 +48,11 @@ def test_a_killed_writer_loses_a_quarter_of_a_second_at_most(tmp_path: Path) -> 
             assert process.pid is not None
             os.kill(process.pid, signal.SIGKILL)
             process.join()
-        _, found = read_working(working_file(output))
-        by_id = {item.id: item for item in found}
-        for item in found:
-            for k, name in enumerate(CHANNELS if item.run is not None else ()):
-                np.testing.assert_array_equal(item.run.channels[name].samples, np.arange(item.stored) * 4 + k)
+        with working(working_file(output)) as (_, found):
+            by_id = {item.id: item for item in found}
+            for item in found:
+                for k, name in enumerate(CHANNELS if item.run is not None else ()):
+                    np.testing.assert_array_equal(item.run.channels[name].samples[:], np.arange(item.stored) * 4 + k)
         # What the instrument had taken of the run that it was in, against what is saved of that run.
         current = by_id["a" if at_kill.run == 1 else "b"]
         lost.append((at_kill.ticks - current.stored) / 1024.0)
@@ -74,7 +74,7 @@ def test_recover_says_what_was_saved_and_resume_goes_on(tmp_path: Path, capsys: 
     told = capsys.readouterr().out
     assert "a: whole, 1024 samples saved, none lost." in told
     saved = read(tmp_path / "saved.h5")
-    assert f"b: broken off, {len(saved.runs[1])} samples saved, none lost." in told
+    assert f"b: broken off, {len(saved.runs[1])} of 61440 samples saved, none lost." in told
     watcher = Watcher()
     with ramp_instrument() as (port, _):
         with pytest.raises(OutputError, match="--resume"):

@@ -305,9 +305,11 @@ def test_a_recording_is_followed_while_it_is_made(tmp_path: Path) -> None:
         session.start()
         while not output.with_name("c.h5.partial").exists():
             session.join(0.01)
-        lengths = [len(campaign.runs[0]) for campaign in follow(output, every=0.1)]
+        looks = [(len(campaign.runs[0]), finished) for campaign, finished in follow(output, every=0.1)]
         session.join()
+    lengths = [length for length, _ in looks]
     assert lengths[-1] == 8 * 1024
+    assert [finished for _, finished in looks] == [False] * (len(looks) - 1) + [True]
     assert len(lengths) >= 4
     assert lengths == sorted(lengths)
 
