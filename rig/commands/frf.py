@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from analysis.measured import Campaign
+    from rig.transfer import Transfer
+
+#: Seconds between two looks at a recording that is being made.
+LOOK = 2.0
 
 
 def frf(
@@ -16,6 +24,7 @@ def frf(
     response: tuple[str, ...] = (),
     resolution: float = 0.25,
     estimator: Literal["H1", "H2", "Hv"] = "H1",
+    follow: bool = False,
 ) -> None:
     """Estimate transfer functions, averaged over the runs of each configuration and gain.
 
@@ -35,17 +44,44 @@ def frf(
         Distance of lines, Hz.
     estimator
         H1 has no bias from noise in the response, H2 none from noise in the reference, Hv shares it.
+    follow
+        The recording is being made: estimate from what is there, again and again until it is finished.
     """
+    from analysis.errors import DataError
+    from rig.acquire.follow import follow as followed
+    from rig.recording import open_recording
+    from rig.transfer import transfer_functions
+
+    def found_in(measured: Campaign) -> list[Transfer]:
+        return transfer_functions(measured, reference=reference, responses=response, resolution=resolution, estimator=estimator)
+
+    if not follow:
+        with open_recording(campaign) as measured:
+            found = found_in(measured)
+        _tell(found, output, campaign.name)
+        print(output)
+        return
+    for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
+        try:
+            found = found_in(measured)
+        except DataError:
+            if finished:
+                raise
+            # There is no broad-band run yet.
+            continue
+        seconds = sum(run.duration for run in measured.runs)
+        _tell(found, output, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
+    print(output)
+
+
+def _tell(found: Sequence[Transfer], output: Path, name: str) -> None:
     import numpy as np
 
     from rig.figures import frf_figure, save
     from rig.output import write_csv, write_json
-    from rig.recording import open_recording
     from rig.terminal import show_table
-    from rig.transfer import about, transfer_functions
+    from rig.transfer import about
 
-    with open_recording(campaign) as measured:
-        found = transfer_functions(measured, reference=reference, responses=response, resolution=resolution, estimator=estimator)
     for item in found:
         value = item.frf
         columns = {
@@ -53,18 +89,17 @@ def frf(
             "magnitude_std": value.magnitude_std, "phase_std_rad": value.phase_std, "coherence": value.coherence,
         }  # fmt: skip
         write_csv(output / f"{item.name}.csv", columns)
-    for name in dict.fromkeys(item.frf.response for item in found):
-        same = [item for item in found if item.frf.response == name]
+    for response, reference in dict.fromkeys((item.frf.response, item.frf.reference) for item in found):
+        same = [item for item in found if item.frf.response == response]
         band = min(item.band[0] for item in same), max(item.band[1] for item in same)
         figure = frf_figure({item.label: item.within_band() for item in same}, band)
-        save(figure, output / f"{name}-over-{reference}.png")
+        save(figure, output / f"{response}-over-{reference}.png")
     write_json(output / "frf.json", {"format": "rig-frf", "format_version": 1, "transfer_functions": [about(i) for i in found]})
     show_table(
-        f"{campaign.name}: {estimator} at {found[0].frf.resolution:g} Hz",
+        f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
         ("response", "set-up", "gain", "band, Hz", "peak, Hz", "magnitude", "coherence"),
         [_row(about(item)) for item in found],
     )
-    print(output)
 
 
 def _row(told: dict[str, Any]) -> list[str]:
