@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from analysis.design import stroke_study
+from analysis.design import frictionless, stroke_study
 from analysis.profile import Move, head_acceleration
 from analysis.rigs import THESIS, wire_bonder
 
@@ -23,9 +23,16 @@ def main() -> None:
         found = stroke_study(rigs, grid, head, RATE, limit=5e-3)
         seconds = time.perf_counter() - began
         print(
-            f"{name}: {found.draws.size + found.stroke.size} designs of {len(head) / RATE:.2f} s in {seconds:.2f} s, "
-            f"lowest {found.lowest:.3g} Hz"
+            f"{name}, with friction: {found.draws.size + found.stroke.size} designs of {len(head) / RATE:.2f} s "
+            f"in {seconds:.2f} s, lowest {found.lowest:.3g} Hz"
         )
+    free = stroke_study([frictionless(rig) for rig in rigs], grid, head, RATE, limit=5e-3)
+    going_on = head_acceleration([Move(distance=3e-3, acceleration=166.7, pause=0.05)] * 10, RATE, tail=0.0)
+    steady = stroke_study([frictionless(wire_bonder())], grid, going_on, RATE, limit=5e-3)
+    print(
+        f"without friction: lowest {free.lowest:.3f} ± {free.std:.3f} Hz with the swing after the last move, "
+        f"{steady.lowest:.3f} Hz while moves go on (thesis: 0.6 Hz)"
+    )
 
 
 if __name__ == "__main__":

@@ -40,3 +40,15 @@ def history_figure(found: Designed) -> Figure:
     axes[0].legend(fontsize=8)
     axes[-1].set(xlabel="time, s")
     return figure
+
+
+def offset_figure(found: Designed) -> Figure:
+    """Isolation ratio without friction for each distance of the drive from the motor's centre of gravity."""
+    figure = Figure(figsize=(9.0, 4.5), layout="constrained")
+    axis = figure.subplots()
+    for offset, seen in found.offsets.items():
+        axis.plot(seen.frequency, seen.ratio, lw=1.2, label=f"{1e3 * offset:g} mm off: rocks by {1e3 * seen.rocking:.2g} mrad")
+    axis.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="unlocked / locked")
+    axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
+    axis.legend(fontsize=8)
+    return figure

@@ -26,6 +26,8 @@ from rig.virtual import Take, virtual_campaign
 RATE = 2048.0
 #: The motor swings out for this share of the slowest period after the last move.
 TAIL = 0.6
+#: Lines on which a drive's offset is looked at, Hz.
+LINES = np.geomspace(0.5, 100.0, 1500)
 TAKES = tuple(
     Take(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
     for c in ("unlocked", "locked")
@@ -87,6 +89,27 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 @dataclass(frozen=True, kw_only=True)
+class DriveOffset:
+    """What a drive off the motor's centre of gravity does.
+
+    Parameters
+    ----------
+    rocking, stroke
+        Largest angle of the motor, rad, and stroke on the table, m.
+    frequency, ratio
+        Isolation ratio of the rig without friction, shape (lines,), Hz and 1.
+    worst
+        The ratio from 5 to 50 Hz over that without offset, where that is largest.
+    """
+
+    rocking: float
+    stroke: float
+    frequency: FloatArray
+    ratio: FloatArray
+    worst: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Designed:
     """The study's results.
 
@@ -99,7 +122,7 @@ class Designed:
     ratios
         Isolation ratio by case, estimated from simulated runs as a lab would.
     offsets
-        By drive offset in m: largest rocking in rad, stroke in m, worst ratio from 5 to 50 Hz over that without.
+        What the drive's offset from the centre of gravity does, by offset in m.
     present
         Isolation frequency of the present design, Hz.
     """
@@ -108,7 +131,7 @@ class Designed:
     head: FloatArray
     histories: Mapping[str, Mapping[str, FloatArray]]
     ratios: Mapping[str, IsolationRatio]
-    offsets: Mapping[float, tuple[float, float, float]]
+    offsets: Mapping[float, DriveOffset]
     present: float
 
 
@@ -222,12 +245,15 @@ def designed(
     )  # fmt: skip
 
 
-def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) -> tuple[float, float, float]:
+def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) -> DriveOffset:
     try:
         rocked = design.rocking(model, offset, frequency=frequency)
     except ModelError as error:
         raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
     seen = design.histories(rocked, head, RATE)
-    lines = np.linspace(5.0, 50.0, 451)
-    worse = np.max(design.linear_ratio(rocked, lines) / design.linear_ratio(model, lines))
-    return float(np.abs(seen["rocking"]).max()), float(np.abs(seen["motor"] - seen["table"]).max()), float(worse)
+    ratio = design.linear_ratio(rocked, LINES)
+    kept = (LINES >= 5.0) & (LINES <= 50.0)
+    return DriveOffset(
+        rocking=float(np.abs(seen["rocking"]).max()), stroke=float(np.abs(seen["motor"] - seen["table"]).max()),
+        frequency=LINES, ratio=ratio, worst=float(np.max((ratio / design.linear_ratio(model, LINES))[kept])),
+    )  # fmt: skip

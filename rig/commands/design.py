@@ -44,7 +44,7 @@ def design(
     """
     import numpy as np
 
-    from rig.design_figures import history_figure, stroke_figure
+    from rig.design_figures import history_figure, offset_figure, stroke_figure
     from rig.designed import RATE, designed, read_design, rigs_of
     from rig.errors import PlanError
     from rig.figures import isolation_figure, save
@@ -71,6 +71,8 @@ def design(
     save(stroke_figure(found), output / "strokes.png")
     save(history_figure(found), output / "histories.png")
     save(isolation_figure(found.ratios, {}), output / "ratio.png")
+    if found.offsets:
+        save(offset_figure(found), output / "offset.png")
     told: dict[str, Any] = {
         "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
         "present_frequency_hz": found.present,
@@ -82,7 +84,8 @@ def design(
             name: float(np.median(r.ratio[(r.frequency >= 5.0) & (r.frequency <= 15.0)])) for name, r in found.ratios.items()
         },
         "drive_offsets": [
-            {"offset_m": o, "rocking_rad": a, "stroke_m": s, "ratio_over_none": w} for o, (a, s, w) in found.offsets.items()
+            {"offset_m": o, "rocking_rad": d.rocking, "stroke_m": d.stroke, "ratio_over_none": d.worst}
+            for o, d in found.offsets.items()
         ],
     }  # fmt: skip
     write_json(output / "design.json", told)

@@ -7,7 +7,7 @@ import numpy as np
 
 from analysis.design import frictionless, stroke_study
 from analysis.measured import FloatArray
-from rig.design_figures import history_figure, stroke_figure
+from rig.design_figures import history_figure, offset_figure, stroke_figure
 from rig.designed import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
 from rig.figures import isolation_figure
 from rig.thesis.step import Row, Step
@@ -51,10 +51,10 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
         *(
             Row(
                 what=f"Fig. 36: drive {1e3 * o:g} mm off the centre of gravity", thesis="a moment and rocking, to be studied",
-                here=f"rocks by {1e3 * angle:.2g} mrad, ratio 5 to 50 Hz at worst {worse:.3g} times that without",
+                here=f"rocks by {1e3 * seen.rocking:.2g} mrad, ratio 5 to 50 Hz at worst {seen.worst:.3g} times that without",
                 remark="rocking at 30 Hz, radius of gyration 100 mm assumed",
             )
-            for o, (angle, _, worse) in found.offsets.items()
+            for o, seen in found.offsets.items()
             if o
         ),
         *(
@@ -88,7 +88,7 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
         title="Fig. 33-36: strokes and drive offset", rows=rows, text=[text],
         pictures={
             "strokes": stroke_figure(found), "histories": history_figure(found),
-            "design-ratio": isolation_figure(found.ratios, {}),
+            "design-ratio": isolation_figure(found.ratios, {}), "offset": offset_figure(found),
         },
     )  # fmt: skip
 
