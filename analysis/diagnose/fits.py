@@ -22,6 +22,8 @@ JUDGED_OVERSAMPLE = 8
 MISFIT = 10.0
 #: A candidate whose misfit is this many times the best's is out of the race.
 BEHIND = 6.0
+#: Where one explains all, others whose look was this many times worse need not run.
+HOPELESS = 30.0
 #: Fresh starts that are fitted; half of them are followed further.
 FRESH = 6
 #: Share of a channel's rms that counts as noise: to come near from far, and to finish.
@@ -64,9 +66,10 @@ def baseline_fit(start: RigModel, trials: Sequence[Trial]) -> Fit:
 
 
 def _near(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit:
-    # From far on what goes along with the drive, then on the waveforms.
-    coarse = fit(start, free, Problem(trials, gauge=Correlated, share=COARSE), iterations=12, tolerance=1e-2)
-    return fit(coarse.model, free, Problem(trials), iterations=12, tolerance=5e-3)
+    # From far on what goes along with the drive, then on the waveforms; a run's first seconds show the way.
+    short = glanced(trials)
+    coarse = fit(start, free, Problem(short, gauge=Correlated, share=COARSE), iterations=12, tolerance=1e-2)
+    return fit(coarse.model, free, Problem(short), iterations=12, tolerance=5e-3)
 
 
 def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
@@ -101,6 +104,9 @@ def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running
     problem, coarse = Problem(short), Problem(short, gauge=Correlated, share=COARSE)
     running: Running = []
     for look in looks:
+        least = min((done.cost for _, done in running), default=np.inf)
+        if least < 1.0 and len(running) > 1 and look.cost > HOPELESS * least:
+            continue
         free = parameters_of(current.model, look.candidate, current.free)
         try:
             done = fit(look.model, free, problem, iterations=2, tolerance=1e-2)
