@@ -6,6 +6,7 @@ bits of the first input are the digital inputs. Nothing is numbered: loss shows 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 
@@ -14,6 +15,7 @@ import numpy as np
 from drivers.arrivals import Arrivals
 from drivers.block import Block, Input, Status
 from drivers.errors import ProtocolError, SettingError
+from drivers.kinds import Settings, StreamKind
 from drivers.port import Port
 
 CLOCK = 60e6
@@ -109,3 +111,20 @@ class DataqInstrument:
         echo = self._port.line(END).strip()
         if not echo.startswith(command.encode()):
             raise ProtocolError(f"{self._port.name} answered {command!r} with {echo!r}, not its echo; is it a DI-1100?")
+
+
+class DataqSettings(Settings, frozen=True):
+    """The inputs' range in V."""
+
+    full_scale: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.full_scale < math.inf:
+            raise ValueError(f"full_scale is {self.full_scale:g}; give the inputs' range in V, e.g. 10.0")
+
+
+def _open(port: str, settings: DataqSettings) -> DataqInstrument:
+    return DataqInstrument(port, full_scale=settings.full_scale)
+
+
+KIND = StreamKind(name="di1100", open=_open, settings=DataqSettings)

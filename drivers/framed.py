@@ -15,6 +15,7 @@ import numpy as np
 from drivers.block import Block, FloatArray, Input, Status
 from drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
 from drivers.frames import TEXT, Decoder, Frame, unwrap
+from drivers.kinds import Settings, StreamKind
 from drivers.port import PATIENCE, Port
 
 #: How often a command is repeated, and seconds that the instrument may need before it starts.
@@ -174,3 +175,20 @@ class FramedInstrument:
                 self._texts.append(frame.text)
             else:
                 self._frames.append((frame, now))
+
+
+class FramedSettings(Settings, frozen=True):
+    """The baud rate of a real serial line."""
+
+    baud_rate: int = 921600
+
+    def __post_init__(self) -> None:
+        if self.baud_rate < 1:
+            raise ValueError(f"baud_rate is {self.baud_rate}; give the instrument's, e.g. 921600")
+
+
+def _open(port: str, settings: FramedSettings) -> FramedInstrument:
+    return FramedInstrument(port, baud_rate=settings.baud_rate)
+
+
+KIND = StreamKind(name="framed", open=_open, settings=FramedSettings)

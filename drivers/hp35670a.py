@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.block import FloatArray, Record, Status
 from drivers.errors import InstrumentError, ProtocolError
+from drivers.kinds import RecordsKind
 from drivers.port import Port
 from drivers.shows import Shows
 
@@ -109,3 +110,6 @@ class Hp35670aInstrument:
     def _ask(self, command: str) -> str:
         self._send(command)
         return self._port.line(b"\n").strip().decode("ascii", "replace")
+
+
+KIND = RecordsKind(name="35670a", open=Hp35670aInstrument, trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed such as XTIM:VOLT 1"))

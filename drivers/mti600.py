@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.block import Block, Input, Raw, Status
 from drivers.errors import ConnectionLostError
+from drivers.kinds import Settings, StreamKind
 
 DBC = Path(__file__).with_name("mti600.dbc")
 BITRATE = 250_000
@@ -189,3 +190,16 @@ class MtiInstrument:
             first_tick=tick, samples=found.acceleration[:count], host_time=time.monotonic(),
             device_time=self._time if np.isfinite(seconds) else None, status=status,
         )  # fmt: skip
+
+
+class MtiSettings(Settings, frozen=True):
+    """python-can's name of the adapter's interface."""
+
+    bus: str = "slcan"
+
+
+def _open(port: str, settings: MtiSettings) -> MtiInstrument:
+    return MtiInstrument(port, bus=settings.bus)
+
+
+KIND = StreamKind(name="mti600", open=_open, settings=MtiSettings)

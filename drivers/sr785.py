@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.block import FloatArray, Record, Status
 from drivers.errors import InstrumentError, ProtocolError
+from drivers.kinds import RecordsKind
 from drivers.port import Port
 from drivers.shows import Shows
 
@@ -96,3 +97,6 @@ class Sr785Instrument:
     def _ask(self, command: str) -> str:
         self._send(command)
         return self._port.line(b"\n").strip().decode("ascii", "replace")
+
+
+KIND = RecordsKind(name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"))

@@ -1,17 +1,17 @@
-"""The plan of a session: rig, instrument, channels, runs; checked before anything moves."""
+"""The plan of a session: rig, instrument, channels, runs."""
 
 from __future__ import annotations
 
-import math
-import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
+from analysis.model import RigModel, from_tree
+from drivers.kinds import RecordsKind, StreamKind, kinds
 from rig.errors import PlanError
-from rig.recording import UNITS
 
 #: What a channel tells beside what the recording's format asks for.
 SENSOR = ("sensor", "place", "direction")
@@ -38,22 +38,24 @@ class ShowsPlan(Part, frozen=True):
 class InstrumentPlan(Part, frozen=True):
     """Where the samples come from: the kind of instrument, its port, its rate in Hz.
 
-    `full_scale` (V) is asked of a DI-1100, `shows` of analyzers, which hand out records; `bus` is python-can's word for an
-    adapter.
+    `shows` is asked of analyzers, which hand out records. What else stands there in a plan are the settings of that kind.
     """
 
-    kind: Literal["framed", "di1100", "mti600", "sr785", "35670a"]
+    kind: str
     port: str
     sample_rate: float
-    baud_rate: int = 921600
-    full_scale: float | None = None
-    bus: str = "slcan"
     shows: tuple[ShowsPlan, ...] = ()
+    settings: Any = None
+
+    @property
+    def about(self) -> StreamKind | RecordsKind:
+        """The kind itself."""
+        return kinds()[self.kind]
 
     @property
     def analyzer(self) -> bool:
         """Whether it measures by itself and hands out records."""
-        return self.kind in ("sr785", "35670a")
+        return isinstance(self.about, RecordsKind)
 
 
 class ChannelPlan(Part, frozen=True):
@@ -116,9 +118,20 @@ class Plan(Part, frozen=True):
     runs: tuple[RunPlan, ...]
     rig: dict[str, float | str] = {}
 
+    def model(self) -> RigModel | None:
+        """The rig that the plan describes; None where it is the wire bonder."""
+        description = self.rig.get("description")
+        return None if description is None else from_tree(tomllib.loads(str(description)))
 
-def read_plan(path: Path) -> Plan:
-    """Read a plan and check it whole.
+    @property
+    def drive(self) -> str:
+        """The channel that drives."""
+        model = self.model()
+        return "head" if model is None else model.drive.channel
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a plan; `rig.acquire.sound` looks at its values.
 
     Raises
     ------
@@ -134,75 +147,30 @@ def read_plan(path: Path) -> Plan:
     except tomllib.TOMLDecodeError as error:
         raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
     try:
-        plan = msgspec.convert(tree, Plan, strict=False)
+        return plan_of(tree)
     except msgspec.ValidationError as error:
         raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
-    _check(plan, str(path))
-    return plan
 
 
-def _check(plan: Plan, where: str) -> None:
-    rate = plan.instrument.sample_rate
-    if not 0.0 < rate < math.inf:
-        raise PlanError(f"{where}: sample_rate is {rate:g} Hz; it must be positive and finite, so correct it")
-    _check_instrument(plan, where)
-    if not plan.channels:
-        raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
-    if not plan.runs:
-        raise PlanError(f"{where}: there are no runs; add at least one as [[runs]]")
-    for name, channel in plan.channels.items():
-        if not name.isidentifier() or name in ("gain", "gaps", "timing", "spectra"):
-            raise PlanError(f"{where}: a channel cannot be called {name!r}; use letters and digits, and no name of the format")
-        if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
-            raise PlanError(
-                f"{where}: channels.{name}.sensitivity is {channel.sensitivity:g}; take it from the sensor's calibration sheet"
-            )
-        if channel.unit not in UNITS:
-            raise PlanError(f"{where}: channels.{name}.unit is {channel.unit!r}; allowed are {', '.join(sorted(UNITS))}")
-        if channel.input < 0:
-            raise PlanError(f"{where}: channels.{name}.input is {channel.input}; inputs count from 0")
-    inputs = [channel.input for channel in plan.channels.values()]
-    if len(set(inputs)) < len(inputs):
-        raise PlanError(f"{where}: two channels share an input ({inputs}); give each its own")
-    ids = [name for run in plan.runs for name in run.ids()]
-    twice = next((name for name in ids if ids.count(name) > 1), None)
-    if twice is not None:
-        raise PlanError(f"{where}: two runs are called {twice!r}; give each its own id")
-    for run in plan.runs:
-        _check_run(run, rate, f"{where}: run {run.id!r}")
+def plan_of(tree: Mapping[str, Any]) -> Plan:
+    """A plan from plain dicts and lists, its values not yet checked.
 
-
-def _check_instrument(plan: Plan, where: str) -> None:
-    instrument = plan.instrument
-    if instrument.kind == "di1100" and not (instrument.full_scale and 0.0 < instrument.full_scale < math.inf):
-        raise PlanError(f"{where}: instrument.full_scale is {instrument.full_scale}; give the inputs' range in V, e.g. 10.0")
-    if instrument.analyzer != bool(instrument.shows):
-        told = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
-        raise PlanError(f"{where} {told}; an analyzer needs them, one [[instrument.shows]] for each display, others have none")
-    if instrument.analyzer and not any(shown.kind == "time" for shown in instrument.shows):
-        raise PlanError(f"{where}: no display shows a time record; a recording needs one, so show a channel as time on one")
-    for shown in instrument.shows:
-        unknown = next((name for name in (shown.channel, shown.reference) if name and name not in plan.channels), None)
-        if unknown is not None:
-            raise PlanError(f"{where}: instrument.shows names {unknown!r}; the plan has {', '.join(plan.channels)}")
-        pattern = r"[01]" if instrument.kind == "sr785" else r"[A-Z0-9:]+( \d(,\d)?)?"
-        if not re.fullmatch(pattern, shown.trace):
-            raise PlanError(f"{where}: instrument.shows has trace {shown.trace!r}; give a display (0, 1) or a feed (XTIM:VOLT 1)")
-
-
-def _check_run(run: RunPlan, rate: float, here: str) -> None:
-    if not run.id or "/" in run.id or run.id.startswith("."):
-        raise PlanError(f"{here} needs an id without a slash or a leading dot")
-    if not (math.isfinite(run.gain) and run.gain > 0.0):
-        raise PlanError(f"{here} has gain {run.gain:g}; it must be positive, so correct it")
-    if not 0.0 < run.seconds <= 86400.0 or run.seconds * rate < 16:
-        raise PlanError(f"{here} lasts {run.seconds:g} s; give at least 16 samples and at most a day")
-    if not 1 <= run.repeats <= 1000:
-        raise PlanError(f"{here} has repeats {run.repeats}; give 1 to 1000")
-    if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
-        raise PlanError(f"{here} has a period of {run.period:g} s; give one of 16 samples at least and no longer than the run")
-    if run.excitation in ("random", "multisine"):
-        if run.band is None:
-            raise PlanError(f"{here} has no band; give [low, high] in Hz of its {run.excitation} drive")
-        if not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:
-            raise PlanError(f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)")
+    Raises
+    ------
+    msgspec.ValidationError
+        Naming the key, what was found and what is allowed.
+    """
+    instrument = tree.get("instrument")
+    if isinstance(instrument, Mapping):
+        own = {key: value for key, value in instrument.items() if key in ("kind", "port", "sample_rate", "shows")}
+        kind = kinds().get(str(own.get("kind")))
+        if "kind" in own and kind is None:
+            raise msgspec.ValidationError(f"instrument.kind is {own['kind']!r}, allowed are {', '.join(kinds())}")
+        if kind is not None:
+            rest = {key: value for key, value in instrument.items() if key not in own}
+            try:
+                own["settings"] = msgspec.convert(rest, kind.settings, strict=False)
+            except msgspec.ValidationError as error:
+                raise msgspec.ValidationError(f"instrument of kind {kind.name}: {error}") from None
+        tree = {**tree, "instrument": own}
+    return msgspec.convert(tree, Plan, strict=False)

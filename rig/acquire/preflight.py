@@ -11,8 +11,8 @@ import numpy as np
 
 from analysis.measured import FloatArray
 from drivers.block import Block, Status
-from drivers.instrument import Exciter, Stream
-from rig.acquire.drive import drive_of
+from drivers.instrument import Stream
+from rig.acquire.drive import drive_of, load
 from rig.acquire.plan import Plan, RunPlan
 from rig.errors import PlanError
 
@@ -43,11 +43,8 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     """What speaks against taking this run, each in a sentence with the remedy."""
     rate = plan.instrument.sample_rate
     rest, driven = round(REST * rate), round(DRIVEN * rate)
-    if run.played:
-        assert isinstance(instrument, Exciter)
-        drive, _ = drive_of(run, 0, rate)
-        instrument.set_gain(run.gain)
-        instrument.load_drive(np.concatenate([np.zeros(rest), drive[:driven]]))
+    drive, _ = drive_of(run, 0, rate)
+    load(instrument, run, np.concatenate([np.zeros(rest), drive[:driven]]))
     blocks = list(_blocks(instrument, rest + driven))
     if not blocks:
         return ["no sample arrives; check that the instrument is on and scans"]

@@ -101,7 +101,9 @@ def acquire(
                         refuse(name, preflight(instrument, plan, run))
                     tally = take(instrument, file, plan, run, repeat, name, operator.watch)
                     found = recovered(file[f"runs/{name}"], name)
-                    taken.append(Taken(id=name, tally=tally, verdict=check_run(found), drift_ppm=found.drift_ppm))
+                    taken.append(
+                        Taken(id=name, tally=tally, verdict=check_run(found, drive=plan.drive), drift_ppm=found.drift_ppm)
+                    )
                     operator.taken(taken[-1])
         finally:
             keep_session(partial, output, add=resume)
@@ -125,7 +127,9 @@ def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done
                 id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
                 overloads=overloads, planned_gain=run.gain, drift_ppm=None,
             )  # fmt: skip
-            taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=check_run(found)))
+            taken.append(
+                Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=check_run(found, drive=plan.drive))
+            )
             operator.taken(taken[-1])
     return taken
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from drivers.block import Block
 from drivers.errors import ConnectionLostError, DriverError
-from drivers.instrument import Exciter, Stream
-from rig.acquire.drive import drive_of
+from drivers.instrument import Stream
+from rig.acquire.drive import drive_of, load
 from rig.acquire.live import RunningCoherence
 from rig.acquire.plan import Plan, RunPlan
 from rig.acquire.recorder import RunWriter, Tally
@@ -57,7 +57,7 @@ class Look:
         }
         self._rate = plan.instrument.sample_rate
         self._coherence = (
-            None if run.band is None else RunningCoherence(tuple(self._columns), drive="head", band=run.band, rate=self._rate)
+            None if run.band is None else RunningCoherence(tuple(self._columns), drive=plan.drive, band=run.band, rate=self._rate)
         )
         self._blocks: list[Block] = []
         self._at = time.monotonic()
@@ -99,12 +99,9 @@ def take(
     DriverError, OutputError
         Where the instrument or the disk fails; what was measured until then is in the file.
     """
-    rate, period = plan.instrument.sample_rate, None
-    if run.played:
-        assert isinstance(instrument, Exciter)  # the session has looked
-        drive, period = drive_of(run, repeat, rate)
-        instrument.set_gain(run.gain)
-        instrument.load_drive(drive)
+    rate = plan.instrument.sample_rate
+    drive, period = drive_of(run, repeat, rate)
+    load(instrument, run, drive)
     writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=period)
     look = Look(plan, run, instrument)
     counted, whole = None, False

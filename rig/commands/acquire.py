@@ -49,9 +49,9 @@ def acquire(
     json
         Tell levels and results as one JSON object a line on standard output.
     """
-    from rig.acquire.plan import read_plan
     from rig.acquire.session import Operator
     from rig.acquire.session import acquire as run_session
+    from rig.acquire.sound import read_plan
 
     planned = read_plan(plan)
     with _Screen(json=json) as screen:
@@ -106,6 +106,10 @@ class _Screen:
             return
         coherent = "  ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
         told = f"{item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
+        if item.verdict.detections:
+            told += f"; {item.verdict.detections[0].periods} periods after the first, distortion " + "  ".join(
+                f"{d.response} {100 * max(d.odd, d.even):.1f} % (noise {100 * d.noise:.1f} %)" for d in item.verdict.detections
+            )
         if item.drift_ppm is not None and abs(item.drift_ppm) > 100.0:
             told += f"; its clock runs {item.drift_ppm:+.0f} ppm against this machine's"
         self._console.print(told, markup=False, highlight=False)

@@ -23,8 +23,8 @@ def demo(*, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("
     seed
         Seed of the sensors' noise.
     """
-    from rig.acquire.plan import read_plan
     from rig.acquire.session import Operator, Taken, acquire
+    from rig.acquire.sound import read_plan
     from rig.characterized import characterize_campaign, write_characterization
     from rig.commands.frf import frf
     from rig.commands.isolation import isolation

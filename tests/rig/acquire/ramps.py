@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from drivers.simulated.framed import Faults, SimulatedFramed
 from drivers.simulated.wire import PtyWire
 from rig.acquire.plan import Plan
+from rig.acquire.plan import plan_of as plan_of_tree
 from rig.acquire.session import Operator, Taken
 from rig.acquire.take import Live
 
@@ -54,14 +54,16 @@ def ramp_instrument(
         wire.close()
 
 
-def plan_of(*runs: dict[str, Any], rate: float = 1024.0) -> Plan:
+def plan_of(
+    *runs: dict[str, Any], rate: float = 1024.0, instrument: dict[str, Any] | None = None, sensitivity: float = 1.0
+) -> Plan:
     tree = {
         "rig": {"head_mass": 6.5},
-        "instrument": {"kind": "framed", "port": "virtual", "sample_rate": rate},
-        "channels": {name: {"input": k, "sensitivity": 1.0} for k, name in enumerate(CHANNELS)},
+        "instrument": {"kind": "framed", "port": "virtual", "sample_rate": rate} | (instrument or {}),
+        "channels": {name: {"input": k, "sensitivity": sensitivity} for k, name in enumerate(CHANNELS)},
         "runs": [{"configuration": "unlocked", "gain": 70.0, "excitation": "moves", "seconds": 4.0, **run} for run in runs],
     }
-    return msgspec.convert(tree, Plan)
+    return plan_of_tree(tree)
 
 
 class Watcher:

@@ -21,10 +21,10 @@ from drivers.simulated.framed import Faults
 from drivers.simulated.served import served
 from rig.acquire.far_ends import far_end
 from rig.acquire.follow import follow
-from rig.acquire.plan import Plan, read_plan
 from rig.acquire.recorder import RunWriter, lay_out
 from rig.acquire.recover import recovered
 from rig.acquire.session import acquire
+from rig.acquire.sound import read_plan
 from rig.cli import main
 from rig.errors import PlanError
 from rig.recording import read
@@ -37,10 +37,8 @@ def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
     plan = plan_of(
         {"id": "u70", **RANDOM, "repeats": 2}, {"id": "m", "excitation": "multisine", "band": [1.0, 50.0], "seconds": 9.0},
         {"id": "l70", **RANDOM, "configuration": "locked", "seconds": 24.0}, {"id": "u7", **RANDOM, "gain": 7.0, "seed": 5},
+        sensitivity=0.2,
     )  # fmt: skip
-    plan = msgspec.structs.replace(
-        plan, channels={name: msgspec.structs.replace(about, sensitivity=0.2) for name, about in plan.channels.items()}
-    )
     acquire(plan, "virtual", output, watcher.operator)
     campaign = read(output)
     assert [run.id for run in campaign.runs] == ["u70-1", "u70-2", "m", "l70", "u7"]
@@ -105,7 +103,16 @@ seconds = 3.0
         ("head = {input = 0, sensitivity = 0.2}", "head = {input = 0}", "sensitivity"),
         ("input = 1", "input = 0", "share an input"),
         ("input = 1", "input = -1", "inputs count from 0"),
-        ("head = {input = 0,", 'head = {input = 0, unit = "g",', "allowed are"),
+        ("head = {input = 0,", 'head = {input = 0, unit = "g",', "for acceleration give 'm/s^2'"),
+        ("head = {input = 0,", 'head = {input = 0, quantity = "force",', "for force give 'N'"),
+        ('"unlocked"', '"lokced"', "the rig knows unlocked, locked"),
+        ("rig = {head_mass = 6.5}", "rig = {head_mass = -6.5}", "rig.head_mass is -6.5"),
+        ("rig = {head_mass = 6.5}", 'rig = {head_mass = "heavy"}', "rig.head_mass is the text"),
+        ("rig = {head_mass = 6.5}", 'rig = {description = "[["}', "rig.description is not TOML"),
+        ("rig = {head_mass = 6.5}", 'rig = {description = "name = 3"}', "rig.description"),
+        ("band = [0.5, 20.0]", "band = [0.5, 0.6]", "holds no line"),
+        ("sample_rate = 1024.0", "sample_rate = 1024.0\nbaud_rate = 0", "baud_rate is 0"),
+        ("sample_rate = 1024.0", "sample_rate = 1024.0\nvolume = 11", "volume"),
         ("seconds = 3.0", "seconds = 0.0", "lasts 0 s"),
         ("seconds = 3.0", "seconds = nan", "lasts nan s"),
         ("band = [0.5, 20.0]", "band = [20.0, 0.5]", "low < high"),
@@ -189,11 +196,8 @@ def test_an_operator_is_asked_where_the_rig_cannot_lock_by_itself(tmp_path: Path
     plan = plan_of(
         {"id": "a", "excitation": "other", "seconds": 1.0}, {"id": "b", "excitation": "other", "seconds": 1.0},
         {"id": "c", "excitation": "other", "configuration": "locked", "seconds": 1.0},
+        rate=2000.0, instrument={"kind": "di1100", "full_scale": 10.0}, sensitivity=0.2,
     )  # fmt: skip
-    about = msgspec.structs.replace(plan.instrument, kind="di1100", full_scale=10.0, sample_rate=2000.0)
-    plan = msgspec.structs.replace(
-        plan, instrument=about, channels={n: msgspec.structs.replace(c, sensitivity=0.2) for n, c in plan.channels.items()}
-    )
     watcher = Watcher()
     with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=8.0, seconds=20.0)) as port:
         acquire(plan, port, tmp_path / "c.h5", watcher.operator)
@@ -211,11 +215,8 @@ def _quiet_dataq() -> object:
 
 
 def test_an_accelerometer_on_can(tmp_path: Path) -> None:
-    plan = plan_of({"id": "a", "excitation": "other", "seconds": 4.0}, rate=400.0)
-    about = msgspec.structs.replace(plan.instrument, kind="mti600")
-    plan = msgspec.structs.replace(
-        plan, instrument=about, channels={"motor": msgspec.structs.replace(plan.channels["motor"], input=1)}
-    )
+    plan = plan_of({"id": "a", "excitation": "other", "seconds": 4.0}, rate=400.0, instrument={"kind": "mti600"})
+    plan = msgspec.structs.replace(plan, channels={"motor": plan.channels["motor"]})
     with served(far_end("mti600", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=60.0)) as port:
         acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
     run = read(tmp_path / "c.h5").runs[0]
@@ -228,18 +229,17 @@ def test_an_accelerometer_on_can(tmp_path: Path) -> None:
     ("kind", "traces"), [("sr785", ("0", "1")), ("35670a", ("XFR:POW:COH 1,2", "XTIM:VOLT 1"))]
 )  # fmt: skip
 def test_analyzers_give_spectra_and_time_records(tmp_path: Path, kind: str, traces: tuple[str, str]) -> None:
-    tree = msgspec.to_builtins(plan_of({"id": "a", "excitation": "other"}, {"id": "b", "excitation": "other"}))
-    tree["instrument"] |= {
-        "kind": kind,
-        "shows": [
-            {"trace": traces[0], "kind": "coherence", "channel": "motor", "reference": "head"},
-            {"trace": traces[1], "kind": "time", "channel": "motor", "unit": "V"},
-        ],
-    }
-    tree["channels"] = {name: {"input": k, "sensitivity": 0.2} for k, name in enumerate(("head", "motor"))}
+    shows = [
+        {"trace": traces[0], "kind": "coherence", "channel": "motor", "reference": "head"},
+        {"trace": traces[1], "kind": "time", "channel": "motor", "unit": "V"},
+    ]
+    plan = plan_of(
+        {"id": "a", "excitation": "other"}, {"id": "b", "excitation": "other"},
+        rate=256.0, instrument={"kind": kind, "shows": shows}, sensitivity=0.2,
+    )  # fmt: skip
     watcher = Watcher()
     with served(far_end(kind, wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=1.0)) as port:  # type: ignore[arg-type]
-        acquire(msgspec.convert(tree, Plan), port, tmp_path / "c.h5", watcher.operator)
+        acquire(plan, port, tmp_path / "c.h5", watcher.operator)
     runs = read(tmp_path / "c.h5").runs
     assert [run.id for run in runs] == ["a", "b"]
     assert runs[0].sample_rate == pytest.approx(256.0, rel=1e-6)
