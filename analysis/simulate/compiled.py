@@ -22,8 +22,6 @@ from analysis.simulate.exponential import exponentials
 MODES = 729
 #: Angle in rad that the quickest motion may turn in one step, so that its Taylor series and its roots are safe.
 TURN = 1.2
-#: The same where a parabola has to follow curved forces.
-CURVED_TURN = 0.4
 #: Parts into which a step may be cut for that.
 CUTS = 4096
 
@@ -46,9 +44,9 @@ class Compiled:
         Largest turn of any motion in such a part, rad.
     rate
         z' = rate y, shape (modes, 2 n, M).
-    whole, half
-        What follows from y after a step, in groups of eight rows by columns: z and, by exit, its margin and the margin's
-        slope, shape (modes, groups, M, 8); z after half a step.
+    whole
+        What follows from y after a step, in groups of eight rows by columns: by curved element its elongation and speed
+        (m, m/s) half-way and at the end, then z, then by exit its margin and the margin's slope, (modes, groups, M, 8).
     blocks
         Groups of eight rows of `whole` that a mode needs, shape (modes,).
     guards
@@ -75,7 +73,6 @@ class Compiled:
     speed: float
     rate: FloatArray
     whole: FloatArray
-    half: FloatArray
     blocks: IntArray
     guards: FloatArray
     exits: IntArray
@@ -122,7 +119,7 @@ def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
     elements = _elements(model, frozenset(setup.rigid), basis)
     systems = _Systems(free, inverse, elements)
     quickest = float(np.abs(np.linalg.eigvals(systems.square())).max(initial=0.0))
-    cuts = max(1, int(np.ceil(quickest * h / (CURVED_TURN if systems.curved else TURN))))
+    cuts = max(1, int(np.ceil(quickest * h / TURN)))
     if cuts > CUTS:
         raise ModelError(
             f"the rig {model.name!r} moves at up to {quickest:.3g} rad/s, too quick for steps of {h:.3g} s; "
@@ -255,6 +252,11 @@ class _Systems:
         for term in range(1, terms):
             guards[:, :, term] = guards[:, :, term - 1] @ system / term
         moved = small @ small
+        # Elongation and speed along every curved element, in m and m/s.
+        along = np.zeros((len(self.curved), 2, size))
+        along[:, 0, :n] = self.w[self.curved]
+        along[:, 1, n:m] = self.w[self.curved] / step
+        met = np.stack([along @ small[:, None], along @ moved[:, None]], axis=2).reshape(modes, -1, size)
         counts = [len(element.states) for element in elements]
         params = [[*elements[k].params, *[0.0] * (WIDTH - len(elements[k].params))] for k in self.curved]
         widest = max(counts, default=1)
@@ -263,9 +265,10 @@ class _Systems:
             cuts=cuts,
             speed=speed,
             rate=np.ascontiguousarray(system[:, :m]),
-            whole=_columns(np.concatenate([moved[:, :m], (guards[:, :, :2] @ moved[:, None]).reshape(modes, -1, size)], axis=1)),
-            half=_columns(small[:, :m]),
-            blocks=-(-(m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
+            whole=_columns(
+                np.concatenate([met, moved[:, :m], (guards[:, :, :2] @ moved[:, None]).reshape(modes, -1, size)], axis=1)
+            ),
+            blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
             guards=guards,
             exits=table,
             settle=self.settle,

@@ -83,17 +83,20 @@ def bristles(z: float, p: FloatArray, v0: float, vm: float, v1: float, low: floa
     """LuGre's mean bristle from share `low` of a step to share `high` under a parabola of speeds, by RK4 in parts."""
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     fastest = max(abs(v0), abs(vm), abs(v1))
-    parts = 2 + int(10.0 * p[0] * fastest / p[3] * (high - low) * h)
-    dx = (high - low) / parts
-    for k in range(parts):
-        x = low + k * dx
-        xm, x1 = x + 0.5 * dx, x + dx
-        va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
-        k1 = bristle_rate(p, z, va)
-        k2 = bristle_rate(p, z + 0.5 * dx * h * k1, vb)
-        k3 = bristle_rate(p, z + 0.5 * dx * h * k2, vb)
-        k4 = bristle_rate(p, z + dx * h * k3, vc)
-        z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    # Its rate has a corner where the speed turns.
+    x = turning(v0, vm, v1, low, high)
+    for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
+        parts = 2 + int(10.0 * p[0] * fastest / p[3] * (end - begin) * h)
+        dx = (end - begin) / parts
+        for k in range(parts):
+            x = begin + k * dx
+            xm, x1 = x + 0.5 * dx, x + dx
+            va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
+            k1 = bristle_rate(p, z, va)
+            k2 = bristle_rate(p, z + 0.5 * dx * h * k1, vb)
+            k3 = bristle_rate(p, z + 0.5 * dx * h * k2, vb)
+            k4 = bristle_rate(p, z + dx * h * k3, vc)
+            z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
     return z
 
 
@@ -103,27 +106,16 @@ def advance(
     p: FloatArray,
     gate: float,
     inner: float,
-    w: FloatArray,
-    start: FloatArray,
-    middle: FloatArray,
-    end: FloatArray,
-    step: float,
-    left: float,
+    d0: float,
+    v0: float,
+    dm: float,
+    vm: float,
+    d1: float,
+    v1: float,
+    h: float,
     t: float,
-) -> tuple[float, float, float, float]:
-    """Resistance at start, middle and end of `left` of a step, and the memory at its end."""
-    n = len(w)
-    d0, v0, dm, vm, d1, v1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        if w[i] != 0.0:
-            d0 += w[i] * start[i]
-            v0 += w[i] * start[n + i]
-            dm += w[i] * middle[i]
-            vm += w[i] * middle[n + i]
-            d1 += w[i] * end[i]
-            v1 += w[i] * end[n + i]
-    v0, vm, v1 = v0 / step, vm / step, v1 / step
-    h = left * step
+) -> tuple[float, float, float]:
+    """Resistance at the middle and the end of `h` seconds from t on, and the memory at the end."""
     half, whole = inner, inner
     if code == 7:
         half = dahl(inner, p, d0, dm, v0, vm, v1, 0.0, 0.5, h)
@@ -131,9 +123,4 @@ def advance(
     elif code == 8:
         half = bristles(inner, p, v0, vm, v1, 0.0, 0.5, h)
         whole = bristles(half, p, v0, vm, v1, 0.5, 1.0, h)
-    return (
-        resist(code, p, gate, inner, d0, v0, t),
-        resist(code, p, gate, half, dm, vm, t + 0.5 * h),
-        resist(code, p, gate, whole, d1, v1, t + h),
-        whole,
-    )
+    return resist(code, p, gate, half, dm, vm, t + 0.5 * h), resist(code, p, gate, whole, d1, v1, t + h), whole

@@ -10,44 +10,22 @@ import numpy as np
 from analysis.jit import kernel
 from analysis.measured import FloatArray, IntArray
 from analysis.simulate.curves import advance, resist
+from analysis.simulate.step import first_exit, jump
 
 #: Changes of mode that one step may see; beyond it the step is taken as it is.
 TRIPS = 60
-#: Passes of the curved forces over a step, and the change at which they end.
-PASSES, SETTLED = 10, 1e-10
-
-
-@kernel
-def jump(rate: FloatArray, y: FloatArray, tau: float, speed: float, out: FloatArray, term: FloatArray, work: FloatArray) -> None:
-    """State after a part `tau` of a step by its Taylor series, into out[:m]."""
-    m, size = rate.shape
-    curves = (size - m - 3) // 3
-    for i in range(m):
-        acc = 0.0
-        for j in range(size):
-            acc += rate[i, j] * y[j]
-        term[i] = tau * acc
-        out[i] = y[i] + term[i]
-    bound = 1.0
-    for k in range(2, 40):
-        for i in range(m):
-            acc = 0.0
-            for j in range(m):
-                acc += rate[i, j] * term[j]
-            if k == 2:
-                acc += rate[i, m + 1] * tau * y[m + 2]
-                for c in range(curves):
-                    acc += rate[i, m + 3 + 3 * c] * tau * y[m + 4 + 3 * c]
-            elif k == 3:
-                for c in range(curves):
-                    acc += rate[i, m + 3 + 3 * c] * 0.5 * tau * tau * y[m + 5 + 3 * c]
-            work[i] = acc * tau / k
-        for i in range(m):
-            term[i] = work[i]
-            out[i] += work[i]
-        bound *= speed * tau / k
-        if k > 3 and bound < 1e-18:
-            break
+#: Passes of the curved forces over a step, and the share of a force that may be left unsettled when they end.
+PASSES, SETTLED = 10, 1e-8
+#: Share of a force by which a parabola may miss it between its points. Continued over a step it misses by 64 times as much.
+FINE, ROUGH = 4e-6, 64 * 4e-6
+#: Shortest piece of a step that is taken to meet that.
+SHORTEST = 1e-4
+#: What is left after a step of the size that a force lately had.
+FADING = 0.9998
+#: Forces below this share of the drive are not worth being exact.
+LEAST = 1e-3
+#: How much worse than last seen a pass may settle, and how much a step on which it was not seen adds to that.
+CAUTION, WEAR = 4.0, 1.02
 
 
 @kernel
@@ -56,7 +34,9 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
     for b in range(blocks):
         a0, a1, a2, a3 = base[b, 0], base[b, 1], base[b, 2], base[b, 3]
         a4, a5, a6, a7 = base[b, 4], base[b, 5], base[b, 6], base[b, 7]
-        for j in range(first, last):
+        # Backwards: the inputs first, which do not wait for the step before.
+        for k in range(last - first):
+            j = last - 1 - k
             x = y[j]
             a0 += columns[b, j, 0] * x
             a1 += columns[b, j, 1] * x
@@ -71,89 +51,118 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 
 @kernel
-def polynomial(p: FloatArray, x: float) -> float:
-    """Value at x of the polynomial with ascending coefficients."""
-    acc = 0.0
-    for k in range(len(p) - 1, -1, -1):
-        acc = acc * x + p[k]
-    return acc
-
-
-@kernel
-def falls(p: FloatArray, low: float, high: float) -> float:
-    """Where the polynomial, positive at `low` and negative at `high`, crosses zero: Newton, kept between the two."""
-    above, below = polynomial(p, low), polynomial(p, high)
-    x = low + (high - low) * above / (above - below) if above > below else 0.5 * (low + high)
-    for _ in range(80):
-        value, slope = 0.0, 0.0
-        for k in range(len(p) - 1, -1, -1):
-            slope = slope * x + value
-            value = value * x + p[k]
-        if value > 0.0:
-            low = x
-        else:
-            high = x
-        new = x - value / slope if slope != 0.0 else 0.5 * (low + high)
-        if not low < new < high:
-            new = 0.5 * (low + high)
-        if abs(new - x) <= 1e-16 * high or new in (low, high):
-            return new
-        x = new
-    return x
-
-
-@kernel
-def first_exit(margins: FloatArray, y: FloatArray, left: float, ends_below: bool, fresh: bool, p: FloatArray) -> float:
-    """Part of a step after which a margin falls below zero; 2 where it does not.
-
-    Parameters
-    ----------
-    margins
-        Taylor rows of the margin, shape (terms, M).
-    y
-        The vector at the start.
-    left
-        What is left of the step.
-    ends_below
-        Whether the margin is negative at the end; otherwise it may dip below zero in between.
-    fresh
-        Whether the margin starts from zero because its state has just begun.
-    p
-        Room for the polynomial.
-    """
-    total = 0.0
-    for k in range(len(p)):
+def read_out(
+    at: int, mode: int, m: int, y: FloatArray, sense: FloatArray, places: IntArray, filled: IntArray,
+    out: FloatArray, curved: FloatArray, modes: IntArray,
+) -> None:  # fmt: skip
+    """Sensors' values, and where wanted the curved forces and the mode, at a point of the grid."""
+    for r in range(sense.shape[0]):
         acc = 0.0
-        for j in range(margins.shape[1]):
-            acc += margins[k, j] * y[j]
-        p[k] = acc
-        total += abs(acc)
-    if fresh and abs(p[0]) < 1e-9 * total:
-        # The zero at the start is where the state came from: look for the next one.
-        p[0] = 0.0
-        if not ends_below:
-            return 2.0
-        low = left
-        for _ in range(40):
-            low *= 0.5
-            if polynomial(p, low) > 0.0:
-                return falls(p, low, left)
-        return 0.0
-    if p[0] < 0.0:
-        return 0.0
-    if ends_below:
-        return falls(p, 0.0, left)
-    low, high = 0.0, left
-    for _ in range(60):
-        x = 0.5 * (low + high)
-        slope = 0.0
-        for k in range(len(p) - 1, 0, -1):
-            slope = slope * x + k * p[k]
-        if slope < 0.0:
-            low = x
+        for k in range(filled[r]):
+            acc += sense[r, k] * y[places[r, k]]
+        out[r, at] = acc
+    if len(modes) > 0:
+        modes[at] = mode
+        for c in range(curved.shape[0]):
+            curved[c, at] = y[m + 3 + 3 * c]
+
+
+@kernel
+def march(
+    q: int, u: FloatArray, cuts: int, step: float, t0: float, mode: int, columns: FloatArray, blocks: int, ways: int,
+    codes: IntArray, params: FloatArray, gate: FloatArray, directions: FloatArray, inner: FloatArray, inner1: FloatArray,
+    ends: FloatArray, largest: FloatArray, floor: FloatArray, d0: FloatArray, v0: FloatArray, ratio: FloatArray,
+    y: FloatArray, m: int, base: FloatArray, after8: FloatArray, sense: FloatArray, places: IntArray,
+    filled: IntArray, out: FloatArray, curved: FloatArray, modes: IntArray,
+) -> int:  # fmt: skip
+    """Whole steps from step `q` on in one mode, up to the first in which a margin may fall below zero; that step's number."""
+    after = after8.reshape(-1)
+    size, curves = len(y), len(codes)
+    n, state, looks = m // 2, 4 * curves, -(-4 * curves // 8)
+    share = 1.0 / cuts
+    at, cut = q // cuts, q % cuts
+    base[:] = 0.0
+    for c in range(curves):
+        d0[c], v0[c] = along(directions[c], y, n, step)
+    while at < len(u) - 1:
+        if cut == 0:
+            read_out(at, mode, m, y, sense, places, filled, out, curved, modes)
+        slope = (u[at + 1] - u[at]) * share
+        y[m + 1], y[m + 2] = u[at] + slope * cut, slope
+        if curves == 0:
+            ahead(columns, blocks, y, 0, m + 3, base, after8)
         else:
-            high = x
-    return falls(p, 0.0, high) if polynomial(p, high) < 0.0 else 2.0
+            base[:] = 0.0
+            ahead(columns, blocks, y, 0, m + 3, base, base)
+            now = t0 + (at * cuts + cut) * step
+            before = 0.0
+            ratio[0] = min(WEAR * ratio[0], 1.0)
+            for c in range(curves):
+                f = m + 3 + 3 * c
+                ends[c] = y[f] + y[f + 1] + 0.5 * y[f + 2]
+            for attempt in range(PASSES):
+                ahead(columns, looks, y, m + 3, size, base, after8)
+                worst = 0.0
+                for c in range(curves):
+                    f0, k = y[m + 3 + 3 * c], 4 * c
+                    fm, f1, inner1[c] = advance(
+                        codes[c], params[c], gate[c], inner[c], d0[c], v0[c], after[k], after[k + 1], after[k + 2], after[k + 3],
+                        step, now,
+                    )  # fmt: skip
+                    bend(y, m + 3 + 3 * c, f0, fm, f1, 1.0)
+                    largest[c] = max(abs(f1), FADING * largest[c], floor[c])
+                    worst = max(worst, abs(f1 - ends[c]) / largest[c])
+                    ends[c] = f1
+                if attempt == 0 and worst > ROUGH:
+                    return at * cuts + cut
+                if attempt > 0:
+                    ratio[0] = min(CAUTION * worst / before, 1.0)
+                before = worst
+                if worst * ratio[0] <= SETTLED:
+                    break
+            ahead(columns, blocks, y, m + 3, size, base, after8)
+        for g in range(ways):
+            g1, slope1 = after[state + m + 2 * g], after[state + m + 2 * g + 1]
+            # Below zero, or perhaps there and back: the tangent at the end began below zero.
+            if not (g1 >= 0.0 and slope1 <= g1):
+                return at * cuts + cut
+        for i in range(m):
+            y[i] = after[state + i]
+        for c in range(curves):
+            f = m + 3 + 3 * c
+            # The next step's first guess: this one's parabola, continued.
+            y[f], y[f + 1] = ends[c], y[f + 1] + y[f + 2]
+            inner[c], d0[c], v0[c] = inner1[c], after[4 * c + 2], after[4 * c + 3]
+        cut += 1
+        if cut == cuts:
+            at, cut = at + 1, 0
+    return at * cuts
+
+
+@kernel
+def along(direction: FloatArray, y: FloatArray, n: int, step: float) -> tuple[float, float]:
+    """Elongation (m) and its speed (m/s) along a direction."""
+    d, v = 0.0, 0.0
+    for i in range(n):
+        d += direction[i] * y[i]
+        v += direction[i] * y[n + i]
+    return d, v / step
+
+
+@kernel
+def bend(y: FloatArray, f: int, f0: float, fm: float, f1: float, left: float) -> None:
+    """Make the curved force at y[f] a parabola through its values at start, middle and end of `left` of a step."""
+    y[f + 1] = (-3.0 * f0 + 4.0 * fm - f1) / left
+    y[f + 2] = 4.0 * (f0 - 2.0 * fm + f1) / (left * left)
+
+
+@kernel
+def dot(a: FloatArray, b: FloatArray) -> float:
+    """Sum of products."""
+    acc = 0.0
+    for j in range(len(b)):
+        acc += a[j] * b[j]
+    return acc
 
 
 @kernel
@@ -165,7 +174,6 @@ def run(
     speed: float,
     rate: FloatArray,
     whole: FloatArray,
-    half: FloatArray,
     blocks: IntArray,
     guards: FloatArray,
     exits: IntArray,
@@ -189,7 +197,7 @@ def run(
     ----------
     u
         The drive, shape (n,); a fine step has `cuts` steps of `step` seconds, the first at `t0`.
-    speed, rate, whole, half, blocks, guards, exits, settle, strides, counts, curve_of, codes, params, directions, gates
+    speed, rate, whole, blocks, guards, exits, settle, strides, counts, curve_of, codes, params, directions, gates
         See `Compiled`.
     sense
         Rows on z for what is wanted on the grid, shape (sensors, m).
@@ -215,182 +223,150 @@ def run(
                 places[r, filled[r]] = i
                 sense[r, filled[r]] = sense[r, i]
                 filled[r] += 1
-    y, y1 = np.zeros(size), np.zeros(size)
+    y, y1, middle, quarter = np.zeros(size), np.zeros(size), np.zeros(m), np.zeros(m)
     term, work = np.zeros(m), np.zeros(m)
-    base, base_half = np.zeros((whole.shape[1], 8)), np.zeros((half.shape[1], 8))
-    nothing, after8, middle8 = np.zeros((whole.shape[1], 8)), np.zeros((whole.shape[1], 8)), np.zeros((half.shape[1], 8))
-    after, middle = after8.reshape(-1), middle8.reshape(-1)
+    base, after = np.zeros((whole.shape[1], 8)), np.zeros((whole.shape[1], 8))
     p = np.zeros(guards.shape[2])
-    margin = np.zeros(exits.shape[1])
-    inner, inner1, ends = np.zeros(curves), np.zeros(curves), np.zeros(curves)
+    inner, inner1, ends, largest = np.zeros(curves), np.zeros(curves), np.zeros(curves), np.zeros(curves)
+    d0, v0, gate, floor = np.zeros(curves), np.zeros(curves), np.zeros(curves), np.zeros(curves)
+    # How far a pass leaves the curved forces from where the next one takes them, as last seen.
+    ratio = np.ones(1)
     y[m] = y1[m] = 1.0
-    mode, fresh, events = 0, -1, 0
+    mode, fresh, events, q = 0, -1, 0, 0
     share = 1.0 / cuts
-    known, smooth = False, False
-    for at in range(len(u)):
-        for r in range(sense.shape[0]):
-            acc = 0.0
-            for k in range(filled[r]):
-                acc += sense[r, k] * y[places[r, k]]
-            out[r, at] = acc
-        if len(modes) > 0:
-            modes[at] = mode
-        last = at == len(u) - 1
-        if last and (curves == 0 or len(modes) == 0):
-            break
-        for cut in range(1 if last else cuts):
-            slope = 0.0 if last else (u[at + 1] - u[at]) * share
-            y[m + 1], y[m + 2] = u[at] + slope * cut, slope
-            now = t0 + (at * cuts + cut) * step
-            left = 1.0
-            for trip in range(TRIPS):
-                entire = left == 1.0
-                if curves == 0:
-                    if entire:
-                        ahead(whole[mode], blocks[mode], y, 0, m + 3, nothing, after8)
-                        for i in range(m):
-                            y1[i] = after[i]
-                    else:
-                        jump(rate[mode], y, left, speed, y1, term, work)
-                else:
-                    for c in range(curves):
-                        e = curve_of[c]
-                        d, v = 0.0, 0.0
-                        for i in range(n):
-                            d += directions[c, i] * y[i]
-                            v += directions[c, i] * y[n + i]
-                        gate = gates[c, (mode // strides[e]) % counts[e]]
-                        f = m + 3 + 3 * c
-                        y[f] = resist(codes[c], params[c], gate, inner[c], d, v / step, now)
-                        # Begin with the parabola of the step before, where nothing changed since.
-                        y[f + 1] = y[f + 1] + y[f + 2] if smooth and entire else 0.0
-                        y[f + 2] = y[f + 2] if smooth and entire else 0.0
-                        ends[c] = y[f] + y[f + 1] + 0.5 * y[f + 2]
-                        if cut == 0 and trip == 0 and len(modes) > 0:
-                            curved[c, at] = y[f]
-                    if last:
-                        break
-                    if entire:
-                        ahead(whole[mode], blocks[mode], y, 0, m + 3, nothing, base)
-                        ahead(half[mode], half.shape[1], y, 0, m + 3, nothing, base_half)
-                    for _ in range(PASSES):
-                        if entire:
-                            ahead(whole[mode], blocks[mode], y, m + 3, size, base, after8)
-                            ahead(half[mode], half.shape[1], y, m + 3, size, base_half, middle8)
-                            for i in range(m):
-                                y1[i] = after[i]
-                        else:
-                            jump(rate[mode], y, 0.5 * left, speed, middle, term, work)
-                            jump(rate[mode], y, left, speed, y1, term, work)
-                        change, largest = 0.0, 0.0
-                        for c in range(curves):
-                            e = curve_of[c]
-                            gate = gates[c, (mode // strides[e]) % counts[e]]
-                            f0, fm, f1, inner1[c] = advance(
-                                codes[c], params[c], gate, inner[c], directions[c], y, middle, y1, step, left, now
-                            )
-                            f = m + 3 + 3 * c
-                            y[f + 1] = (-3.0 * f0 + 4.0 * fm - f1) / left
-                            y[f + 2] = 4.0 * (f0 - 2.0 * fm + f1) / (left * left)
-                            change = max(change, abs(f1 - ends[c]))
-                            largest = max(largest, abs(f1), abs(f0))
-                            ends[c] = f1
-                        if change <= SETTLED * largest:
-                            break
-                y1[m + 1], y1[m + 2] = y[m + 1] + y[m + 2] * left, y[m + 2]
-                for c in range(curves):
-                    f = m + 3 + 3 * c
-                    y1[f] = y[f] + left * (y[f + 1] + 0.5 * left * y[f + 2])
-                    y1[f + 1] = y[f + 1] + left * y[f + 2]
-                    y1[f + 2] = y[f + 2]
-                best, which = 2.0, -1
-                for g in range(exits.shape[1]):
-                    e = exits[mode, g, 0]
-                    if e < 0:
-                        break
-                    if entire:
-                        g1, slope1 = after[m + 2 * g], after[m + 2 * g + 1]
-                    else:
-                        g1, slope1 = 0.0, 0.0
-                        for j in range(size):
-                            g1 += guards[mode, g, 0, j] * y1[j]
-                            slope1 += guards[mode, g, 1, j] * y1[j]
-                    g0 = margin[g]
-                    margin[g] = g1
-                    young = e == fresh and exits[mode, g, 2] == 1
-                    if not known:
-                        g0 = 0.0
-                        for j in range(size):
-                            g0 += guards[mode, g, 0, j] * y[j]
-                    look = g1 < 0.0 or (g0 < 0.0 and not young)
-                    if not look and slope1 * left > g1:
-                        # Two crossings within the step: where the tangents at its ends meet below zero.
-                        slope0 = 0.0
-                        for j in range(size):
-                            slope0 += guards[mode, g, 1, j] * y[j]
-                        if slope0 < 0.0:
-                            meet = (g1 - slope1 * left - g0) / (slope0 - slope1)
-                            look = g0 + slope0 * meet < 0.0
-                    if look:
-                        tau = first_exit(guards[mode, g], y, left, g1 < 0.0, young, p)
-                        if tau < best:
-                            best, which = tau, g
-                if which < 0 or trip == TRIPS - 1:
-                    for i in range(m):
-                        y[i] = y1[i]
-                    for c in range(curves):
-                        inner[c] = inner1[c]
-                    fresh = -1
-                    known, smooth = curves == 0, entire
-                    break
-                tau = min(best, left)
-                jump(rate[mode], y, tau, speed, y1, term, work)
-                if curves > 0:
-                    jump(rate[mode], y, 0.5 * tau, speed, middle, term, work)
-                    for c in range(curves):
-                        e = curve_of[c]
-                        gate = gates[c, (mode // strides[e]) % counts[e]]
-                        _, _, _, inner[c] = advance(
-                            codes[c], params[c], gate, inner[c], directions[c], y, middle, y1, step, tau, now
-                        )
-                for i in range(m):
-                    y[i] = y1[i]
-                y[m + 1] += tau * y[m + 2]
-                left -= tau
-                now += tau * step
-                for _ in range(exits.shape[1] + 1):
-                    e, state = exits[mode, which, 0], exits[mode, which, 1]
-                    mode += (state - (mode // strides[e]) % counts[e]) * strides[e]
-                    for i in range(n):
-                        acc = 0.0
-                        for j in range(n):
-                            acc += settle[mode, i, j] * y[n + j]
-                        work[i] = acc
-                    for i in range(n):
-                        y[n + i] = work[i]
-                    if events < len(log):
-                        log[events, 0], log[events, 1], log[events, 2] = now, e, state
-                    events += 1
-                    fresh = e
-                    # What landed may not hold: then it goes on at once.
-                    which = -1
-                    if curves == 0:
-                        for g in range(exits.shape[1]):
-                            e = exits[mode, g, 0]
-                            if e < 0 or which >= 0:
-                                break
-                            if e != fresh or exits[mode, g, 2] == 0:
-                                g0 = 0.0
-                                for j in range(size):
-                                    g0 += guards[mode, g, 0, j] * y[j]
-                                if g0 < 0.0:
-                                    which = g
-                    if which < 0:
-                        break
-                known, smooth = False, False
-                if left <= 1e-13:
-                    break
+    peak = np.abs(u).max()
+    for c in range(curves):
+        floor[c] = LEAST * peak * np.abs(rate[:, :, m + 1]).max() / np.abs(rate[:, :, m + 3 + 3 * c]).max() + 1e-30
+        gate[c] = gates[c, (mode // strides[curve_of[c]]) % counts[curve_of[c]]]
+        y[m + 3 + 3 * c] = resist(codes[c], params[c], gate[c], inner[c], 0.0, 0.0, t0)
+    while True:
+        if fresh < 0:
+            ways = 0
+            while ways < exits.shape[1] and exits[mode, ways, 0] >= 0:
+                ways += 1
+            q = march(
+                q, u, cuts, step, t0, mode, whole[mode], blocks[mode], ways, codes, params, gate, directions, inner, inner1,
+                ends, largest, floor, d0, v0, ratio, y, m, base, after, sense, places, filled, out, curved, modes,
+            )  # fmt: skip
+        at, cut = q // cuts, q % cuts
+        if cut == 0:
+            read_out(at, mode, m, y, sense, places, filled, out, curved, modes)
         for i in range(n):
             if not abs(y[i]) < 1e9:
                 return -1
-    return events
+        if at == len(u) - 1:
+            return events
+        slope = (u[at + 1] - u[at]) * share
+        y[m + 1], y[m + 2] = u[at] + slope * cut, slope
+        now, left, part, trips = t0 + q * step, 1.0, 1.0, 0
+        while left > 1e-13:
+            part = min(part, left)
+            for c in range(curves):
+                d0[c], v0[c] = along(directions[c], y, n, step)
+                f = m + 3 + 3 * c
+                ends[c] = y[f] + part * (y[f + 1] + 0.5 * part * y[f + 2])
+            jump(rate[mode], y, part, speed, y1, middle, quarter, term, work)
+            before = 0.0
+            for attempt in range(PASSES if curves > 0 else 0):
+                worst = 0.0
+                for c in range(curves):
+                    f0 = y[m + 3 + 3 * c]
+                    dm, vm = along(directions[c], middle, n, step)
+                    d1, v1 = along(directions[c], y1, n, step)
+                    fm, f1, inner1[c] = advance(
+                        codes[c], params[c], gate[c], inner[c], d0[c], v0[c], dm, vm, d1, v1, part * step, now
+                    )
+                    bend(y, m + 3 + 3 * c, f0, fm, f1, part)
+                    largest[c] = max(abs(f1), FADING * largest[c], floor[c])
+                    worst = max(worst, abs(f1 - ends[c]) / largest[c])
+                    ends[c] = f1
+                jump(rate[mode], y, part, speed, y1, middle, quarter, term, work)
+                if attempt > 0:
+                    ratio[0] = min(CAUTION * worst / before, 1.0)
+                before = worst
+                if worst * ratio[0] <= SETTLED:
+                    break
+            missed = 0.0
+            for c in range(curves):
+                f = m + 3 + 3 * c
+                dq, vq = along(directions[c], quarter, n, step)
+                # Half-way through the first half: what the parabola says of a point that it was not drawn through.
+                dm, vm = along(directions[c], middle, n, step)
+                fq, _, _ = advance(codes[c], params[c], gate[c], inner[c], d0[c], v0[c], dq, vq, dm, vm, 0.5 * part * step, now)
+                drawn = y[f] + 0.25 * part * (y[f + 1] + 0.125 * part * y[f + 2])
+                missed = max(missed, abs(fq - drawn) / largest[c])
+            if missed > FINE and part > SHORTEST:
+                part *= 0.5
+                continue
+            y1[m + 1], y1[m + 2] = y[m + 1] + y[m + 2] * part, y[m + 2]
+            for c in range(curves):
+                f = m + 3 + 3 * c
+                y1[f], y1[f + 1], y1[f + 2] = ends[c], y[f + 1] + part * y[f + 2], y[f + 2]
+            best, which = 2.0, -1
+            for g in range(exits.shape[1] if trips < TRIPS else 0):
+                e = exits[mode, g, 0]
+                if e < 0:
+                    break
+                margins, young = guards[mode, g], e == fresh and exits[mode, g, 2] == 1
+                g0, g1 = dot(margins[0], y), dot(margins[0], y1)
+                look = g1 < 0.0 or (g0 < 0.0 and not young)
+                if not look:
+                    # Two crossings within the step: where the tangents at its ends meet below zero.
+                    slope0, slope1 = dot(margins[1], y), dot(margins[1], y1)
+                    if slope1 * part > g1 and slope0 < 0.0:
+                        meet = (g1 - slope1 * part - g0) / (slope0 - slope1)
+                        look = g0 + slope0 * meet < 0.0
+                if look:
+                    tau = first_exit(margins, y, part, g1 < 0.0, young, p)
+                    if tau < best:
+                        best, which = tau, g
+            if which < 0:
+                for j in range(size):
+                    y[j] = y1[j]
+                for c in range(curves):
+                    inner[c] = inner1[c]
+                fresh = -1
+                left -= part
+                now += part * step
+                part *= 2.0
+                continue
+            trips += 1
+            tau = min(best, part)
+            jump(rate[mode], y, tau, speed, y1, middle, quarter, term, work)
+            for c in range(curves):
+                dm, vm = along(directions[c], middle, n, step)
+                d1, v1 = along(directions[c], y1, n, step)
+                _, _, inner[c] = advance(codes[c], params[c], gate[c], inner[c], d0[c], v0[c], dm, vm, d1, v1, tau * step, now)
+                y[m + 4 + 3 * c] += tau * y[m + 5 + 3 * c]
+            for i in range(m):
+                y[i] = y1[i]
+            y[m + 1] += tau * y[m + 2]
+            left -= tau
+            now += tau * step
+            ratio[0] = 1.0
+            for _ in range(exits.shape[1] + 1):
+                e, state = exits[mode, which, 0], exits[mode, which, 1]
+                mode += (state - (mode // strides[e]) % counts[e]) * strides[e]
+                for i in range(n):
+                    work[i] = dot(settle[mode, i], y[n : 2 * n])
+                for i in range(n):
+                    y[n + i] = work[i]
+                for c in range(curves):
+                    gate[c] = gates[c, (mode // strides[curve_of[c]]) % counts[curve_of[c]]]
+                    d, v = along(directions[c], y, n, step)
+                    y[m + 3 + 3 * c] = resist(codes[c], params[c], gate[c], inner[c], d, v, now)
+                if events < len(log):
+                    log[events, 0], log[events, 1], log[events, 2] = now, e, state
+                events += 1
+                fresh = e
+                # What landed may not hold: then it goes on at once.
+                which = -1
+                for g in range(exits.shape[1]):
+                    e = exits[mode, g, 0]
+                    if e < 0 or which >= 0:
+                        break
+                    if (e != fresh or exits[mode, g, 2] == 0) and dot(guards[mode, g, 0], y) < 0.0:
+                        which = g
+                if which < 0:
+                    break
+        q += 1
