@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ import msgspec
 from analysis.characterize import Characterization, characterize
 from analysis.measured import Campaign
 from rig.baseline import baseline_model
-from rig.errors import RecordingError
+from rig.errors import PlanError, RecordingError
 from rig.models import write_model
 from rig.output import write_json, write_text
 
@@ -48,5 +50,42 @@ def write_characterization(
     write_text(folder / "parameters.csv", text.getvalue())
     origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
     write_model(folder / "model.json", found.fit.model, origin=origin)
-    content = {"format": "rig-parameters", "format_version": 1, "parameters": table, **(beside or {})}
+    content = {
+        "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
+        "measured": origin.isoformat() if origin is not None else None, "parameters": table, **(beside or {}),
+    }  # fmt: skip
     return write_json(folder / "parameters.json", content)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterFile:
+    """A parameter table on disk: of which campaign, measured when, and (value, std) by name where there is a value."""
+
+    campaign: str
+    measured: datetime | None
+    values: Mapping[str, tuple[float, float]]
+
+
+def read_parameters(path: Path) -> ParameterFile:
+    """Read a parameters.json.
+
+    Raises
+    ------
+    PlanError
+        Where the file is not a parameter table.
+    """
+    try:
+        content = msgspec.json.decode(path.read_bytes())
+        rows = content["parameters"].items() if content["format"] == "rig-parameters" else ()
+        values = {name: (float(row["value"]), float(row.get("std") or 0.0)) for name, row in rows if row["value"] is not None}
+        if not values:
+            raise ValueError
+        began = content.get("measured")
+        return ParameterFile(
+            campaign=str(content.get("campaign", path.parent.name)), values=values,
+            measured=None if began is None else datetime.fromisoformat(began),
+        )  # fmt: skip
+    except OSError as error:
+        raise PlanError(f"{path} cannot be read ({error.strerror}); give the parameters.json of rig characterize") from None
+    except (msgspec.DecodeError, AttributeError, KeyError, TypeError, ValueError):
+        raise PlanError(f"{path} is not a parameter table; give the parameters.json of rig characterize") from None

@@ -19,6 +19,7 @@ from analysis.measured import FloatArray
 from analysis.model import RigModel
 from analysis.profile import Move, head_acceleration
 from analysis.rigs import THESIS, wire_bonder
+from rig.characterized import read_parameters
 from rig.errors import PlanError
 from rig.virtual import Take, virtual_campaign
 
@@ -175,7 +176,7 @@ def rigs_of(parameters: Path | None, plan: DesignPlan, *, draws: int, seed: int)
     """
     values, stds = dict(THESIS), dict.fromkeys(THESIS, 0.0)
     if parameters is not None:
-        for name, (value, std) in _table(parameters).items():
+        for name, (value, std) in read_parameters(parameters).values.items():
             if name in values:
                 values[name], stds[name] = value, std
     if plan.head is not None:
@@ -189,20 +190,6 @@ def rigs_of(parameters: Path | None, plan: DesignPlan, *, draws: int, seed: int)
         for _ in range(draws)
     ]
     return [wire_bonder(given) for given in (values, *drawn)]
-
-
-def _table(path: Path) -> dict[str, tuple[float, float]]:
-    try:
-        content = msgspec.json.decode(path.read_bytes())
-        rows = content["parameters"].items() if content["format"] == "rig-parameters" else ()
-        found = {name: (float(row["value"]), float(row.get("std") or 0.0)) for name, row in rows if row["value"] is not None}
-        if not found:
-            raise ValueError
-    except OSError as error:
-        raise PlanError(f"{path} cannot be read ({error.strerror}); give the parameters.json of rig characterize") from None
-    except (msgspec.DecodeError, AttributeError, KeyError, TypeError, ValueError):
-        raise PlanError(f"{path} is not a parameter table; give the parameters.json of rig characterize") from None
-    return found
 
 
 def designed(

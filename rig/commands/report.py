@@ -8,7 +8,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def report(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
+def report(
+    campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], history: tuple[Path, ...] = ()
+) -> None:
     """Write one page about a recording, to be read by someone who was not there.
 
     Runs, transfer functions with coherence, parameters, simulated over measured, the isolation ratio, and what the simulation
@@ -22,18 +24,21 @@ def report(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--o
         A recording of the wire bonder, locked and unlocked.
     output
         The folder for report.html, parameters.json, parameters.csv and model.json.
+    history
+        The parameters.json of earlier campaigns on this rig, shown beside the new ones.
     """
     from rich.console import Console
 
-    from rig.characterized import characterize_campaign, write_characterization
+    from rig.characterized import characterize_campaign, read_parameters, write_characterization
     from rig.output import write_text
     from rig.recording import read
     from rig.report.measurement import measurement_page
 
+    earlier = [read_parameters(path) for path in history]
     measured = read(campaign)
     with Console(stderr=True).status("reading") as status:
         found = characterize_campaign(measured, status.update)
         status.update("writing the report")
         write_characterization(output, measured, found)
-        path = write_text(output / "report.html", measurement_page(measured, found))
+        path = write_text(output / "report.html", measurement_page(measured, found, earlier))
     print(path)

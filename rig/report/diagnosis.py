@@ -8,6 +8,7 @@ from typing import Any
 from analysis.diagnose.diagnosis import Diagnosis, Step
 from analysis.measured import Campaign
 from rig.report.charts import Role
+from rig.report.frequency import frequency_sections
 from rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from rig.report.page import Report, Section, Table, build_report
 from rig.report.sections import number, parameters_table, provenance_section, runs_section, words
@@ -40,8 +41,10 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
         scores[EXTENDED] = diagnosis.scores[1]
     wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["Nothing stands above the noise."]
+    frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)
     sections = [
         runs_section(campaign),
+        frf,
         Section(
             title="Parameters of the baseline",
             tables=[
@@ -49,6 +52,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
             ],
         ),
         Section(title="Simulated over measured", charts=time_charts(diagnosis.trials, models)),
+        *isolation,
         Section(title="What the simulation gets wrong", text=wrong, charts=misfit_charts(diagnosis.trials, models)),
         *(_named(step) for step in diagnosis.steps),
         Section(

@@ -8,19 +8,32 @@ import numpy as np
 
 from analysis.errors import DataError
 from analysis.measured import Campaign
-from rig.compared import Compared, told
+from analysis.model import RigModel
+from rig.compared import Compared, compared_isolation, told
+from rig.prediction import predicted
 from rig.report.charts import SERIES, Chart, Panel, Role, Trace, spread_over
 from rig.report.page import Section
 from rig.transfer import Transfer, transfer_functions
 
 
-def frf_section(campaign: Campaign, simulated: Campaign | None) -> Section:
-    """Transfer functions of every response, each configuration and gain in its colour, simulated ones dashed."""
+def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
+    """Transfer functions and the isolation ratio, measured and as a model simulates the same runs; or why there are none."""
+    sections = []
     try:
-        measured = transfer_functions(campaign)
+        sections.append(frf_section(campaign, predicted(model, campaign, as_recorded=True), model.drive.channel))
     except DataError as error:
-        return Section(title="Transfer functions", text=[f"None: {error}."])
-    other = transfer_functions(simulated) if simulated is not None else []
+        sections.append(Section(title="Transfer functions", text=[f"None: {error}."]))
+    if "locked" not in model.configurations:
+        return sections
+    try:
+        return [*sections, isolation_section(compared_isolation(campaign, model))]
+    except DataError as error:
+        return [*sections, Section(title="Isolation ratio", text=[f"None: {error}."])]
+
+
+def frf_section(campaign: Campaign, simulated: Campaign, reference: str) -> Section:
+    """Transfer functions of every response, each configuration and gain in its colour, simulated ones dotted."""
+    measured, other = (transfer_functions(each, reference=reference) for each in (campaign, simulated))
     names = dict.fromkeys(item.frf.response for item in measured)
     first = measured[0].frf
     text = [
@@ -32,10 +45,6 @@ def frf_section(campaign: Campaign, simulated: Campaign | None) -> Section:
         for name in names
     ]
     return Section(title="Transfer functions", text=text, charts=charts)
-
-
-def _of(response: str, items: Sequence[Transfer]) -> list[Transfer]:
-    return [item for item in items if item.frf.response == response]
 
 
 def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer]) -> Chart:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.characterize import Characterization
 from analysis.diagnose.misfit import discrepancies
-from analysis.errors import DataError
 from analysis.measured import Campaign
 from analysis.rigs import THESIS
-from rig.compared import compared_isolation
-from rig.prediction import predicted
+from rig.characterized import ParameterFile
 from rig.report.charts import Role
-from rig.report.frequency import frf_section, isolation_section
+from rig.report.frequency import frequency_sections
+from rig.report.history import history_sections
 from rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from rig.report.page import Report, Section, Table, build_report
 from rig.report.sections import number, provenance_section, runs_section, words
@@ -20,20 +20,17 @@ from rig.report.sections import number, provenance_section, runs_section, words
 MODEL: tuple[str, Role] = ("simulation", "simulated")
 
 
-def measurement_page(campaign: Campaign, found: Characterization) -> str:
-    """The report of a campaign as HTML."""
+def measurement_page(campaign: Campaign, found: Characterization, history: Sequence[ParameterFile] = ()) -> str:
+    """The report of a campaign as HTML, its parameters beside those found earlier."""
     model = found.fit.model
     models = {MODEL: simulated(model, found.trials)}
-    again = predicted(model, campaign, as_recorded=True)
     wrong = discrepancies(model, found.trials)
-    try:
-        isolation = [isolation_section(compared_isolation(campaign, model))]
-    except DataError as error:
-        isolation = [Section(title="Isolation ratio", text=[f"None: {error}."])]
+    frf, *isolation = frequency_sections(campaign, model)
     sections = [
         runs_section(campaign),
-        frf_section(campaign, again),
+        frf,
         Section(title="Parameters", text=[PARAMETERS], tables=[parameter_table(found)]),
+        *history_sections(found, history),
         Section(title="Simulated over measured", charts=time_charts(found.trials, models)),
         *isolation,
         Section(

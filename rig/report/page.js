@@ -55,7 +55,7 @@
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "keep", barmode: "group",
       modebar: { bgcolor: "rgba(0,0,0,0)", color: theme === "dark" ? "#78818a" : "#9aa1a8", activecolor: ink },
       font: { family: "system-ui, sans-serif", size: narrow ? 11 : 13, color: ink },
-      margin: { l: narrow ? 46 : 62, r: 8, t: 30, b: 44 }, hovermode: bars ? "closest" : "x unified", hoverlabel: { bgcolor: theme === "dark" ? "#20252a" : "#fff" },
+      margin: { l: narrow ? 46 : 62, r: 8, t: narrow ? 30 : 56, b: 44 }, hovermode: bars ? "closest" : "x unified", hoverlabel: { bgcolor: theme === "dark" ? "#20252a" : "#fff" },
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
       xaxis: { ...style, title: { text: chart.x.label, standoff: 6 }, type: chart.x.log ? "log" : "linear", anchor: axis(chart.panels.length - 1) },
     };

@@ -5,13 +5,22 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
+from analysis.model import Configuration
+from analysis.rigs import THESIS, wire_bonder
+from rig.characterized import ParameterFile, characterize_campaign
 from rig.report.charts import MOST_POINTS, SERIES, Chart, Panel, Trace, spread_over
+from rig.report.frequency import frequency_sections
+from rig.report.measurement import measurement_page
 from rig.report.page import Report, Section, Table, build_report
+from rig.virtual import SESSION, virtual_campaign
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -25,7 +34,10 @@ addEventListener("load", () => setTimeout(async () => {
   const later = () => new Promise((resolve) => setTimeout(resolve, 500));
   const zoom = (name) => document.getElementById(name).layout.xaxis.range;
   const drawn = [...document.querySelectorAll(".chart")].map((chart) => chart.querySelectorAll(".main-svg path").length > 0);
-  const told = { inner: innerWidth, wide: root.scrollWidth, counted: root.dataset.drawn, drawn };
+  const sizes = [...document.querySelectorAll("p, td, figcaption, .legendtext, .ytick text")].map(
+    (node) => parseFloat(getComputedStyle(node).fontSize));
+  const told = { inner: innerWidth, wide: root.scrollWidth, counted: root.dataset.drawn, drawn, letters: Math.min(...sizes),
+    offered: document.querySelectorAll("figcaption button").length };
   await Plotly.relayout("chart0", { "xaxis.range": [0, 1] });
   await later();
   told.followed = zoom("chart1");
@@ -60,11 +72,30 @@ def example() -> Report:
     )  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def measured() -> str:
+    """The page of a short virtual campaign, its parameters beside two earlier ones."""
+    takes = [replace(take, seconds=12.0) for take in SESSION if take.id in ("u70a", "u7", "l70", "l7")]
+    campaign = virtual_campaign(wire_bonder(), takes, seed=4)
+    found = characterize_campaign(campaign, lambda text: None)
+    moved = {**THESIS, "motor_frequency": 5.3}
+    history = [
+        ParameterFile(
+            campaign="later", measured=datetime(2011, 6, 1, tzinfo=UTC), values={k: (v, 0.01) for k, v in moved.items()}
+        ),
+        ParameterFile(campaign="first", measured=datetime(2011, 5, 1, tzinfo=UTC), values={"motor_frequency": (5.4, 0.01)}),
+    ]
+    return measurement_page(campaign, found, history)
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: install Debian's package to run this test")
 @pytest.mark.parametrize("width", [1280, 400])
-def test_page_in_a_browser(tmp_path: Path, width: int) -> None:
-    page = build_report(example()).replace("</body>", PROBE + "</body>")
-    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+@pytest.mark.parametrize("kind", ["example", "measured"])
+def test_page_in_a_browser(tmp_path: Path, width: int, kind: str, request: pytest.FixtureRequest) -> None:
+    page = build_report(example()) if kind == "example" else request.getfixturevalue("measured")
+    charts = page.count('class="chart"')
+    assert charts >= 3
+    (tmp_path / "report.html").write_text(page.replace("</body>", PROBE + "</body>"), encoding="utf-8")
     (tmp_path / "frame.html").write_text(FRAME.format(width=width), encoding="utf-8")
     done = subprocess.run(
         [str(CHROMIUM), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", (tmp_path / "frame.html").as_uri()],
@@ -74,10 +105,31 @@ def test_page_in_a_browser(tmp_path: Path, width: int) -> None:
     told = json.loads(html.unescape(re.findall(r"<pre>(.*?)</pre>", done.stdout)[0]))
     assert told["inner"] == width
     assert told["wide"] <= width
-    assert told["counted"] == "3"
-    assert told["drawn"] == [True] * 3
+    assert told["counted"] == str(charts)
+    assert told["drawn"] == [True] * charts
     assert told["followed"] == told["kept"] == [0, 1]
     assert told["theme"] == "dark"
+    assert told["letters"] >= 10.0
+    assert told["offered"] == 3 * charts
+
+
+def test_measurement_says_all_that_a_reader_needs(measured: str) -> None:
+    assert len(measured.encode()) < 3_000_000
+    heads = re.findall(r"<h2>(.*?)</h2>", measured)
+    assert heads == [
+        "Rig and runs", "Transfer functions", "Parameters", "Parameters beside their history", "Simulated over measured",
+        "Isolation ratio", "What the simulation gets wrong", "Next", "Where the numbers came from",
+    ]  # fmt: skip
+    assert "Motor frequency has changed by" in measured
+    columns = re.findall(r"<th scope=\"col\">((?:first|later).*?)</th>", measured)
+    assert columns == ["first, 2011-05-01", "later, 2011-06-01"]
+    assert "sha256" in measured
+
+
+def test_another_rig_gets_its_transfer_functions_and_no_isolation_ratio() -> None:
+    rig = msgspec.structs.replace(wire_bonder(), configurations={"unlocked": Configuration()})
+    campaign = virtual_campaign(wire_bonder(), [replace(SESSION[0], seconds=8.0)], seed=4)
+    assert [section.title for section in frequency_sections(campaign, rig)] == ["Transfer functions"]
 
 
 def test_page_stands_alone() -> None:
