@@ -6,11 +6,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import hypot
 
-import numpy as np
-
 from analysis.characterize import Characterization
 from rig.characterized import ParameterFile
-from rig.report.charts import SERIES, Chart, Panel, Trace
 from rig.report.page import Section, Table
 from rig.report.sections import number, words
 
@@ -19,7 +16,7 @@ CHANGED = 3.0
 
 
 def history_sections(found: Characterization, history: Sequence[ParameterFile]) -> list[Section]:
-    """A table with a column for each earlier campaign, oldest first, and a chart of how they moved; nothing without history."""
+    """A table with a column for each earlier campaign, oldest first; nothing without history."""
     if not history:
         return []
     past = sorted(history, key=lambda item: item.measured or datetime.min.replace(tzinfo=UTC))
@@ -37,27 +34,7 @@ def history_sections(found: Characterization, history: Sequence[ParameterFile]) 
         caption="Value ± one standard deviation; the change is since the last of the earlier campaigns.",
     )  # fmt: skip
     quiet = f"No parameter has changed by more than {CHANGED:g} deviations since {_label(last)}."
-    return [Section(title="Parameters beside their history", text=told or [quiet], tables=[table], charts=[_chart(found, past)])]
-
-
-def _chart(found: Characterization, past: Sequence[ParameterFile]) -> Chart:
-    shown = [name for name, entry in found.table.items() if entry.value and entry.method != "given"]
-    traces = []
-    for k, name in enumerate(shown):
-        now = found.table[name].value or 1.0
-        points = [item.values.get(name, (np.nan, np.nan)) for item in past] + [(now, found.table[name].std or 0.0)]
-        value, std = (100.0 * np.array(column) / now for column in zip(*points, strict=True))
-        x = np.arange(len(points), dtype=np.float64) + 1.0
-        traces.append(
-            Trace(
-                name=words(name), x=x, y=value - 100.0, spread=std, role=SERIES[k % len(SERIES)],
-                style="solid" if k < len(SERIES) else "dash",
-            )
-        )  # fmt: skip
-    return Chart(
-        name="history", caption="Each parameter in per cent of its value now, campaign by campaign, oldest first.",
-        panels=[Panel(label="difference from now, %")], traces=traces, x_label="campaign", x_log=False,
-    )  # fmt: skip
+    return [Section(title="Parameters beside their history", text=told or [quiet], tables=[table])]
 
 
 def _label(item: ParameterFile) -> str:
