@@ -21,7 +21,7 @@ def export(
     """Export a recording's samples or transfer functions, or a parameter table, in the format that the output's name says.
 
     .mat is MATLAB, .uff the universal file format (58b, or 58 with --text), .csv and .parquet are tables. Samples as a table
-    become one file a run, its id behind the name.
+    become one file a run, its id behind the name where there are several.
 
     Example: rig export campaign.h5 --what frf -o frf.uff
 

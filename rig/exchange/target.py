@@ -54,7 +54,8 @@ def _samples(campaign: Campaign, output: Path, ending: str, *, binary: bool) -> 
     elif ending == ".uff":
         exporting.write_uff(exporting.samples_sets(campaign, binary=binary), output)
     else:
-        paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") for run in campaign.runs]
+        several = len(campaign.runs) > 1
+        paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") if several else output for run in campaign.runs]
         for run, path in zip(campaign.runs, paths, strict=True):
             exporting.write_frame(exporting.samples_frame(run), path)
         return paths

@@ -46,7 +46,7 @@ def test_samples_as_universal_file(recording: Path, campaign: Campaign, tmp_path
 def test_samples_as_tables(recording: Path, campaign: Campaign, tmp_path: Path) -> None:
     assert main(["export", str(recording), "-o", str(tmp_path / "a.csv"), "--run", "l7"]) == 0
     assert main(["export", str(recording), "-o", str(tmp_path / "a.parquet")]) == 0
-    with (tmp_path / "a-l7.csv").open(newline="") as stream:
+    with (tmp_path / "a.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     run = campaign.runs[1]
     assert [float(row["table [m/s^2]"]) for row in rows] == run.read("table").tolist()
