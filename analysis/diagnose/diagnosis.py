@@ -116,8 +116,10 @@ class Diagnosis:
         What the baseline gets wrong.
     steps
         The named causes, largest first.
-    holdout
+    baseline_error, extended_error, floor
         Held-out error of baseline and extended model, and the noise floor.
+    scores
+        The held-out errors of both behind these, run by run and channel by channel.
     trials
         The runs it rests on.
     """
