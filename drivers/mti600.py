@@ -1,13 +1,15 @@
 """Xsens MTi-600 on CAN: an accelerometer on the bus, through whatever adapter python-can knows (slcan over a serial port).
 
 Each sample is a group of frames that begins with its counter. Frames are kept as they come and decoded many at a time; the same
-messages are described in `mti600.dbc`. Values are big-endian.
+messages are described in `mti600.dbc`. Values are big-endian. A frame has a checksum on the bus and none between a serial adapter
+and this machine: a byte hurt there is seen where it spoils a frame's form, its length or the counter.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,8 @@ from drivers.kinds import Settings, StreamKind
 DBC = Path(__file__).with_name("mti600.dbc")
 BITRATE = 250_000
 ERROR, SAMPLE_TIME, GROUP_COUNTER, STATUS_WORD, ACCELERATION = 0x001, 0x005, 0x006, 0x011, 0x034
+#: Bytes of each message that is read.
+LENGTHS = {ERROR: 1, SAMPLE_TIME: 4, GROUP_COUNTER: 2, STATUS_WORD: 4, ACCELERATION: 6}
 PER_COUNT = 2.0**-8
 CLIPPED = 0x700
 WRAP = 1 << 16
@@ -41,8 +45,11 @@ class Groups:
     clipped: NDArray[np.bool_]
 
 
-def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8]) -> Groups:
+def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8], *, following: int | None) -> Groups:
     """Frames to groups: those whose counter and acceleration both arrived.
+
+    Where the counter steps, the one that was lost may have stood anywhere behind the last that came, and the acceleration
+    there may be that of a later sample: the group before a step is left out.
 
     Parameters
     ----------
@@ -50,7 +57,13 @@ def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8]) -> Groups:
         Arbitration identifiers in the order of arrival, shape (n,).
     data
         Their bytes, filled up with zeros, shape (n, 8).
+    following
+        The counter that came behind these frames; None where none did, so that the last group cannot be trusted.
     """
+    # A frame that came twice stands beside itself.
+    again = np.zeros(len(identifiers), bool)
+    again[1:] = (identifiers[1:] == identifiers[:-1]) & (data[1:] == data[:-1]).all(axis=1)
+    identifiers, data = identifiers[~again], data[~again]
     group = np.cumsum(identifiers == GROUP_COUNTER) - 1
     found = int(group[-1]) + 1 if len(group) else 0
     counter = _big(data[identifiers == GROUP_COUNTER], ">u2").astype(np.int64)
@@ -60,7 +73,6 @@ def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8]) -> Groups:
     clipped = np.zeros(found, bool)
     for identifier in (ACCELERATION, SAMPLE_TIME, STATUS_WORD):
         here = np.flatnonzero((identifiers == identifier) & (group >= 0))
-        # Of two in a group the first is its own; the other's counter did not arrive.
         own, first = np.unique(group[here], return_index=True)
         rows = data[here[first]]
         if identifier == ACCELERATION:
@@ -70,6 +82,8 @@ def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8]) -> Groups:
             seconds[own] = _big(rows, ">u4") * 1e-6
         else:
             clipped[own] = (_big(rows, ">u4") & CLIPPED) != 0
+    has[:-1] &= np.diff(counter) % WRAP == 1
+    has[-1:] &= following is not None and (following - counter[-1:]) % WRAP == 1
     return Groups(counter=counter[has], acceleration=acceleration[has], seconds=seconds[has], clipped=clipped[has])
 
 
@@ -104,6 +118,7 @@ class MtiInstrument:
         self._time = 0.0
         self._lost_inside = False
         self._open = True
+        self.damaged = 0
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Nothing can be set over this bus; the look before a run compares the rate with the instrument's own clock."""
@@ -112,7 +127,7 @@ class MtiInstrument:
     def start(self) -> None:
         """Forget what was on its way; the first group from now on has tick 0."""
         for _ in range(BACKLOG):
-            if self._receive(0.0) is None:
+            if not self._receive(0.0):
                 break
         self._frames, self._first, self._tick, self._time = [], None, 0, 0.0
         self._open = True
@@ -122,14 +137,11 @@ class MtiInstrument:
         end = time.monotonic() + timeout
         groups = sum(identifier == GROUP_COUNTER for identifier, _ in self._frames)
         while self._open and groups <= GROUPS:
-            message = self._receive(max(end - time.monotonic(), 0.0))
-            if message is None:
+            messages = self._receive(max(end - time.monotonic(), 0.0))
+            if not messages and time.monotonic() >= end:
                 break
-            if message.arbitration_id == ERROR:
-                self._lost_inside = self._lost_inside or bool(message.data[:1] == b"\x01")
-                continue
-            groups += message.arbitration_id == GROUP_COUNTER
-            self._frames.append((message.arbitration_id, bytes(message.data)))
+            for message in messages:
+                groups += self._take(message)
         return self._block()
 
     def stop(self) -> int | None:
@@ -139,13 +151,39 @@ class MtiInstrument:
 
     def close(self) -> None:
         """Let go of the bus."""
-        self._bus.shutdown()
+        # An adapter that is gone cannot be told.
+        with suppress(can.CanError, OSError):
+            self._bus.shutdown()
 
-    def _receive(self, timeout: float) -> can.Message | None:
+    def _receive(self, timeout: float) -> list[can.Message]:
         try:
-            return self._bus.recv(timeout)
+            message = self._bus.recv(timeout)
         except (can.CanError, OSError, TypeError) as error:
-            raise ConnectionLostError(f"{self._name} is gone ({error}); plug it in and resume") from None
+            if not isinstance(error.__cause__, UnicodeDecodeError):
+                raise ConnectionLostError(f"{self._name} is gone ({error}); plug it in and resume") from None
+            # The library keeps a line that is no text, and would stumble over it for ever.
+            self._bus.flush()  # type: ignore[attr-defined]
+            self.damaged += 1
+            return []
+        except (ValueError, IndexError):
+            # What the adapter sent is no frame.
+            self.damaged += 1
+            return []
+        return [] if message is None else [message]
+
+    def _take(self, message: can.Message) -> bool:
+        # Keep a frame that is one of ours; whether a group begins.
+        identifier, payload = message.arbitration_id, bytes(message.data)
+        if message.is_extended_id or identifier not in LENGTHS:
+            return False
+        if len(payload) != LENGTHS[identifier]:
+            self.damaged += 1
+            return False
+        if identifier == ERROR:
+            self._lost_inside = self._lost_inside or payload == b"\x01"
+            return False
+        self._frames.append((identifier, payload))
+        return identifier == GROUP_COUNTER
 
     def _block(self) -> Block | None:
         # The last group may still miss frames; it stays until the next one begins. A block ends at a step of the counter.
@@ -156,7 +194,8 @@ class MtiInstrument:
             return None
         identifiers = np.array([identifier for identifier, _ in whole], np.int64)
         data = np.frombuffer(b"".join(payload.ljust(8, b"\0") for _, payload in whole), np.uint8).reshape(-1, 8)
-        found = decode(identifiers, data)
+        following = int.from_bytes(self._frames[end][1][:2], "big") if end < len(self._frames) else None
+        found = decode(identifiers, data, following=following)
         if not len(found.counter):
             self._frames = self._frames[end:]
             return None
@@ -179,7 +218,8 @@ class MtiInstrument:
         self._tick = tick + count
         seconds = float(found.seconds[0])
         if np.isfinite(seconds):
-            self._time += (seconds - self._time) % (2.0**32 * 1e-6)
+            wrap = 2.0**32 * 1e-6
+            self._time += (seconds - self._time + wrap / 2.0) % wrap - wrap / 2.0
         status = Status.GOOD
         if found.clipped[:count].any():
             status |= Status.OVERLOAD

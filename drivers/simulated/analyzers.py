@@ -18,6 +18,7 @@ class _Lines:
     def __init__(self) -> None:
         self._waiting = b""
         self.heard: list[str] = []
+        self.unplugged = False
 
     def step(self, data: bytes) -> bytes:
         self._waiting += data

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.block import FloatArray, Raw
 from drivers.frames import encode_samples, encode_text
+from drivers.simulated.faults import TURN, Faults, Mishaps
 from drivers.simulated.wire import Wire
 
 
@@ -34,43 +35,12 @@ class Plant(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True)
-class Faults:
-    """What goes wrong on the wire, each a probability per frame where not said otherwise.
-
-    Parameters
-    ----------
-    drop, duplicate, corrupt, stall, overload
-        A frame is not sent, sent twice, has a byte changed, comes a fifth of a second late, tells of an overload.
-    unplug_after
-        Seconds of signal after which the wire is cut; never where None.
-    first_tick
-        The counter's value at the start, to see it wrap.
-    ppm
-        How much faster than told the instrument's clock runs, parts per million.
-    seed
-        Of the draws.
-    """
-
-    drop: float = 0.0
-    duplicate: float = 0.0
-    corrupt: float = 0.0
-    stall: float = 0.0
-    overload: float = 0.0
-    unplug_after: float | None = None
-    first_tick: int = 0
-    ppm: float = 0.0
-    seed: int = 0
-
-
 @dataclass
 class Count:
-    """What the far end knows of a run: which one since it was switched on, ticks taken, frames sent and hurt."""
+    """What the far end knows of a run: which one since it was switched on, ticks taken."""
 
     run: int = 0
     ticks: int = 0
-    frames: int = 0
-    faults: int = 0
 
 
 class SimulatedFramed:
@@ -95,7 +65,7 @@ class SimulatedFramed:
     ) -> None:
         self._wire, self._plant, self._faults = wire, plant, faults or Faults()
         self._speed, self._rows = speed, rows
-        self._random = np.random.default_rng(self._faults.seed)
+        self.mishaps = Mishaps(self._faults)
         self._commands = bytearray()
         self._needed = 0
         self._out: deque[bytes] = deque()
@@ -104,7 +74,6 @@ class SimulatedFramed:
         self._signal: Raw = np.zeros((0, self._plant.inputs[0]), np.int32)
         self._sent = self._sequence = 0
         self._began = 0.0
-        self._late = 0.0
         self.running = False
         self.count = Count()
         self.unplugged = False
@@ -129,7 +98,7 @@ class SimulatedFramed:
                 self._out.appendleft(rest)
 
     def _frame_due(self) -> bool:
-        if not self.running or self._sent >= len(self._signal) or time.monotonic() < self._late:
+        if not self.running or self._sent >= len(self._signal) or self.mishaps.late:
             return False
         if self._speed is None:
             return True
@@ -139,35 +108,21 @@ class SimulatedFramed:
     def _next_frame(self) -> None:
         faults = self._faults
         part = self._signal[self._sent : self._sent + self._rows]
-        tick = faults.first_tick + self._sent
-        draw = self._random.random(5)
+        seconds = self._sent / self._rate
+        turned = faults.turn_after is not None and seconds >= faults.turn_after
         frame = encode_samples(
-            part, sequence=self._sequence, tick=tick, time_us=round(1e6 * self._sent / (self._rate * (1.0 + 1e-6 * faults.ppm))),
-            gain=self._gain, status=int(draw[4] < faults.overload),
+            part, sequence=self._sequence, tick=faults.first_tick + self._sent,
+            time_us=round(1e6 * seconds / (1.0 + 1e-6 * faults.ppm)), gain=self._gain * (1.0 + TURN * turned),
+            status=int(self.mishaps.met("overload")),
         )  # fmt: skip
         self._sent += len(part)
         self._sequence += 1
         self.count.ticks = self._sent
-        self.count.frames += 1
         if faults.unplug_after is not None and self._sent > faults.unplug_after * self._rate:
             self.unplugged = True
             self._wire.close()
             return
-        if draw[0] < faults.drop:
-            self.count.faults += 1
-            return
-        if draw[1] < faults.corrupt:
-            self.count.faults += 1
-            hurt = bytearray(frame)
-            hurt[int(self._random.integers(len(hurt)))] ^= 1 << int(self._random.integers(8))
-            frame = bytes(hurt)
-        self._out.append(frame)
-        if draw[2] < faults.duplicate:
-            self.count.faults += 1
-            self._out.append(frame)
-        if draw[3] < faults.stall:
-            self.count.faults += 1
-            self._late = time.monotonic() + 0.2
+        self._out.extend(self.mishaps.sent(frame))
 
     def _obey(self) -> None:
         while len(self._commands) >= self._needed and b"\n" in self._commands:

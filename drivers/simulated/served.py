@@ -15,6 +15,11 @@ from drivers.simulated.wire import PtyWire, Wire
 class Peer(Protocol):
     """The far end: takes what came, gives what goes back."""
 
+    @property
+    def unplugged(self) -> bool:
+        """Whether the wire is to be cut."""
+        ...
+
     def step(self, data: bytes) -> bytes:
         """Bytes in, bytes out; called often also where nothing came."""
         ...
@@ -62,9 +67,12 @@ class TcpWire:
 
 
 def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
-    """Carry bytes between a wire and a peer until it is over."""
+    """Carry bytes between a wire and a peer until it is over, or the peer is unplugged."""
     waiting = b""
     while not over():
+        if peer.unplugged:
+            wire.close()
+            return
         waiting += peer.step(wire.read(0.0 if waiting else 0.005))
         if waiting:
             waiting = waiting[wire.write(waiting, 0.02) :]

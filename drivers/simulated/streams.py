@@ -9,16 +9,18 @@ import numpy as np
 
 from drivers.block import Raw
 from drivers.mti600 import ACCELERATION, CLIPPED, ERROR, GROUP_COUNTER, SAMPLE_TIME, STATUS_WORD, WRAP
+from drivers.simulated.faults import Faults, Mishaps
 
 #: Given a number of samples and a rate in Hz: int16 counts, shape (n, inputs).
 Source = Callable[[int, float], Raw]
 
 
 class _Paced:
-    """How many samples are due at a speed."""
+    """How many samples are due at a speed, signal seconds per second."""
 
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
+    def __init__(self, speed: float, faults: Faults) -> None:
+        self._speed = speed * (1.0 + 1e-6 * faults.ppm)
+        self._unplug_after = faults.unplug_after
         self.sent = 0
         self._began = 0.0
 
@@ -28,6 +30,10 @@ class _Paced:
     def due(self, rate: float, most: int) -> int:
         whole = int((time.monotonic() - self._began) * self._speed * rate)
         return min(max(whole - self.sent, 0), most)
+
+    def over(self, rate: float) -> bool:
+        """Whether the wire is to be cut."""
+        return self._unplug_after is not None and self.sent > self._unplug_after * rate
 
 
 class SimulatedDataq:
@@ -41,18 +47,33 @@ class SimulatedDataq:
         Length of what is played again and again, signal seconds.
     speed
         Signal seconds per second.
-    lose
-        (after, count) in scans: so many are taken and not sent.
+    faults
+        What goes wrong; `drop` is the probability that of a second's scans half are taken and not sent.
     """
 
-    def __init__(self, source: Source, *, seconds: float = 60.0, speed: float = 1.0, lose: tuple[int, int] = (0, 0)) -> None:
-        self._source, self._seconds, self._lose = source, seconds, lose
-        self._pace = _Paced(speed)
+    FAULTS = frozenset({"drop", "stall", "unplug_after", "ppm"})
+
+    def __init__(self, source: Source, *, seconds: float = 60.0, speed: float = 1.0, faults: Faults | None = None) -> None:
+        faults = (faults or Faults()).only(self.FAULTS, "a DI-1100")
+        self._source, self._seconds = source, seconds
+        self.mishaps = Mishaps(faults)
+        self._pace = _Paced(speed, faults)
+        self.dropped = 0
         self._waiting = b""
         self._inputs, self._rate = 1, 1000.0
         self._signal: Raw = np.zeros((0, 1), np.int16)
         self.scanning = False
         self.heard: list[str] = []
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether the wire is to be cut."""
+        return self._pace.over(self._rate)
+
+    @property
+    def sent(self) -> int:
+        """Scans taken since the start."""
+        return self._pace.sent
 
     def step(self, data: bytes) -> bytes:
         """Bytes in, bytes out."""
@@ -61,14 +82,24 @@ class SimulatedDataq:
         while b"\r" in self._waiting:
             line, _, self._waiting = self._waiting.partition(b"\r")
             answer += self._command(line.decode("ascii", "replace").strip())
-        if self.scanning:
-            count = self._pace.due(self._rate, 4096)
-            first, self._pace.sent = self._pace.sent, self._pace.sent + count
-            after, gone = self._lose
-            ticks = np.arange(first, first + count)
-            kept = ticks[(ticks < after) | (ticks >= after + gone)]
-            answer += self._signal.take(kept, axis=0, mode="wrap")[:, : self._inputs].astype("<i2").tobytes()
-        return answer
+        return answer + self._scans() if self.scanning and not self.mishaps.late else answer
+
+    def _scans(self) -> bytes:
+        # Up to the end of a half second of signal, each of which is sent or not as a whole.
+        half = int(self._rate / 2.0)
+        first = self._pace.sent
+        count = self._pace.due(self._rate, min(4096, half - first % half))
+        if count and first % half == 0:
+            self._losing = first % (2 * half) != 0 and self.mishaps.met("drop")
+        self._pace.sent += count
+        if self._losing:
+            self.dropped += count
+            return b""
+        ticks = np.arange(first, first + count)
+        data = self._signal.take(ticks, axis=0, mode="wrap")[:, : self._inputs].astype("<i2").tobytes()
+        if count:
+            self.mishaps.stalls()
+        return data
 
     def _command(self, command: str) -> bytes:
         self.heard.append(command)
@@ -79,7 +110,7 @@ class SimulatedDataq:
                 self.scanning = False
             case ["start"]:
                 self._signal = self._source(round(self._seconds * self._rate), self._rate)
-                self.scanning = True
+                self.scanning, self._losing, self.dropped = True, False, 0
                 self._pace.begin()
                 return b""
             case ["slist", place, _]:
@@ -128,23 +159,28 @@ class SimulatedSlcan:
         Length of what is played again and again, signal seconds.
     speed
         Signal seconds per second.
-    counter
-        Of the first sample, to see it wrap.
-    drop
-        Probability per frame that it never comes.
+    faults
+        What goes wrong with the adapter's frames.
     """
 
+    FAULTS = frozenset({"drop", "duplicate", "corrupt", "stall", "overload", "unplug_after", "first_tick", "ppm"})
+
     def __init__(
-        self, source: Source, *, rate: float = 100.0, seconds: float = 60.0, speed: float = 1.0, counter: int = 0,
-        drop: float = 0.0, seed: int = 0,
-    ) -> None:  # fmt: skip
+        self, source: Source, *, rate: float = 100.0, seconds: float = 60.0, speed: float = 1.0, faults: Faults | None = None
+    ) -> None:
+        faults = (faults or Faults()).only(self.FAULTS, "an MTi-600")
         self._signal = source(round(seconds * rate), rate)
-        self._rate, self._counter, self._drop = rate, counter, drop
-        self._random = np.random.default_rng(seed)
-        self._pace = _Paced(speed)
+        self._rate, self._counter, self._ppm = rate, faults.first_tick, faults.ppm
+        self.mishaps = Mishaps(faults)
+        self._pace = _Paced(speed, faults)
         self._waiting = b""
         self._opened = False
         self.heard: list[str] = []
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether the wire is to be cut."""
+        return self._pace.over(self._rate)
 
     def step(self, data: bytes) -> bytes:
         """Bytes in, bytes out."""
@@ -161,10 +197,17 @@ class SimulatedSlcan:
                 self._pace.begin()
             elif command == "C":
                 self._opened = False
-        if self._opened:
-            count = self._pace.due(self._rate, 256)
-            first, self._pace.sent = self._pace.sent, self._pace.sent + count
-            part = self._signal.take(np.arange(first, first + count), axis=0, mode="wrap")
-            for group in groups(part, rate=self._rate, first=first, counter=self._counter):
-                answer += b"".join(slcan(frame) for frame in group if self._random.random() >= self._drop)
-        return answer
+        return answer + self._frames() if self._opened and not self.mishaps.late else answer
+
+    def _frames(self) -> bytes:
+        count = self._pace.due(self._rate, 256)
+        first, self._pace.sent = self._pace.sent, self._pace.sent + count
+        part = self._signal.take(np.arange(first, first + count), axis=0, mode="wrap")
+        told = self._rate * (1.0 + 1e-6 * self._ppm)
+        frames: list[bytes] = []
+        for group in groups(part, rate=told, first=first, counter=self._counter):
+            for identifier, data in group:
+                flags = (0x100).to_bytes(4, "big")
+                clipped = identifier == STATUS_WORD and self.mishaps.met("overload")
+                frames += self.mishaps.sent(slcan((identifier, flags if clipped else data)))
+        return b"".join(frames)

@@ -13,6 +13,7 @@ from analysis.spectra import estimate
 from drivers.block import Raw
 from drivers.mti600 import PER_COUNT
 from drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
+from drivers.simulated.faults import Faults
 from drivers.simulated.served import Peer
 from drivers.simulated.streams import SimulatedDataq, SimulatedSlcan
 from rig.acquire.plant import FULL_SCALE, SENSITIVITY, VirtualPlant
@@ -49,16 +50,25 @@ class Shaken:
         return np.round(np.stack([flat, motor, flat + 9.81], axis=1) / PER_COUNT).astype(np.int16)
 
 
-def far_end(kind: Kind, model: RigModel, *, noise: float, seed: int, speed: float, seconds: float) -> Peer:
+def far_end(
+    kind: Kind, model: RigModel, *, noise: float, seed: int, speed: float, seconds: float, faults: Faults | None = None
+) -> Peer:
     """A simulated instrument of that kind with a rig behind it.
 
     The displays of an analyzer: a coherence of motor and head, and a time record of the motor, in V.
+
+    Raises
+    ------
+    SettingError
+        Where a fault is asked for that this kind cannot have.
     """
+    faults = faults or Faults(seed=seed)
     shaken = Shaken(VirtualPlant(model, noise=noise, seed=seed), seed)
     if kind == "di1100":
-        return SimulatedDataq(shaken.words, seconds=seconds, speed=speed)
+        return SimulatedDataq(shaken.words, seconds=seconds, speed=speed, faults=faults)
     if kind == "mti600":
-        return SimulatedSlcan(shaken.axes, rate=MTI_RATE, seconds=seconds, speed=speed)
+        return SimulatedSlcan(shaken.axes, rate=MTI_RATE, seconds=seconds, speed=speed, faults=faults)
+    faults.only(("overload",) if kind == "sr785" else (), f"a {kind}")
     record = shaken.channels(16 * RECORD, RECORD_RATE)
     run = Run(
         id="x", configuration="unlocked", sample_rate=RECORD_RATE, gain=GAIN, excitation="random", band=BAND,
@@ -68,5 +78,5 @@ def far_end(kind: Kind, model: RigModel, *, noise: float, seed: int, speed: floa
     coherence = found.frequency, found.frf("motor", "head").coherence
     time_record = np.arange(RECORD) / RECORD_RATE, record["motor"][:RECORD] * SENSITIVITY
     if kind == "sr785":
-        return SimulatedSr785({0: coherence, 1: time_record})
+        return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
     return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})

@@ -13,7 +13,8 @@ from analysis.measured import FloatArray
 from analysis.model import Chain, RigModel
 from analysis.simulate import Excitation, record, simulate
 from drivers.block import Raw
-from drivers.simulated.framed import Faults, SimulatedFramed
+from drivers.simulated.faults import Faults
+from drivers.simulated.framed import SimulatedFramed
 from drivers.simulated.wire import PtyWire
 from rig.virtual import BITS
 

@@ -62,6 +62,8 @@ def instrument(
     stall: float = 0.0,
     overload: float = 0.0,
     unplug_after: float | None = None,
+    turn_after: float | None = None,
+    first_tick: int = 0,
     ppm: float = 0.0,
     tcp: bool = False,
 ) -> None:
@@ -88,18 +90,22 @@ def instrument(
     seconds
         How long it stays.
     drop, duplicate, corrupt, stall, overload
-        Probability per frame that it is not sent, sent twice, hurt, late, or tells of an overload.
-    unplug_after
-        Signal seconds after which the wire is cut.
+        Probability per frame that it is not sent, sent twice, hurt, late, or tells of an overload; of a DI-1100, which has no
+        frames, drop is the probability that half of a second's scans are not sent.
+    unplug_after, turn_after
+        Signal seconds after which the wire is cut; after which the gain is turned up by a tenth.
+    first_tick
+        Where the instrument's counter begins, to see it wrap.
     ppm
         How much faster than told its clock runs, parts per million.
     tcp
         Listen on a TCP port of this machine instead of a pseudo-terminal, for machines that have none.
 
-    Faults on request (from drop to ppm) are those of a framed instrument.
+    A fault (from drop to ppm) that an instrument of that kind cannot have is refused.
     """
     from analysis.rigs import wire_bonder
-    from drivers.simulated.framed import Faults, SimulatedFramed
+    from drivers.simulated.faults import Faults
+    from drivers.simulated.framed import SimulatedFramed
     from drivers.simulated.served import TcpWire, exchange
     from drivers.simulated.wire import PtyWire
     from rig.acquire.far_ends import far_end
@@ -107,15 +113,17 @@ def instrument(
     from rig.models import read_model
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
-    wire = TcpWire() if tcp else PtyWire()
-    print(wire.port, flush=True)
-    if kind != "framed":
-        peer = far_end(kind, rig, noise=noise, seed=seed, speed=speed or 1.0, seconds=min(seconds, 600.0))
-        end = time.monotonic() + seconds
-        exchange(wire, peer, lambda: time.monotonic() > end)
-        return
     faults = Faults(
         drop=drop, duplicate=duplicate, corrupt=corrupt, stall=stall, overload=overload, unplug_after=unplug_after,
-        ppm=ppm, seed=seed,
+        turn_after=turn_after, first_tick=first_tick, ppm=ppm, seed=seed,
     )  # fmt: skip
-    SimulatedFramed(wire, VirtualPlant(rig, noise=noise, seed=seed), faults=faults, speed=speed).serve(seconds)
+    if kind == "framed":
+        wire = TcpWire() if tcp else PtyWire()
+        print(wire.port, flush=True)
+        SimulatedFramed(wire, VirtualPlant(rig, noise=noise, seed=seed), faults=faults, speed=speed).serve(seconds)
+        return
+    peer = far_end(kind, rig, noise=noise, seed=seed, speed=speed or 1.0, seconds=min(seconds, 600.0), faults=faults)
+    wire = TcpWire() if tcp else PtyWire()
+    print(wire.port, flush=True)
+    end = time.monotonic() + seconds
+    exchange(wire, peer, lambda: time.monotonic() > end)

@@ -92,11 +92,15 @@ def test_hp35670a_refuses_a_feed_it_does_not_have() -> None:
 
 
 class Silent:
+    unplugged = False
+
     def step(self, data: bytes) -> bytes:
         return b""
 
 
 class Chatty:
+    unplugged = False
+
     def step(self, data: bytes) -> bytes:
         return b"nonsense" if data else b""
 

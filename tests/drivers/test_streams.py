@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import can
 import cantools
 import numpy as np
@@ -14,6 +16,7 @@ from drivers.block import Block, Status
 from drivers.dataq import DataqInstrument
 from drivers.errors import SettingError
 from drivers.mti600 import DBC, PER_COUNT, MtiInstrument, decode
+from drivers.simulated.faults import Faults
 from drivers.simulated.served import served
 from drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups
 
@@ -24,7 +27,7 @@ def counts(samples: int, rate: float, inputs: int = 4) -> np.ndarray:
 
 def collect(instrument: object, ticks: int) -> list[Block]:
     blocks: list[Block] = []
-    for _ in range(500):
+    for _ in range(5000):
         block = instrument.read(0.05)  # type: ignore[attr-defined]
         if block is not None:
             blocks.append(block)
@@ -107,6 +110,7 @@ def test_the_batch_decoder_agrees_with_cantools(seed: int, count: int, counter: 
     found = decode(
         np.array([identifier for identifier, _ in frames]),
         np.frombuffer(b"".join(data.ljust(8, b"\0") for _, data in frames), np.uint8).reshape(-1, 8),
+        following=(counter + count) % 65536,
     )
     np.testing.assert_array_equal(found.counter, [values["Counter"] for identifier, values in told if identifier == 6])
     expected = [[values[f"Acc{axis}"] for axis in "XYZ"] for identifier, values in told if identifier == 0x34]
@@ -116,12 +120,48 @@ def test_the_batch_decoder_agrees_with_cantools(seed: int, count: int, counter: 
     np.testing.assert_array_equal(found.clipped, clipped)
 
 
-@pytest.mark.parametrize("counter", [0, 65500])
-def test_mti_over_slcan_places_every_sample_by_its_counter(counter: int) -> None:
-    def ramp(samples: int, rate: float) -> np.ndarray:
-        return np.stack([np.arange(samples)] * 3, axis=1).astype(np.int16)
+def ramp(samples: int, rate: float) -> np.ndarray:
+    ticks = np.arange(samples)
+    return np.stack([ticks % 30000, ticks // 30000, ticks % 7], axis=1).astype(np.int16)
 
-    peer = SimulatedSlcan(ramp, rate=400.0, seconds=8.0, speed=3.0, counter=counter, drop=0.05, seed=3)
+
+def placed(blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
+    """The tick that each sample was given, and the one that it tells itself."""
+    samples = np.concatenate([block.samples for block in blocks]).astype(int)
+    return np.concatenate([np.arange(b.first_tick, b.end_tick) for b in blocks]), samples[:, 0] + 30000 * samples[:, 1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1), counter=st.sampled_from([0, 65500, 65535]), drop=st.floats(0.0, 0.5),
+    duplicate=st.floats(0.0, 0.3), burst=st.integers(1, 12),
+)  # fmt: skip
+def test_whatever_frames_are_lost_on_a_bus_no_sample_is_out_of_place(
+    seed: int, counter: int, drop: float, duplicate: float, burst: int
+) -> None:
+    random = np.random.default_rng(seed)
+    frames = [frame for group in groups(ramp(300, 100.0), rate=100.0, counter=counter) for frame in group]
+    with can.Bus(interface="virtual", channel="lossy") as sender:
+        instrument = MtiInstrument("lossy", bus="virtual")
+        instrument.start()
+        left = 0
+        for identifier, data in frames:
+            left = burst if random.random() < drop / burst else left - 1
+            for _ in range(0 if left > 0 else 1 + int(random.random() < duplicate)):
+                sender.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        blocks = list(iter(lambda: instrument.read(0.0), None))
+        instrument.close()
+    if blocks:
+        given_ticks, own = placed(blocks)
+        np.testing.assert_array_equal(given_ticks, own - own[0])
+        if drop == 0.0:
+            assert len(own) >= 299 - 16
+
+
+def test_mti_over_slcan_places_every_sample_by_its_counter() -> None:
+    peer = SimulatedSlcan(
+        ramp, rate=400.0, seconds=8.0, speed=3.0, faults=Faults(first_tick=65500, drop=0.05, duplicate=0.05, seed=3)
+    )
     with served(peer) as port:
         instrument = MtiInstrument(port)
         instrument.start()
@@ -129,13 +169,44 @@ def test_mti_over_slcan_places_every_sample_by_its_counter(counter: int) -> None
         instrument.stop()
         instrument.close()
     assert [command for command in peer.heard if command][:4] == ["C", "S5", "O", "O"]
-    offset = int(blocks[0].samples[0, 0])
-    placed = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
-    values = np.concatenate([block.samples[:, 0] for block in blocks])
-    assert len(placed) > 1200
-    assert (np.diff(placed) > 0).all()
-    # Where a counter and the acceleration before it are both lost, a sample stands one group early: rarer than 0.05^2.
-    assert np.mean(values - offset != placed) <= 0.01
+    given_ticks, own = placed(blocks)
+    assert len(own) > 1200
+    np.testing.assert_array_equal(given_ticks, own - own[0])
+
+
+def test_mti_over_slcan_survives_hurt_bytes() -> None:
+    peer = SimulatedSlcan(ramp, rate=400.0, seconds=8.0, speed=3.0, faults=Faults(corrupt=0.05, seed=1))
+    with served(peer) as port:
+        instrument = MtiInstrument(port)
+        instrument.start()
+        blocks = collect(instrument, 2000)
+        instrument.stop()
+        instrument.close()
+    given_ticks, own = placed(blocks)
+    assert instrument.damaged > 20
+    # Nothing guards the digits of a value there; what is out of place are samples of the wrong value.
+    assert np.mean(own - np.median(own - given_ticks) != given_ticks) < 0.05
+
+
+@pytest.mark.parametrize("make", [SimulatedDataq, SimulatedSlcan])
+def test_a_fault_that_an_instrument_cannot_have_is_refused(make: type) -> None:
+    with pytest.raises(SettingError, match=r"has no fault 'turn_after'; it knows .*drop"):
+        make(counts, faults=Faults(turn_after=1.0))
+
+
+def test_di1100_loss_is_counted_over_a_wire() -> None:
+    peer = SimulatedDataq(counts, seconds=3.0, speed=1.0, faults=Faults(drop=0.3, seed=1))
+    with served(peer) as port:
+        instrument = DataqInstrument(port, full_scale=10.0)
+        instrument.prepare(sample_rate=2000.0, channels=[0])
+        instrument.start()
+        blocks = collect(instrument, 13_000)
+        instrument.stop()
+        instrument.close()
+    gaps = [after.first_tick - before.end_tick for before, after in pairwise(blocks)]
+    # One loss of half a second, which a clock tells within ten milliseconds.
+    assert peer.dropped == 1000
+    assert [gap for gap in gaps if gap] == [pytest.approx(1000, abs=20)]
 
 
 def test_mti_on_the_virtual_bus_tells_clipping_and_loss_inside() -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.simulated.framed import Faults, SimulatedFramed
+from drivers.simulated.faults import Faults
+from drivers.simulated.framed import SimulatedFramed
 from drivers.simulated.wire import PtyWire
 from rig.acquire.plan import Plan
 from rig.acquire.plan import plan_of as plan_of_tree

@@ -16,7 +16,7 @@ import pytest
 from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
 
 from drivers.errors import ConnectionLostError
-from drivers.simulated.framed import Faults
+from drivers.simulated.faults import Faults
 from rig.acquire.recorder import working_file
 from rig.acquire.recover import working
 from rig.acquire.session import acquire

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
 
-from drivers.simulated.framed import Faults
+from drivers.errors import ConnectionLostError
+from drivers.simulated.faults import Faults
 from rig.acquire import take
 from rig.acquire.session import acquire
 from rig.recording import read
 
-injected: list[int] = []
+injected: Counter[str] = Counter()
 often = st.floats(0.0, 0.3)
 
 
@@ -29,19 +31,22 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 @given(
     drop=often, duplicate=often, corrupt=often, overload=often, seed=st.integers(0, 2**16),
     first_tick=st.sampled_from([0, 2**32 - 1000, 2**31 - 500, 2**32 - 1]), rows=st.integers(1, 9),
+    ppm=st.sampled_from([0.0, -200.0, 5000.0]),
 )  # fmt: skip
 def test_nothing_is_lost_without_being_counted(
     tmp_path_factory: pytest.TempPathFactory, drop: float, duplicate: float, corrupt: float, overload: float, seed: int,
-    first_tick: int, rows: int,
+    first_tick: int, rows: int, ppm: float,
 ) -> None:  # fmt: skip
     faults = Faults(
-        drop=drop, duplicate=duplicate, corrupt=corrupt, overload=overload, stall=0.0005, first_tick=first_tick, seed=seed
+        drop=drop, duplicate=duplicate, corrupt=corrupt, overload=overload, stall=0.0005, first_tick=first_tick, ppm=ppm,
+        seed=seed,
     )  # fmt: skip
     watcher = Watcher()
     output = tmp_path_factory.mktemp("faults") / "campaign.h5"
     with ramp_instrument(faults, rows=rows) as (port, instrument):
         acquire(plan_of({"id": "a", "seconds": 5.0}), port, output, watcher.operator, force=True)
-        injected.append(instrument.count.faults)
+        injected.update(instrument.mishaps.happened)
+        injected.update({"wrap": int(first_tick + 5120 >= 2**32), "slow clock": int(ppm != 0.0)})
         counted = instrument.count.ticks
     run = read(output).runs[0]
     tally = watcher.runs[0].tally
@@ -55,7 +60,8 @@ def test_nothing_is_lost_without_being_counted(
 def test_that_was_ten_thousand_faults() -> None:
     if not injected:
         pytest.skip("runs after the property test only")
-    assert sum(injected) >= 10_000
+    assert injected.total() >= 10_000
+    assert all(injected[kind] > 0 for kind in ("drop", "duplicate", "corrupt", "stall", "overload", "wrap", "slow clock"))
 
 
 def test_an_overload_is_told(tmp_path: Path) -> None:
@@ -64,3 +70,36 @@ def test_an_overload_is_told(tmp_path: Path) -> None:
         acquire(plan_of({"id": "a"}), port, tmp_path / "c.h5", watcher.operator, force=True)
     assert watcher.runs[0].tally.overloads == 64
     assert not watcher.runs[0].verdict.good
+
+
+@settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(drop=often, seed=st.integers(0, 99), after=st.floats(0.5, 4.5))
+def test_what_was_measured_before_a_wire_was_cut_is_all_there(
+    tmp_path_factory: pytest.TempPathFactory, drop: float, seed: int, after: float
+) -> None:
+    output = tmp_path_factory.mktemp("cut") / "campaign.h5"
+    faults = Faults(drop=drop, unplug_after=after, seed=seed)
+    with ramp_instrument(faults, rows=16, speed=8.0) as (port, instrument):
+        with pytest.raises(ConnectionLostError):
+            acquire(plan_of({"id": "a", "seconds": 5.0}), port, output, Watcher().operator, force=True)
+        counted = instrument.count.ticks
+    run = read(output).runs[0]
+    stored = ticks_of(run)
+    np.testing.assert_array_equal(run.channels["table"].samples, stored * 4 + 2)
+    # What it counted beyond the last sample that arrived was dropped, or in the wire when that was cut.
+    known = len(run) + sum(gap.count for gap in run.gaps)
+    assert known == stored[-1] + 1 <= counted
+    assert counted - known <= 0.25 * 8 * 1024
+
+
+def test_a_gain_that_somebody_turned_is_seen_and_said(tmp_path: Path) -> None:
+    watcher = Watcher()
+    with ramp_instrument(Faults(turn_after=2.0)) as (port, _):
+        acquire(plan_of({"id": "a"}), port, tmp_path / "c.h5", watcher.operator, force=True)
+    assert any(sentence.startswith("The gain moved from 70 to 77 in the run") for sentence in watcher.runs[0].verdict.advice)
+    gains = read(tmp_path / "c.h5").runs[0].read("gain")
+    np.testing.assert_allclose(gains[:2048], 70.0)
+    np.testing.assert_allclose(gains[2048:], 77.0, rtol=1e-6)
+    with ramp_instrument(Faults(turn_after=0.0)) as (port, _):
+        acquire(plan_of({"id": "a"}), port, tmp_path / "d.h5", watcher.operator, force=True)
+    assert any(sentence.startswith("The gain stood at 77 and the plan says 70") for sentence in watcher.runs[1].verdict.advice)

@@ -17,7 +17,7 @@ from ramps import RampPlant, Watcher, plan_of, ramp_instrument
 
 from analysis.rigs import wire_bonder
 from drivers.block import Block
-from drivers.simulated.framed import Faults
+from drivers.simulated.faults import Faults
 from drivers.simulated.served import served
 from rig.acquire.far_ends import far_end
 from rig.acquire.follow import follow
