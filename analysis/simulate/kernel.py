@@ -23,7 +23,7 @@ SHORTEST = 1e-4
 #: What is left after a step of the size that a force lately had.
 FADING = 0.9998
 #: Forces below this share of the drive are not worth being exact.
-LEAST = 1e-3
+LEAST = 0.1
 #: How much worse than last seen a pass may settle, and how much a step on which it was not seen adds to that.
 CAUTION, WEAR = 4.0, 1.02
 
@@ -113,6 +113,9 @@ def march(
                     largest[c] = max(abs(f1), FADING * largest[c], floor[c])
                     worst = max(worst, abs(f1 - ends[c]) / largest[c])
                     ends[c] = f1
+                    if codes[c] >= 7 and v0[c] * after[k + 3] < 0.0:
+                        # A memory's rate has a corner where the speed turns.
+                        worst = max(worst, 1.0)
                 if attempt == 0 and worst > ROUGH:
                     return at * cuts + cut
                 if attempt > 0:
