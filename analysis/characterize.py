@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
 
+from analysis.deviations import deviation, grid_shift, line_moves, polished
 from analysis.diagnose.fits import fit_baseline
 from analysis.diagnose.judge import SIMULATION_LIMIT, Score, adequate, noise_floor, score
 from analysis.fit import Fit, disagreement
@@ -16,9 +17,9 @@ from analysis.model import RigModel
 from analysis.trials import Trial, noise_levels
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
-#: Relative deviation that the estimate itself cannot see: the sampling filter and the drive's interpolation, found by
-#: fitting recordings made with another filter and a finer grid.
-UNSEEN = {"mass": 3e-4, "frequency": 1e-4, "damping": 3e-3, "friction": 1e-3}
+#: Relative deviation by what the estimate itself cannot see, the instrument's sampling filter: found by fitting recordings
+#: made through filters of three quarters to two and a half times the length of ours.
+UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,9 +53,11 @@ class Characterization:
 def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None) -> Characterization:
     """Fit all free parameters to all runs at once, and say how well each is known.
 
-    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Deviations come from the residuals
-    with their colour (sandwich over spectral lines), from how far the runs disagree, grow with the misfit that the model leaves,
-    and include `UNSEEN`.
+    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Deviations come from the residuals line
+    by line (`analysis.deviations`), given the recorded head; from a simulation on a finer grid; from how far the runs disagree
+    and how much of the signal is left, where the model does not explain it; and include `UNSEEN`. What is taken as known is
+    taken as exact: an error of a weighed mass or of a sensor's calibration is in none of them, and an error of the head's
+    mass goes in full into the table's mass and the friction.
 
     Parameters
     ----------
@@ -66,71 +69,65 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
         Called with one line per stage.
     """
     progress("fitting all runs with friction in the model")
-    fitted, fine = fit_baseline(campaign, model)
-    fitted = replace(fitted, covariance=fitted.covariance + disagreement(fitted))
+    rough, fine = fit_baseline(campaign, model)
+    progress("working out how well each value is known")
+    fitted = polished(rough, fine)
     judged = score(fitted.model, fine)
+    floors = noise_floor(fitted.model, fine, noise_levels(campaign).get(model.drive.channel, 0.0))
+    explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
     # A misfit beyond the simulation's limit bends every parameter; its size relative to the signal bounds how far.
-    misfit = max(0.0, float(np.sqrt(np.mean(judged.error**2))) - 2.0 * SIMULATION_LIMIT)
+    excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
+    misfit = max(0.0, excess - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
+    known = _Known(fitted, fine, explained, misfit, note)
     table: dict[str, Entry] = {}
     for body, link in BODIES:
-        table |= _rows(fitted, body, link, misfit, note)
+        table |= _rows(known, body, link)
     path = "contacts.isolation.law.friction_force"
     if path in fitted.values:
-        value, std = fitted.values[path], fitted.std[path]
-        table["friction_force"] = _entry(value, std, "N", "friction", misfit, note)
+        table["friction_force"] = known.entry({path: 1.0}, fitted.values[path], "N", "friction")
     else:
         table["friction_force"] = Entry(value=None, std=None, unit="N", method="none", note="the model has no friction")
-    floors = noise_floor(fitted.model, fine, noise_levels(campaign).get(model.drive.channel, 0.0))
     return Characterization(
-        table=table, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)),
-        adequate=adequate(judged, np.hypot(floors, SIMULATION_LIMIT)),
+        table=table, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)), adequate=explained
     )  # fmt: skip
 
 
-def _rows(fitted: Fit, body: str, link: str, misfit: float, note: str) -> dict[str, Entry]:
-    paths = [f"bodies.{body}.mass", f"links.{link}.stiffness", f"links.{link}.damping"]
+class _Known:
+    """How well figures are known that go with the fitted values."""
+
+    def __init__(self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str) -> None:
+        self.fitted, self._misfit, self._note = fitted, misfit, note
+        self._order = [free.path for free in fitted.free]
+        self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
+        self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
+
+    def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
+        """The row of a figure that changes by `slopes` with the values at those paths."""
+        slope = np.array([slopes.get(path, 0.0) for path in self._order])
+        variance = deviation(self._moves, slope) ** 2 + (self._shift @ slope) ** 2 + slope @ self._runs @ slope
+        whole = float(np.sqrt(variance + (UNSEEN[kind] * value) ** 2))
+        if self._note:
+            whole = float(np.hypot(whole, self._misfit * value))
+        if whole > 0.5 * abs(value):
+            note = self._note or "the data do not determine it"
+            return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
+        return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
+
+
+def _rows(known: _Known, body: str, link: str) -> dict[str, Entry]:
+    fitted = known.fitted
+    mass, stiffness, damper = paths = (f"bodies.{body}.mass", f"links.{link}.stiffness", f"links.{link}.damping")
     m, k, c = (fitted.model.get(path) for path in paths)
-    order = [free.path for free in fitted.free]
-    covariance = np.zeros((3, 3))
-    for i, a in enumerate(paths):
-        for j, b in enumerate(paths):
-            if a in order and b in order:
-                covariance[i, j] = fitted.covariance[order.index(a), order.index(b)]
     frequency, damping = sqrt(k / m) / (2 * pi), c / (2 * sqrt(k * m))
-    slopes = {
-        "frequency": np.array([-0.5 / m, 0.5 / k, 0.0]) * frequency,
-        "damping": np.array([-0.5 / m, -0.5 / k, 1.0 / c]) * damping,
-    }
-    rows = {
-        f"{body}_frequency": _entry(
-            frequency,
-            float(np.sqrt(slopes["frequency"] @ covariance @ slopes["frequency"])),
-            "Hz",
-            "frequency",
-            misfit,
-            note,
+    return {
+        f"{body}_mass": known.entry({mass: 1.0}, m, "kg", "mass")
+        if mass in fitted.values
+        else Entry(value=m, std=0.0, unit="kg", method="given", note="weighed"),
+        f"{body}_frequency": known.entry(
+            {mass: -0.5 / m * frequency, stiffness: 0.5 / k * frequency}, frequency, "Hz", "frequency"
         ),
-        f"{body}_damping": _entry(
-            damping,
-            float(np.sqrt(slopes["damping"] @ covariance @ slopes["damping"])),
-            "1",
-            "damping",
-            misfit,
-            note,
+        f"{body}_damping": known.entry(
+            {mass: -0.5 / m * damping, stiffness: -0.5 / k * damping, damper: damping / c}, damping, "1", "damping"
         ),
     }
-    if paths[0] in order:
-        mass = _entry(m, float(np.sqrt(covariance[0, 0])), "kg", "mass", misfit, note)
-    else:
-        mass = Entry(value=m, std=0.0, unit="kg", method="given", note="weighed")
-    return {f"{body}_mass": mass, **rows}
-
-
-def _entry(value: float, std: float, unit: str, kind: str, misfit: float, note: str) -> Entry:
-    whole = float(np.hypot(std, UNSEEN[kind] * value))
-    if misfit >= 0.01:
-        whole = float(np.hypot(whole, misfit * value))
-    if whole > 0.5 * abs(value):
-        return Entry(value=None, std=None, unit=unit, method="joint fit", note=note or "the data do not determine it")
-    return Entry(value=value, std=whole, unit=unit, method="joint fit", note=note)

@@ -1,0 +1,115 @@
+"""The study of intervals: short campaigns on random rigs, characterized, and how often 95 % intervals hold the truth.
+
+`python tests/analysis/coverage.py --minutes 20` goes on where the table ends; it can be stopped at any time. At the end
+(and with `--minutes 0` alone) it prints the share covered, parameter by parameter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "blind"))
+
+from envelopes import drawn_rig
+
+from analysis.characterize import characterize
+from analysis.model import RigModel
+from rig.baseline import baseline_model
+from rig.virtual import Take, virtual_campaign
+
+TABLE = ROOT / "docs" / "study" / "coverage.csv"
+COLUMNS = ("seed", "parameter", "truth", "value", "std")
+TAKES = (
+    Take(id="u70", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0),
+    Take(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=40.0, band=(0.5, 400.0)),
+    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=80.0),
+    Take(id="l7", configuration="locked", gain=7.0, seconds=20.0, start=120.0, band=(0.5, 400.0)),
+)
+#: Two-sided 95 % of the normal distribution, and what the covered share should lie in.
+QUANTILE, WANTED = 1.959964, (0.90, 0.98)
+
+
+def truths(model: RigModel) -> dict[str, float]:
+    """The parameter table of a rig."""
+    values = {"friction_force": model.get("contacts.isolation.law.friction_force")}
+    for body, link in (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation")):
+        m, k, c = model.body(body).mass, model.link(link).stiffness, model.link(link).damping
+        values |= {
+            f"{body}_mass": m, f"{body}_frequency": math.sqrt(k / m) / (2 * math.pi),
+            f"{body}_damping": c / (2 * math.sqrt(k * m)),
+        }  # fmt: skip
+    return values
+
+
+def rows_of(seed: int) -> list[dict[str, object]]:
+    """One campaign: what was true, what was found and how well it claims to be known."""
+    model = drawn_rig(np.random.default_rng(seed))
+    campaign = virtual_campaign(model, TAKES, seed=seed)
+    found = characterize(campaign, baseline_model(campaign))
+    true = truths(model)
+    return [
+        {
+            "seed": seed, "parameter": name, "truth": f"{true[name]:.9g}",
+            "value": "" if entry.value is None else f"{entry.value:.9g}",
+            "std": "" if entry.std is None else f"{entry.std:.4g}",
+        }
+        for name, entry in found.table.items()
+        if entry.method != "given"
+    ]  # fmt: skip
+
+
+def summary(table: Path) -> bool:
+    """Print the covered share of each parameter; whether all lie in what is wanted."""
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    print(f"{len({row['seed'] for row in rows})} campaigns")
+    print(f"{'parameter':22s} {'covered':>8s} {'z rms':>6s} {'std, ppm':>9s} {'refused':>8s}")
+    held = True
+    for name in dict.fromkeys(row["parameter"] for row in rows):
+        own = [row for row in rows if row["parameter"] == name]
+        told = [(float(r["truth"]), float(r["value"]), float(r["std"])) for r in own if r["value"]]
+        z = np.array([(value - truth) / std for truth, value, std in told])
+        share = float(np.mean(np.abs(z) <= QUANTILE))
+        held &= WANTED[0] <= share <= WANTED[1]
+        ppm = 1e6 * float(np.median([std / truth for truth, _, std in told]))
+        print(f"{name:22s} {share:8.3f} {np.sqrt(np.mean(z**2)):6.2f} {ppm:9.1f} {len(own) - len(told):8d}")
+    print(f"limits ({WANTED[0]:.0%} to {WANTED[1]:.0%} each): {'held' if held else 'broken'}")
+    return held
+
+
+def main() -> int:
+    """Go on with the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument("--campaigns", type=int, default=200)
+    parser.add_argument("--table", type=Path, default=TABLE)
+    args = parser.parse_args()
+    done: set[int] = set()
+    if args.table.exists():
+        with args.table.open() as file:
+            done = {int(row["seed"]) for row in csv.DictReader(file)}
+    args.table.parent.mkdir(parents=True, exist_ok=True)
+    end = time.monotonic() + 60.0 * args.minutes
+    for seed in (seed for seed in range(args.campaigns) if seed not in done):
+        if time.monotonic() > end:
+            break
+        rows = rows_of(seed)
+        fresh = not args.table.exists()
+        with args.table.open("a", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            if fresh:
+                writer.writeheader()
+            writer.writerows(rows)
+    return 0 if summary(args.table) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
