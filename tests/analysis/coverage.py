@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "blind"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
 
 from envelopes import drawn_rig
 
@@ -25,7 +24,7 @@ from analysis.model import RigModel
 from rig.baseline import baseline_model
 from rig.virtual import Take, virtual_campaign
 
-TABLE = ROOT / "docs" / "study" / "coverage.csv"
+TABLE = Path(__file__).parents[2] / "docs" / "study" / "coverage.csv"
 COLUMNS = ("seed", "parameter", "truth", "value", "std")
 TAKES = (
     Take(id="u70", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0),
