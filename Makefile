@@ -23,7 +23,7 @@ study: setup
 
 # The documentation site, warnings as errors.
 docs: setup
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Tables and figures of the thesis from a virtual campaign: docs/thesis.md and docs/pictures/thesis-*.
 thesis: setup

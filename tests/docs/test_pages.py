@@ -59,3 +59,22 @@ def test_every_command_is_on_the_first_page() -> None:
     registered = re.findall(r'name="(\w+)"\)', (ROOT / "rig" / "cli.py").read_text(encoding="utf-8"))
     missing = [name for name in registered if f"`rig {name}" not in told and name != "demo"]
     assert not missing
+
+
+def test_every_place_that_a_page_names_exists() -> None:
+    named = re.compile(r"`((?:analysis|drivers|rig|tests|bench|docs|fixtures_data)/[\w./-]*)`")
+    missing = {
+        f"{page.name}: {place}"
+        for page in [*DOCS.glob("*.md"), ROOT / "README.md"]
+        for place in named.findall(page.read_text(encoding="utf-8"))
+        if not (ROOT / place).exists()
+    }
+    assert not missing
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    call = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(call, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "api.html").read_text(encoding="utf-8").count("doc-heading") > 100
