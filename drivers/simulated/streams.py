@@ -15,6 +15,10 @@ from drivers.simulated.faults import Faults, Mishaps
 Source = Callable[[int, float], Raw]
 
 
+#: Samples that are played again and again at most.
+MOST = 100_000
+
+
 class _Paced:
     """How many samples are due at a speed, signal seconds per second."""
 
@@ -109,7 +113,7 @@ class SimulatedDataq:
             case ["stop"]:
                 self.scanning = False
             case ["start"]:
-                self._signal = self._source(round(self._seconds * self._rate), self._rate)
+                self._signal = self._source(min(round(self._seconds * self._rate), MOST), self._rate)
                 self.scanning, self._losing, self.dropped = True, False, 0
                 self._pace.begin()
                 return b""

@@ -64,6 +64,8 @@ def far_end(
     """
     faults = faults or Faults(seed=seed)
     shaken = Shaken(VirtualPlant(model, noise=noise, seed=seed), seed)
+    # Whatever is compiled on first use is compiled now, so that the instrument answers at once.
+    shaken.words(256, RECORD_RATE)
     if kind == "di1100":
         return SimulatedDataq(shaken.words, seconds=seconds, speed=speed, faults=faults)
     if kind == "mti600":

@@ -13,10 +13,13 @@ import h5py
 from analysis.measured import Run
 from rig.acquire.plan import SENSOR, Plan, RunPlan
 from rig.acquire.recorder import RESERVE
-from rig.acquire.recover import Recovered, campaign_of, working
+from rig.acquire.recover import Drift, Recovered, campaign_of, working
 from rig.errors import OutputError, PlanError
 from rig.output import replaced
 from rig.recording import open_recording, write
+
+#: Attributes of a run that tell how its clock drifted.
+DRIFT = ("clock_drift_ppm", "clock_drift_ppm_std")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +29,7 @@ class _Kept:
     run: Run
     ledger: h5py.Group | None = None
     sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    drift_ppm: float | None = None
+    drift: Drift | None = None
 
 
 def keep_session(partial: Path, output: Path, *, add: bool) -> None:
@@ -113,7 +116,7 @@ def _same(run: Run, planned: RunPlan, plan: Plan, output: Path) -> None:
 
 
 def _kept(found: Sequence[Recovered]) -> list[_Kept]:
-    return [_Kept(run=item.run, ledger=item.ledger, drift_ppm=item.drift_ppm) for item in found if item.run is not None]
+    return [_Kept(run=item.run, ledger=item.ledger, drift=item.drift) for item in found if item.run is not None]
 
 
 @contextmanager
@@ -135,14 +138,13 @@ def _write(output: Path, known: Mapping[str, float | str], kept: Sequence[_Kept]
 
 def _annotate(group: h5py.Group, item: _Kept) -> None:
     # What the format leaves open: what each sensor is, when each block arrived, how the clocks drifted.
-    if item.drift_ppm is not None:
-        group.attrs["clock_drift_ppm"] = item.drift_ppm
+    if item.drift is not None:
+        group.attrs.update(clock_drift_ppm=item.drift.ppm, clock_drift_ppm_std=item.drift.std)
     for name, told in item.sensors.items():
         group[name].attrs.update(told)
     if item.ledger is None:
         return
-    if "clock_drift_ppm" in item.ledger.attrs:
-        group.attrs["clock_drift_ppm"] = item.ledger.attrs["clock_drift_ppm"]
+    group.attrs.update({key: item.ledger.attrs[key] for key in DRIFT if key in item.ledger.attrs})
     for name in item.run.channels:
         told = item.ledger[name].attrs if name in item.ledger else {}
         group[name].attrs.update({key: told[key] for key in SENSOR if key in told})

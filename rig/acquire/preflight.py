@@ -19,9 +19,10 @@ from rig.errors import PlanError
 #: Seconds of rest and of drive; seconds without a block after which the look is over.
 REST, DRIVEN = 0.25, 0.75
 SILENCE = 1.0
-#: How much livelier a channel must be under drive than at rest, and how far rates may lie apart.
+#: How much livelier a channel must be under drive than at rest, and how far rates may lie apart by the instrument's clock and by
+#: this machine's, within the second of the look.
 LIVELIER = 1.2
-RATE_TOLERANCE = 0.01
+OWN, HOST = 0.01, 0.25
 #: Share of full scale that counts as the end of an input.
 END = 0.999
 
@@ -88,14 +89,15 @@ def _blocks(instrument: Stream, ticks: int) -> Iterable[Block]:
 
 
 def _rate(blocks: list[Block], rate: float) -> list[str]:
-    # The instrument's own clock against its own count.
+    # The instrument's own clock against its own count; where it has none, this machine's, which sees what arrived only.
     first, last = blocks[0], blocks[-1]
-    if first.device_time is None or last.device_time is None or last.device_time <= first.device_time:
+    if first.device_time is not None and last.device_time is not None:
+        passed, count, whose, tolerance = last.device_time - first.device_time, last.first_tick - first.first_tick, "its own", OWN
+    else:
+        passed, count, whose, tolerance = last.host_time - first.host_time, last.end_tick - first.end_tick, "this machine's", HOST
+    if passed <= 0.0 or abs(count / passed / rate - 1.0) <= tolerance:
         return []
-    seen = (last.first_tick - first.first_tick) / (last.device_time - first.device_time)
-    if abs(seen / rate - 1.0) <= RATE_TOLERANCE:
-        return []
-    return [f"the instrument takes {seen:.6g} samples a second by its own clock, not {rate:g}; correct sample_rate"]
+    return [f"the instrument takes {count / passed:.6g} samples a second by {whose} clock, not {rate:g}; correct sample_rate"]
 
 
 def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:

@@ -24,6 +24,19 @@ LEDGERS = frozenset({"gaps", "timing", "progress"})
 GAIN_MOVED = 1e-5
 
 
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """How much faster the instrument's clock runs than this machine's, and the standard deviation, parts per million."""
+
+    ppm: float
+    std: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is more than the arrival times scatter."""
+        return abs(self.ppm) > 3.0 * self.std
+
+
 class Saved:
     """The first `stored` samples of a channel that may be growing; read from disk by slice."""
 
@@ -53,8 +66,8 @@ class Recovered:
         Blocks that came with an overload.
     planned_gain
         The gain that the plan says; the run has the one that the instrument streamed.
-    drift_ppm
-        How much faster the instrument's clock runs than this machine's, parts per million; None where it cannot be told.
+    drift
+        Of the instrument's clock against this machine's; None where it cannot be told.
     ledger
         The run's group, with what a recording keeps beside the samples.
     """
@@ -68,7 +81,7 @@ class Recovered:
     planned: int
     overloads: int
     planned_gain: float
-    drift_ppm: float | None
+    drift: Drift | None
     ledger: h5py.Group | None = None
 
     @property
@@ -144,7 +157,7 @@ def recovered(group: h5py.Group, name: str) -> Recovered:
         id=name, finished=bool(progress["state"] == DONE), begun=bool(progress["state"] >= RUNNING), run=run, stored=stored,
         lost=sum(gap.count for gap in gaps), planned=int(group.attrs["planned"]), planned_gain=float(group.attrs["gain"]),
         ledger=group, overloads=int((timing["status"] & Status.OVERLOAD).astype(bool).sum()),
-        drift_ppm=_drift(timing, float(progress["sample_rate"])),
+        drift=_drift(timing, float(progress["sample_rate"])),
     )  # fmt: skip
 
 
@@ -160,18 +173,19 @@ def _gains(timing: np.ndarray, stored: int, gaps: Sequence[Gap]) -> NDArray[np.f
     return np.asarray(timing["gain"][block])
 
 
-def _drift(timing: np.ndarray, rate: float) -> float | None:
-    # How much faster the device counts than the host's clock says. Blocks come late, never early: in each sixteenth of the run
-    # the earliest is taken, and a line laid through these. Ticks that were lost are counted, so that loss is no drift.
+def _drift(timing: np.ndarray, rate: float) -> Drift | None:
+    # Blocks come late, never early: in each sixteenth of the run the earliest is taken, and a line laid through these. Ticks that
+    # were lost are counted, so that loss is no drift.
     if len(timing) < 64 or rate <= 0.0:
         return None
     host = timing["host_time"] - timing["host_time"][0]
+    if host[-1] < 1.0:
+        return None
     late = host - (timing["tick"] - timing["tick"][0]) / rate
     first = [part[np.argmin(late[part])] for part in np.array_split(np.arange(len(timing)), 16)]
-    slope = float(np.polyfit(host[first], late[first], 1)[0]) if host[-1] > 1.0 else -np.inf
-    ppm = -1e6 * slope
+    (slope, _), covariance = np.polyfit(host[first], late[first], 1, cov=True)
     # A virtual rig that plays faster than real time has no such clock.
-    return ppm if abs(ppm) < 1e5 else None
+    return Drift(ppm=-1e6 * float(slope), std=1e6 * float(np.sqrt(covariance[0, 0]))) if abs(slope) < 0.1 else None
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:

@@ -17,19 +17,19 @@ from rig.acquire.plan import Plan, RunPlan
 from rig.acquire.preflight import check_room, preflight, refuse
 from rig.acquire.recorder import Tally, lay_out, working_file
 from rig.acquire.records import measure_run
-from rig.acquire.recover import Recovered, recovered
+from rig.acquire.recover import Drift, Recovered, recovered
 from rig.acquire.take import Live, take
 from rig.errors import OutputError, PlanError, RecordingError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """A run that was taken: its tally, the check right after it, and how much faster the device counts than the host's clock."""
+    """A run that was taken: its tally, the check right after it, and how its clock drifted."""
 
     id: str
     tally: Tally
     verdict: Verdict
-    drift_ppm: float | None = None
+    drift: Drift | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +101,7 @@ def acquire(
                         refuse(name, preflight(instrument, plan, run))
                     tally = take(instrument, file, plan, run, repeat, name, operator.watch)
                     found = recovered(file[f"runs/{name}"], name)
-                    taken.append(
-                        Taken(id=name, tally=tally, verdict=check_run(found, drive=plan.drive), drift_ppm=found.drift_ppm)
-                    )
+                    taken.append(Taken(id=name, tally=tally, verdict=check_run(found, drive=plan.drive), drift=found.drift))
                     operator.taken(taken[-1])
         finally:
             keep_session(partial, output, add=resume)
@@ -125,7 +123,7 @@ def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done
             keep_measured(output, plan, measured, add=resume or bool(taken))
             found = Recovered(
                 id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
-                overloads=overloads, planned_gain=run.gain, drift_ppm=None,
+                overloads=overloads, planned_gain=run.gain, drift=None,
             )  # fmt: skip
             taken.append(
                 Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=check_run(found, drive=plan.drive))

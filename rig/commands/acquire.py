@@ -47,16 +47,26 @@ def acquire(
     yes
         Ask nothing: whoever calls this sees to locking and unlocking.
     json
-        Tell levels and results as one JSON object a line on standard output.
+        Tell levels and results as one JSON object a line on standard output: event is "live" while a run lasts, "taken"
+        behind it, and "ask" where the rig is to be locked or unlocked and a line on standard input is waited for.
     """
+    from drivers.errors import DriverError
     from rig.acquire.session import Operator
     from rig.acquire.session import acquire as run_session
     from rig.acquire.sound import read_plan
+    from rig.errors import OutputError
 
     planned = read_plan(plan)
+    if output.exists() and not resume:
+        raise OutputError(f"{output} exists already; go on with it by --resume, or give another -o")
     with _Screen(json=json) as screen:
         operator = Operator(lock=_silent if yes else screen.ask, watch=screen.watch, taken=screen.taken)
-        path, taken = run_session(planned, port or planned.instrument.port, output, operator, resume=resume, force=force)
+        try:
+            path, taken = run_session(planned, port or planned.instrument.port, output, operator, resume=resume, force=force)
+        except (KeyboardInterrupt, DriverError):
+            if output.exists():
+                print(f"what was measured is in {output}; rig acquire --resume goes on with the plan", file=sys.stderr)
+            raise
     if not json:
         bad = [item.id for item in taken if not item.verdict.good]
         print(f"{len(taken)} runs taken" + (f"; worth a second look: {', '.join(bad)}" if bad else ", all sound"))
@@ -88,9 +98,14 @@ class _Screen:
             self._display.stop()
 
     def ask(self, configuration: str) -> None:
+        from rig.errors import PlanError
+
+        if self._json:
+            self._line("ask", {"configuration": configuration})
         self._display.stop()
         print(f"Bring the rig into the configuration {configuration!r}, then press Enter.", file=sys.stderr, flush=True)
-        sys.stdin.readline()
+        if not sys.stdin.readline():
+            raise PlanError("nobody answers on standard input; --yes asks nothing where whoever calls sees to locking")
         if not self._json:
             self._display.start()
 
@@ -110,8 +125,8 @@ class _Screen:
             told += f"; {item.verdict.detections[0].periods} periods after the first, distortion " + "  ".join(
                 f"{d.response} {100 * max(d.odd, d.even):.1f} % (noise {100 * d.noise:.1f} %)" for d in item.verdict.detections
             )
-        if item.drift_ppm is not None and abs(item.drift_ppm) > 100.0:
-            told += f"; its clock runs {item.drift_ppm:+.0f} ppm against this machine's"
+        if item.drift is not None and item.drift.sure:
+            told += f"; its clock runs {item.drift.ppm:+.0f} ± {item.drift.std:.0f} ppm against this machine's"
         self._console.print(told, markup=False, highlight=False)
         for sentence in item.verdict.advice:
             self._console.print(f"  {sentence}", markup=False, highlight=False)
