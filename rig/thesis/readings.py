@@ -135,6 +135,6 @@ def half_power_explained(played: Played) -> Step:
         "drive matters, and reading a damping off a peak counts friction in. The gauge's 20 N and a reading of .073 do not go "
         "together at the drive assumed here (3.8 m/s² rms of the head at gain 70): about 8 N without any other damping read as "
         ".073, and then the error surface lies near the thesis's 80 kg. Either the thesis's drive was some 2.5 times harder, or "
-        "sliding friction was that much below breakaway, which is what Stribeck's law says; the data of the thesis cannot tell.",
+        "sliding friction was that much below breakaway, which is what Stribeck's law says; see further below.",
     ]
     return Step(title="What friction and resolution do to the readings", rows=rows, text=text)

@@ -82,7 +82,9 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
         "larger one: up to twice as far, for a number of moves that lasts half a period. So 0.6 Hz is safe for moves that go "
         "on, and a "
         "machine that may stop at any time needs about 1 Hz. `rig design` counts the swing afterwards unless the profile says "
-        "`after = false`."
+        "`after = false`. Flexures instead of bearings are the rows without friction; springs that are not linear are laws "
+        "of a link "
+        "(`cubic`, `bounded_softening`, `end_stop`) in any model that `rig simulate` plays, and causes that `rig diagnose` names."
     )
     return Step(
         title="Fig. 33-36: strokes and drive offset", rows=rows, text=[text],

@@ -11,6 +11,7 @@ from rig.thesis.campaign import HIGH, LOW, Played, played
 from rig.thesis.early import early
 from rig.thesis.isolation import offsets, ratio
 from rig.thesis.readings import RESOLUTIONS, apparent, read, resolutions
+from rig.thesis.rival import rival
 from rig.thesis.step import Row, Step, markdown
 from rig.thesis.strokes import lowest
 from rig.thesis.table import COMPARED, sizes
@@ -95,3 +96,13 @@ def test_markdown_keeps_tables_whole() -> None:
     text = markdown([Step(title="T", rows=[row], text=["words"])], ["preface"])
     assert text.startswith("# The thesis reproduced\n\npreface\n\n## T\n\n| what |")
     assert text.endswith("| a | 1 | 2 | differs |\n\nwords\n")
+
+
+def test_breakaway_of_twenty_and_sliding_of_eight_newtons_fit_more_of_the_thesis(data: Played) -> None:
+    found = {row.what: row.here for row in rival(data).rows}
+    coulomb, stribeck = (float(part.split(": ")[1]) for part in found["damping read off the motor"].split(";"))
+    assert stribeck == pytest.approx(0.073, rel=0.15)
+    assert coulomb > 0.3
+    for band in ("5 to 9", "13 to 15"):
+        apart = [float(part.split()[-2]) for part in found[f"ratio beside that without friction, {band} Hz"].split(";")]
+        assert apart[1] < 1.35 < apart[0]
