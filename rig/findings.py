@@ -8,7 +8,8 @@ from typing import Any
 
 import msgspec
 
-from analysis.diagnose.diagnosis import Diagnosis, Step
+from analysis.diagnose.diagnosis import Diagnosis
+from analysis.diagnose.step import Step
 from analysis.fit import Fit
 from analysis.measured import Campaign
 from rig.models import write_model

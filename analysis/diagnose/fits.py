@@ -7,14 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.diagnose.judge import score, worst
 from analysis.diagnose.mechanisms import Candidate
 from analysis.diagnose.search import Look, glanced, parameters_of
 from analysis.errors import FitError, ModelError
 from analysis.fit import Correlated, Fit, Free, Problem, base_parameters, fit
-from analysis.measured import Campaign
+from analysis.measured import Campaign, FloatArray
 from analysis.model import RigModel
+from analysis.simulate import Excitation
 from analysis.start import equation_start
-from analysis.trials import Trial, prepare
+from analysis.trials import Trial, expected, prepare
 
 #: Fine steps per sample of the simulations that models are judged by.
 JUDGED_OVERSAMPLE = 8
@@ -86,6 +88,26 @@ def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
     """The model as it was before a step, fitted from where the step has led its parameters."""
     values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
     return finished(replace(current, model=current.model.replace(values)), trials)
+
+
+def calibrated(done: Fit, trials: Sequence[Trial], floors: FloatArray, drive_noise: float) -> float:
+    """What a rig that is the model itself would get for its largest error over what is allowed.
+
+    The fitted model is simulated with the data's own noise on responses and drive, fitted anew, and judged as data are.
+    """
+    generator = np.random.default_rng(17)
+
+    def twin(trial: Trial) -> Trial:
+        fine = refined(trial)
+        clean = expected(done.model, fine)
+        noise = generator.normal(0.0, 1.0, clean.shape) * trial.noise[:, None]
+        drive = trial.excitation.recorded + generator.normal(0.0, drive_noise, trial.samples)
+        excitation = Excitation.prepare(drive, trial.sample_rate, oversample=trial.excitation.oversample)
+        return replace(trial, measured=clean + noise, excitation=excitation)
+
+    twins = [twin(trial) for trial in trials]
+    again = fit(done.model, done.free, Problem(twins, share=NARROW), iterations=3, tolerance=1e-3)
+    return worst(score(again.model, [refined(trial) for trial in twins]), floors)
 
 
 def diverse(looks: Sequence[Look]) -> list[Look]:

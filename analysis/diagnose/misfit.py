@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnose.doubles import Double, Lines, alike, doubles, lines
+from analysis.errors import DataError
+from analysis.isolation import isolation_ratio
+from analysis.measured import Campaign, ComplexArray, FloatArray
 from analysis.model import RigModel
 from analysis.trials import Trial, expected
 
-#: A band counts where the misfit's power exceeds the noise's by this factor.
-ABOVE_NOISE = 4.0
+#: A band counts where the misfit's power exceeds the noise's by this factor, other figures by these standard errors.
+ABOVE_NOISE, SURE = 4.0, 4.0
+#: Differences of a coherence, and of the isolation ratio and a peak's frequency as a share, that are worth a word.
+COHERENCE, SHARE = 0.02, 0.002
+#: Of the figures of each kind, those that are told.
+TOLD = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +43,16 @@ class Discrepancy:
     text: str
 
 
-def discrepancies(model: RigModel, trials: Sequence[Trial], *, most: int = 12) -> tuple[Discrepancy, ...]:
-    """The bands in which the model's error stands above the noise, largest first."""
+def discrepancies(campaign: Campaign, model: RigModel, trials: Sequence[Trial], *, most: int = 8) -> tuple[Discrepancy, ...]:
+    """Where the model's error stands above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
+    pairs = doubles(model, trials)
+    kinds = (_peaks(model, pairs), _bands(model, trials)[:most], _coherences(model, pairs)[:TOLD], _ratios(campaign, pairs))
+    found = [d for kind in kinds for d in kind]
+    found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
+    return tuple(found)
+
+
+def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
     found = []
     for trial in trials:
         rate, n = trial.sample_rate, trial.samples
@@ -74,4 +90,144 @@ def discrepancies(model: RigModel, trials: Sequence[Trial], *, most: int = 12) -
                 )
             )  # fmt: skip
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
-    return tuple(found[:most])
+    return found
+
+
+def _top(frequency: FloatArray, values: ComplexArray) -> tuple[int, float, float]:
+    # Line, frequency and height of the highest peak inside the band, by a parabola through three lines of the logarithm.
+    size = np.log(np.abs(values))
+    inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
+    if not len(inner):
+        return 0, np.nan, np.nan
+    k = int(inner[np.argmax(size[inner])])
+    left, middle, right = size[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    move = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    step = 0.5 * (frequency[k + 1] - frequency[k - 1])
+    return k, float(frequency[k] + move * step), float(np.exp(middle - 0.25 * (left - right) * move))
+
+
+def _shift(seen: Lines) -> tuple[float, float, float, float]:
+    # How far the measured peak lies above the simulated one (Hz), its deviation, its frequency, its height over the simulated.
+    k, measured, high = _top(seen.frequency, seen.measured)
+    near = np.abs(seen.frequency - measured) <= max(0.25 * measured, 4 * float(np.diff(seen.frequency).min()))
+    if k == 0 or near.sum() < 5:
+        return np.nan, np.nan, np.nan, np.nan
+    j, simulated, low = _top(seen.frequency[near], seen.simulated[near])
+    size = np.log(np.abs(seen.measured))
+    bend = max(-(size[k - 1] - 2 * size[k] + size[k + 1]), 1e-3)
+    std = float(seen.std[k]) * np.sqrt(0.5) / bend * float(np.diff(seen.frequency).min())
+    return (measured - simulated if j else np.nan), std, measured, high / low
+
+
+def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
+    found = []
+    groups = alike(pairs)
+    for sensor in model.sensors:
+        shifts = {}
+        for key, group in groups.items():
+            seen = lines(group, sensor.channel, model.drive.channel)
+            if seen is not None:
+                shifts[key] = _shift(seen)
+        clear = {key: s for key, s in shifts.items() if np.isfinite(s[0]) and abs(s[0]) > max(SURE * s[1], SHARE * s[2])}
+        if not clear:
+            continue
+        key = max(clear, key=lambda k: abs(clear[k][0]) / clear[k][2])
+        (configuration, gain), (by, std, at, height) = key, clear[key]
+        trial = groups[key][0].trial
+        band = (round(0.8 * at, 2), round(1.25 * at, 2))
+        size, noise = _error_in(groups[key][0], sensor.channel, band)
+        same = {g: s for (c, g), s in shifts.items() if c == configuration and g != gain and np.isfinite(s[0])}
+        moving = [g for g, s in same.items() if abs(s[0] - by) > SURE * np.hypot(s[1], std) + SHARE * at]
+        others = sorted({c for c, _ in shifts if c != configuration})
+        fit = [c for c in others if not any(k[0] == c for k in clear)]
+        text = (
+            f"{configuration.capitalize()} at gain {gain:g} the {sensor.channel}'s peak lies {abs(by):.2g} ± {std:.1g} Hz "
+            f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and is {height:.3g} times as high"
+        )
+        if same:
+            text += " and moves with the gain" if moving else "; it is the same at the other gains"
+        if fit:
+            text += f"; {' and '.join(fit)} runs fit"
+        found.append(
+            Discrepancy(
+                channel=sensor.channel, configuration=configuration, gain=gain, run=trial.run.id, band_hz=band, what="frf",
+                size=size, noise=noise, text=text + ".",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _error_in(pair: Double, channel: str, band: tuple[float, float]) -> tuple[float, float]:
+    # rms of misfit, and of noise, over rms of the signal in a band.
+    n, rate = len(pair.measured), pair.measured.sample_rate
+    frequency = np.fft.rfftfreq(n, 1.0 / rate)
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    measured = np.fft.rfft(pair.measured.read(channel))[inside]
+    error = np.fft.rfft(pair.simulated.read(channel))[inside] - measured
+    signal = float((np.abs(measured) ** 2).sum())
+    quiet = float(pair.trial.noise[pair.trial.channels.index(channel)]) ** 2 * n * int(inside.sum())
+    return float(np.sqrt((np.abs(error) ** 2).sum() / signal)), float(np.sqrt(quiet / signal))
+
+
+def _coherences(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
+    found = []
+    for (configuration, gain), group in alike(pairs).items():
+        for sensor in model.sensors:
+            seen = lines(group, sensor.channel, model.drive.channel)
+            if seen is None:
+                continue
+            off = seen.simulated_coherence - seen.coherence
+            # Bendat and Piersol (2010), 9.2: std of a coherence is sqrt(2 / n) (1 - g2) sqrt(g2); both are estimates.
+            std = 2.0 / np.sqrt(seen.averages) * (1.0 - seen.coherence) * np.sqrt(seen.coherence)
+            bad = np.abs(off) > np.maximum(SURE * std, COHERENCE)
+            if bad.sum() < 3:
+                continue
+            low, high = seen.frequency[bad][[0, -1]]
+            whole = float(np.sqrt(np.mean(seen.coherence[bad] ** 2)))
+            size, noise = float(np.sqrt(np.mean(off[bad] ** 2))) / whole, float(np.sqrt(np.mean(std[bad] ** 2))) / whole
+            text = (
+                f"{configuration.capitalize()} at gain {gain:g} the coherence of the {sensor.channel} with the drive is "
+                f"{seen.coherence[bad].mean():.3f} on {int(bad.sum())} lines between {low:g} and {high:g} Hz, "
+                f"where the simulation has {seen.simulated_coherence[bad].mean():.3f}."
+            )
+            found.append(
+                Discrepancy(
+                    channel=sensor.channel, configuration=configuration, gain=gain, run=group[0].trial.run.id,
+                    band_hz=(float(low), float(high)), what="coherence", size=size, noise=noise, text=text,
+                )
+            )  # fmt: skip
+    found.sort(key=lambda d: -d.size)
+    return found
+
+
+def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
+    try:
+        measured, simulated = (
+            isolation_ratio(replace(campaign, runs=tuple(runs)))
+            for runs in ([p.measured for p in pairs], [p.simulated for p in pairs])
+        )
+    except DataError:
+        return []
+    off = simulated.ratio - measured.ratio
+    bad = (np.abs(off) > SURE * measured.std) & (np.abs(off) > 10 * SHARE * measured.ratio)
+    if bad.sum() < 3:
+        return []
+    # The middle nine tenths of the misfit tell where it is.
+    order = np.cumsum(np.where(bad, (off / measured.ratio) ** 2, 0.0))
+    low, high = (int(np.searchsorted(order, q * order[-1])) for q in (0.05, 0.95))
+    inside = slice(low, high + 1)
+    whole = float(np.sqrt(np.mean(measured.ratio[inside] ** 2)))
+    band = (float(measured.frequency[low]), float(measured.frequency[high]))
+    median = float(np.median(simulated.ratio[inside] / measured.ratio[inside]))
+    gain = float(np.median(measured.gain[inside]))
+    run = next(p.trial.run for p in pairs if p.trial.run.configuration == "unlocked" and p.trial.run.gain == gain)
+    return [
+        Discrepancy(
+            channel="heatblock", configuration="unlocked", gain=gain, run=run.id, band_hz=band, what="ratio",
+            size=float(np.sqrt(np.mean(off[inside] ** 2))) / whole,
+            noise=float(np.sqrt(np.mean(measured.std[inside] ** 2))) / whole,
+            text=f"Between {band[0]:g} and {band[1]:g} Hz the isolation ratio (unlocked over locked) is simulated {median:.3g} "
+            f"times as large as measured in the middle, and off on {int(bad.sum())} lines by more than {SURE:g} deviations.",
+        )
+    ]  # fmt: skip

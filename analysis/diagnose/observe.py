@@ -24,10 +24,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesse
     deflection, speed = swings(model, trials)
     rate = trials[0].sample_rate
     last = max(t.start_time + t.samples / t.sample_rate for t in trials)
-    peaks: dict[str, float] = {}
-    for run in campaign.runs:
-        for name in run.channels:
-            peaks[name] = max(peaks.get(name, 0.0), float(np.abs(run.read(name)).max()))
+    peaks = peaks_of(campaign)
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
@@ -35,6 +32,15 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesse
         restart=lambda rig: equation_start(rig, trials),
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
+
+
+def peaks_of(campaign: Campaign) -> dict[str, float]:
+    """Largest recorded magnitude of each channel."""
+    peaks: dict[str, float] = {}
+    for run in campaign.runs:
+        for name in run.channels:
+            peaks[name] = max(peaks.get(name, 0.0), float(np.abs(run.read(name)).max()))
+    return peaks
 
 
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from analysis.diagnose.diagnosis import Diagnosis, Step
+from analysis.diagnose.diagnosis import Diagnosis
+from analysis.diagnose.step import Step
 from analysis.measured import Campaign
 from rig.report.charts import Role
 from rig.report.frequency import frequency_sections

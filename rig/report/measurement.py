@@ -24,7 +24,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
     """The report of a campaign as HTML, its parameters beside those found earlier."""
     model = found.fit.model
     models = {MODEL: simulated(model, found.trials)}
-    wrong = discrepancies(model, found.trials)
+    wrong = discrepancies(campaign, model, found.trials)
     frf, *isolation = frequency_sections(campaign, model)
     sections = [
         runs_section(campaign),

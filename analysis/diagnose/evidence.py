@@ -1,0 +1,394 @@
+"""What the records say before any cause is fitted: over frequency, gain and time, and in the shape of the isolation's force.
+
+Every figure is measured twice, on the record and on the fitted baseline's simulation under the same drive: what estimation itself
+does to it cancels, and only a difference is a sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.diagnose.doubles import BROAD, Double, Lines, alike, doubles, lines
+from analysis.diagnose.observe import flat_tops, mains, peaks_of
+from analysis.diagnose.surface import Surface, surface_of
+from analysis.errors import DataError
+from analysis.measured import Campaign, FloatArray
+from analysis.model import GROUND, RigModel
+from analysis.periodic import periodic
+from analysis.spectra import estimate
+from analysis.trials import Trial
+
+#: Standard errors from which a figure is a sign, and the share below which it is too small to be one.
+SURE, SMALL = 4.0, 0.004
+#: Causes that change with the amplitude at a link.
+CURVED = ("hardening_stiffness", "softening_stiffness", "backlash", "end_stop", "quadratic_damping")
+RUBBING = ("coulomb_friction", "stribeck_friction", "presliding_friction", "asymmetric_friction")
+STIFFER = ("hardening_stiffness", "end_stop", "backlash")
+SOFTER = ("softening_stiffness", "presliding_friction")
+LINEAR = ("extra_mode", "wrong_mass", "sensor_gain", "channel_delay", "crosstalk", "moment_coupling", "imperfect_lock")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sign:
+    """One thing the records say.
+
+    Parameters
+    ----------
+    text
+        A sentence with its figures.
+    speaks_for
+        Causes, each at a place ("" where the sign does not tell the place).
+    """
+
+    text: str
+    speaks_for: tuple[tuple[str, str], ...] = ()
+
+    def supports(self, cause: str, location: str) -> bool:
+        """Whether it speaks for this cause at this place."""
+        return any(name == cause and place in ("", location) for name, place in self.speaks_for)
+
+
+def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> tuple[Sign, ...]:
+    """All signs of a campaign beside a fitted model of it; of a rig that is judged by its drive, those of the records alone."""
+    pairs = doubles(model, trials)
+    return (
+        *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, pairs), *_poles(model, pairs),
+        *_configurations(pairs), *_gains(model, pairs), *_time(model, pairs), *_surfaces(model, pairs), *_periods(model, pairs),
+    )  # fmt: skip
+
+
+def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> list[Sign]:
+    flat = [
+        Sign(
+            text=f"Flat tops: the {name} stays at its largest magnitude, {limit:.4g}, as a clipped record does.",
+            speaks_for=(("clipping", name),),
+        )
+        for name, limit in flat_tops(campaign, peaks_of(campaign)).items()
+    ]
+    hums = [
+        Sign(
+            text=f"Lines: what the simulation leaves of the {name} has lines at {frequency:g} Hz and its multiples in most runs.",
+            speaks_for=(("mains_hum", name),),
+        )
+        for name, frequency in mains(model, trials).items()
+    ]
+    return [*flat, *hums]
+
+
+def _mean(values: FloatArray, std: FloatArray) -> tuple[float, float]:
+    # Weighted mean with a deviation that grows where the values disagree by more than their own.
+    weight = 1.0 / np.maximum(std, 1e-6) ** 2
+    mean = float(np.average(values, weights=weight))
+    chi = float(np.average((values - mean) ** 2, weights=weight) * weight.mean())
+    return mean, float(np.sqrt(max(chi, 1.0) / weight.sum()))
+
+
+def _slope(f: FloatArray, phase: FloatArray, std: FloatArray) -> tuple[float, float, float]:
+    # Delay in s of a phase that falls with frequency, its deviation, and the share of the phase's power it explains.
+    omega = 2 * np.pi * f
+    weight = 1.0 / np.maximum(std, 1e-6) ** 2
+    power = float((weight * omega**2).sum())
+    delay = -float((weight * omega * phase).sum()) / power
+    left = phase + omega * delay
+    chi = float(np.mean(weight * left**2))
+    explained = 1.0 - float((weight * left**2).sum()) / max(float((weight * phase**2).sum()), 1e-300)
+    return delay, float(np.sqrt(max(chi, 1.0) / power)), explained
+
+
+def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    # Bodies that a lock joins must agree in amplitude and in time, whatever the model.
+    found = []
+    at = {s.body: s.channel for s in model.sensors if s.relative_to == GROUND and s.quantity == "acceleration"}
+    for name, setup in model.configurations.items():
+        runs = [p.measured for p in pairs if p.trial.run.configuration == name and p.trial.run.excitation in BROAD]
+        for link in (model.link(rigid) for rigid in setup.rigid if any(x.name == rigid for x in model.links)):
+            if not runs or link.a not in at or link.b not in at:
+                continue
+            one, other = at[link.a], at[link.b]
+            values, stds, phases, fs = [], [], [], []
+            for run in runs:
+                frf = estimate([run], references=[other], channels=[one], resolution=1.0).frf(one, other)
+                low, high = run.band or (1.0, run.sample_rate / 2.56)
+                kept = (frf.coherence > 0.9) & (frf.frequency >= low) & (frf.frequency <= high)
+                values.append(np.abs(frf.value[kept]))
+                stds.append(frf.phase_std[kept])
+                phases.append(np.angle(frf.value[kept]))
+                fs.append(frf.frequency[kept])
+            value, std, phase, f = (np.concatenate(parts) for parts in (values, stds, phases, fs))
+            if len(f) < 5:
+                continue
+            ratio, error = _mean(value, std)
+            delay, late, _ = _slope(f, phase, std)
+            share = np.abs(value - ratio).mean()
+            off, shifted = abs(ratio - 1.0) > max(SURE * error, SMALL), abs(delay) > SURE * late and abs(delay) > 1e-5
+            text = (
+                f"Rigid bodies: {name}, {one} and {other} must move as one; their records stand as {ratio:.4f} ± {error:.1g} "
+                f"to 1, {one} {delay * 1e3:+.3g} ± {late * 1e3:.1g} ms late"
+            )
+            if not off and not shifted and share < 3 * SMALL:
+                found.append(Sign(text=text + ": they agree."))
+                continue
+            speaks = [("imperfect_lock", "lock")]
+            speaks += [(c, p) for p in (one, other) for c in ("sensor_gain", "crosstalk", "clipping")] if off else []
+            speaks += [("channel_delay", one), ("channel_delay", other)] if shifted else []
+            found.append(
+                Sign(text=text + ": one of the sensors, or the lock, does not tell the truth.", speaks_for=tuple(speaks))
+            )
+    return found
+
+
+def _chains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    # A sensor's own fault is the same in every run: a flat ratio, or a phase that is a straight line.
+    found = []
+    for sensor in model.sensors:
+        each = [x for group in alike(pairs).values() if (x := lines(group, sensor.channel, model.drive.channel))]
+        if not each:
+            continue
+        levels = np.array([_mean(np.abs(x.ratio), np.hypot(x.std, SMALL)) for x in each])
+        level, error = _mean(levels[:, 0], np.maximum(levels[:, 1], 1e-5))
+        bent = max(float(np.abs(np.abs(x.ratio) - level).mean()) for x in each)
+        if abs(level - 1.0) > max(SURE * error, SMALL) and bent < 0.3 * abs(level - 1.0):
+            found.append(
+                Sign(
+                    text=f"Flat ratio: the {sensor.channel} is recorded {level:.4f} ± {error:.1g} times as large as simulated, "
+                    "the same at every frequency, gain and configuration.",
+                    speaks_for=(("sensor_gain", sensor.channel),),
+                )
+            )
+        ratios = np.concatenate([x.ratio for x in each])
+        stds = np.concatenate([np.hypot(x.std, SMALL) for x in each])
+        f = np.concatenate([x.frequency for x in each])
+        delay, late, explained = _slope(f, np.angle(ratios), stds)
+        if abs(delay) > max(SURE * late, 1e-5) and explained > 0.7:
+            found.append(
+                Sign(
+                    text=f"Phase line: the {sensor.channel}'s phase beside the simulation is a straight line over frequency, "
+                    f"{delay * 1e3:.4g} ± {late * 1e3:.1g} ms late.",
+                    speaks_for=(("channel_delay", sensor.channel), ("channel_delay", model.drive.channel)),
+                )
+            )
+    return found
+
+
+def _poles(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    # A further mode shows as a narrow swing of measured over simulated, small away from it.
+    found = []
+    bodies = {s.channel: s.body for s in model.sensors}
+    for sensor in model.sensors:
+        best: tuple[float, float, float] | None = None
+        for group in alike(pairs).values():
+            seen = lines(group, sensor.channel, model.drive.channel)
+            if seen is None or len(seen.frequency) < 20:
+                continue
+            off = np.abs(seen.ratio - 1.0) / np.hypot(seen.std, SMALL)
+            k = int(np.argmax(np.convolve(off, np.ones(3) / 3.0, mode="same")))
+            size, rest = float(np.abs(seen.ratio[k] - 1.0)), float(np.median(np.abs(seen.ratio - 1.0)))
+            if off[k] > 2 * SURE and size > max(5 * rest, 3 * SMALL) and (best is None or size > best[1]):
+                best = float(seen.frequency[k]), size, rest
+        if best is not None:
+            place = bodies[sensor.channel]
+            found.append(
+                Sign(
+                    text=f"Poles: the {sensor.channel}'s transfer function leaves the simulated one by {100 * best[1]:.0f} % "
+                    f"near {best[0]:.4g} Hz, and by {100 * best[2]:.2g} % elsewhere: a mode there, or a peak out of place.",
+                    speaks_for=(("extra_mode", place), ("moment_coupling", place)),
+                )
+            )
+    return found
+
+
+def _misfit(pairs: Sequence[Double]) -> float:
+    # rms of the simulation's error over rms of the signal, the median over runs and channels.
+    shares = [
+        np.std(p.simulated.read(n) - p.measured.read(n)) / max(float(np.std(p.measured.read(n))), 1e-30)
+        for p in pairs
+        for n in p.trial.channels
+    ]
+    return float(np.median(shares))
+
+
+def _configurations(pairs: Sequence[Double]) -> list[Sign]:
+    names = list(dict.fromkeys(p.trial.run.configuration for p in pairs))
+    if len(names) < 2:
+        return []
+    error = {name: _misfit([p for p in pairs if p.trial.run.configuration == name]) for name in names}
+    told = ", ".join(f"{name} by {100 * e:.2g} %" for name, e in error.items())
+    text = f"Configurations: the fitted baseline errs {told} of the signal"
+    unlocked, locked = error.get("unlocked"), error.get("locked")
+    if unlocked is None or locked is None or max(unlocked, locked) < 3 * SMALL:
+        return [Sign(text=text + ".")]
+    if unlocked > 3 * locked:
+        speaks = tuple((cause, "isolation") for cause in (*CURVED, *RUBBING, "stiffness_drift"))
+        return [Sign(text=text + ": what is wrong moves only where the motor is free.", speaks_for=speaks)]
+    if locked > 3 * unlocked:
+        return [Sign(text=text + ": what is wrong shows where the motor is locked.", speaks_for=(("imperfect_lock", "lock"),))]
+    return [Sign(text=text + ": what is wrong is there in both.")]
+
+
+def _apart(one: Lines, other: Lines) -> tuple[float, float]:
+    # How far two ratios to the simulation lie apart on their common lines, and how far noise alone would put them.
+    f, i, j = np.intersect1d(np.round(one.frequency, 6), np.round(other.frequency, 6), return_indices=True)
+    if len(f) < 3:
+        return 0.0, np.inf
+    std = np.hypot(one.std[i], other.std[j])
+    weight = 1.0 / np.maximum(std, SMALL) ** 2
+    square = np.abs(one.ratio[i] - other.ratio[j]) ** 2
+    return float(np.sqrt(np.average(square, weights=weight))), float(np.sqrt(np.average(2 * std**2, weights=weight)))
+
+
+def _gains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    groups = alike(pairs)
+    moved: dict[str, list[str]] = {}
+    same: dict[str, str] = {}
+    for name in dict.fromkeys(configuration for configuration, _ in groups):
+        gains = sorted((g for c, g in groups if c == name), reverse=True)
+        if len(gains) < 2:
+            continue
+        same[name] = ", ".join(f"{g:g}" for g in gains)
+        for high, low in pairwise(gains):
+            for sensor in model.sensors:
+                one, other = (lines(groups[name, g], sensor.channel, model.drive.channel) for g in (high, low))
+                apart, noise = _apart(one, other) if one is not None and other is not None else (0.0, np.inf)
+                if apart > max(2.0 * noise, 3 * SMALL):
+                    moved.setdefault(name, []).append(
+                        f"{sensor.channel} between gains {high:g} and {low:g} by {100 * apart:.2g} %"
+                    )
+    found = [
+        Sign(
+            text=f"Homogeneity: {name}, measured over simulated moves with the gain ({'; '.join(told[:3])}): the misfit depends "
+            "on the amplitude.",
+            speaks_for=tuple((cause, "") for cause in (*CURVED, *RUBBING, "clipping")),
+        )
+        for name, told in moved.items()
+    ]
+    linear = () if moved else tuple((cause, "") for cause in LINEAR)
+    found += [
+        Sign(
+            text=f"Homogeneity: {name}, measured over simulated is the same at gains {gains}: what misfit there is, is linear.",
+            speaks_for=linear,
+        )
+        for name, gains in same.items()
+        if name not in moved
+    ]
+    return found
+
+
+def _time(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    found = []
+    for (name, gain), group in alike(pairs).items():
+        if len(group) < 2:
+            continue
+        first, last = group[0], group[-1]
+        minutes = (last.trial.start_time - first.trial.start_time) / 60.0
+        told = []
+        for sensor in model.sensors:
+            both = [lines([p], sensor.channel, model.drive.channel) for p in (first, last)]
+            if both[0] is not None and both[1] is not None:
+                apart, noise = _apart(both[0], both[1])
+                if apart > max(2.0 * noise, 3 * SMALL):
+                    told.append(f"{sensor.channel} {100 * apart:.2g} % (noise {100 * noise:.2g} %)")
+        where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
+        if told:
+            text = f"{where} disagree by more than noise: {', '.join(told)}: the rig has changed in between."
+            found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
+        else:
+            found.append(Sign(text=f"{where} agree to the noise: the rig has not changed."))
+    return found
+
+
+def _surfaces(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    return [sign for surface in surfaces(model, pairs) for sign in (*_bends(surface), *_rubs(surface))]
+
+
+def surfaces(model: RigModel, pairs: Sequence[Double]) -> tuple[Surface, ...]:
+    """The surface of every link that can be seen: in the run at the highest gain that swings it about its own frequency."""
+    found = []
+    for link in model.links:
+        mass = min(model.body(end).mass for end in (link.a, link.b) if end != GROUND)
+        own = np.sqrt(max(link.stiffness, 0.0) / mass) / (2 * np.pi)
+        for (name, _), group in sorted(alike(pairs).items(), key=lambda item: -item[0][1]):
+            low, high = group[0].trial.run.band or (0.0, np.inf)
+            if link.name not in model.configurations[name].rigid and low <= own <= high:
+                surface = surface_of(model, link, group[0])
+                if surface is not None:
+                    found.append(surface)
+                break
+    return tuple(found)
+
+
+def _bends(surface: Surface) -> list[Sign]:
+    rise, error = surface.stiffening
+    where = f"{surface.link} spring"
+    ends = f"{surface.stiffness[1]:.4g} N/m near the middle and {surface.stiffness[-1]:.4g} N/m at ±{1e3 * surface.swing:.2g} mm"
+    if not abs(rise) > max(SURE * error, 0.02):
+        return []
+    causes, verb = (STIFFER, "stiffens") if rise > 0.0 else (SOFTER, "softens")
+    return [
+        Sign(
+            text=f"Restoring force: the {where} {verb} with its swing by {100 * abs(rise):.2g} ± {100 * error:.1g} % beyond the "
+            f"baseline ({ends}).",
+            speaks_for=tuple((cause, surface.link) for cause in causes),
+        )
+    ]
+
+
+def _rubs(surface: Surface) -> list[Sign]:
+    found = []
+    (ways, ways_std), (bend, bend_std) = surface.direction, surface.bending
+    least = 0.03 * max(abs(surface.friction), 1e-9)
+    if abs(ways) > max(SURE * ways_std, least):
+        found.append(
+            Sign(
+                text=f"Friction force: at the {surface.link} it differs by {ways:.2g} ± {ways_std:.1g} N between the two ways of "
+                "sliding, beyond the baseline.",
+                speaks_for=(("asymmetric_friction", surface.link),),
+            )
+        )
+    if abs(bend) > max(SURE * bend_std, least):
+        more = "more" if bend > 0.0 else "less"
+        found.append(
+            Sign(
+                text=f"Friction force: at the {surface.link} slow and fast sliding have {abs(bend):.2g} ± {bend_std:.1g} N "
+                f"{more} of it than the speeds between, beyond the baseline.",
+                speaks_for=tuple(
+                    (cause, surface.link)
+                    for cause in (("stribeck_friction", "quadratic_damping") if bend > 0.0 else ("presliding_friction",))
+                ),
+            )
+        )
+    return found
+
+
+def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+    runs = [p.measured for p in pairs if p.trial.run.period is not None]
+    if not runs:
+        return [
+            Sign(
+                text="Periods: no run has a periodic drive, so distortion cannot be told from noise line by line; a name rests "
+                "on gains, configurations and held-out segments alone."
+            )
+        ]
+    found = []
+    for gain in sorted({run.gain for run in runs}, reverse=True):
+        group = [run for run in runs if run.gain == gain and run.configuration == runs[0].configuration]
+        for sensor in model.sensors:
+            try:
+                frf = periodic(group, response=sensor.channel, reference=model.drive.channel)
+            except DataError:
+                continue
+            size = float(np.median(np.abs(frf.value)))
+            noise, bent = float(np.median(frf.noise)) / size, float(np.nanmedian(frf.distortion)) / size
+            if np.isfinite(bent):
+                speaks = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > 3 * noise else ()
+                found.append(
+                    Sign(
+                        text=f"Periods: {group[0].configuration} at gain {gain:g} the {sensor.channel} is distorted by "
+                        f"{100 * bent:.2g} % of the signal, noise is {100 * noise:.2g} %.",
+                        speaks_for=speaks,
+                    )
+                )
+    return found

@@ -1,0 +1,140 @@
+"""The restoring-force surface of a link: what force it passed, over how far and how fast its ends moved.
+
+Masri and Caughey (1979). The force is what its free body's inertia and the drive leave: F = push - m a, for a body that hangs on
+this link alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnose.doubles import Double
+from analysis.measured import FloatArray, Run
+from analysis.model import GROUND, Link, RigModel
+from analysis.motion import motion_of
+
+#: Bins of the swing, and stretches of a run whose spread gives the deviations.
+BINS, STRETCHES = 6, 8
+#: Share of the force that a spring, a damper and friction must explain for the record to be clear enough of noise.
+CLEAR = 0.8
+#: Slow sliding, what lies between, and fast: shares of the largest speed.
+PACES = ((0.05, 0.15), (0.25, 0.45), (0.6, 0.9))
+#: Points kept for a picture.
+SHOWN = 1200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surface:
+    """A link's force, measured beside simulated.
+
+    Parameters
+    ----------
+    link, run
+        Names.
+    displacement, velocity, force
+        Samples of the measured record for a picture, m, m/s, N, shape (points,).
+    simulated
+        The force of the simulated record at the same moments, N, shape (points,).
+    swing
+        Deflection at the outermost bin, m.
+    stiffness
+        Secant stiffness by deflection from the middle outwards, N/m, shape (bins,).
+    friction
+        Mean of the force that reverses with the velocity, N.
+    stiffening, direction, bending
+        (value, deviation) beyond the simulated record's: growth of the stiffness from the middle to the ends as a share;
+        difference of the friction between the two ways, N; what slow and fast sliding have more of it than the speeds between, N.
+    """
+
+    link: str
+    run: str
+    displacement: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    simulated: FloatArray
+    swing: float
+    stiffness: FloatArray
+    friction: float
+    stiffening: tuple[float, float]
+    direction: tuple[float, float]
+    bending: tuple[float, float]
+
+
+def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
+    """The surface of a link in a run; None where no body with an accelerometer hangs on this link alone, or noise hides it."""
+    sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND and s.quantity == "acceleration"}
+    ends = [end for end in (link.a, link.b) if end != GROUND]
+    hanging = [end for end in ends if sum(end in (x.a, x.b) for x in model.links) == 1]
+    if not hanging or any(end not in sensors for end in ends) or link.arms:
+        return None
+    body = hanging[0]
+    sign = 1.0 if body == link.a else -1.0
+    band = pair.trial.run.band
+
+    def parts(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+        moves = [motion_of(run.read(sensors[end].channel), "acceleration", run.sample_rate, band) for end in ends]
+        v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
+        push = model.drive.pushes.get(body, 0.0) * model.drive.factor * run.read(model.drive.channel)
+        force = sign * (push - model.body(body).mass * run.read(sensors[body].channel))
+        edge = slice(round(run.sample_rate), -round(run.sample_rate))
+        return d[edge], v[edge], force[edge]
+
+    measured, simulated = parts(pair.measured), parts(pair.simulated)
+    if len(measured[0]) < 64 * STRETCHES or float(np.std(measured[0])) == 0.0:
+        return None
+    swing, speed = (float(np.quantile(np.abs(x), 0.995)) for x in measured[:2])
+    n = len(measured[0])
+    whole = [_figures(*part, swing, speed) for part in (measured, simulated)]
+    if whole[0].explained < CLEAR:
+        return None
+    stretches = []
+    for k in range(STRETCHES):
+        part = slice(n * k // STRETCHES, n * (k + 1) // STRETCHES)
+        told, said = ((d[part], v[part], force[part]) for d, v, force in (measured, simulated))
+        stretches.append(_figures(*told, swing, speed).signs - _figures(*said, swing, speed).signs)
+    value = whole[0].signs - whole[1].signs
+    error = np.std(stretches, axis=0, ddof=1) / np.sqrt(STRETCHES)
+    pairs = [(float(v), float(e)) for v, e in zip(value, error, strict=True)]
+    chosen = slice(None, None, max(1, n // SHOWN))
+    return Surface(
+        link=link.name, run=pair.trial.run.id, displacement=measured[0][chosen], velocity=measured[1][chosen],
+        force=measured[2][chosen], simulated=simulated[2][chosen], swing=swing,
+        stiffness=whole[0].stiffness, friction=whole[0].friction,
+        stiffening=pairs[0], direction=pairs[1], bending=pairs[2],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Figures:
+    # Stiffness by deflection, mean friction, and (stiffening, direction, bending).
+    stiffness: FloatArray
+    friction: float
+    signs: FloatArray
+    explained: float
+
+
+def _figures(d: FloatArray, v: FloatArray, force: FloatArray, swing: float, speed: float) -> _Figures:
+    basis = np.column_stack([d, v, np.sign(v)])
+    k, c, rubbing = weights = np.linalg.lstsq(basis, force, rcond=None)[0]
+    explained = 1.0 - float(np.var(force - basis @ weights) / max(float(np.var(force)), 1e-300))
+    spring = force - c * v - rubbing * np.sign(v)
+    place = np.minimum((BINS * np.abs(d) / swing).astype(int), BINS - 1)
+    power = np.bincount(place, d**2, minlength=BINS)
+    stiffness = np.bincount(place, spring * d, minlength=BINS) / np.maximum(power, 1e-300)
+    along = (force - k * d) * np.sign(v)
+    pace = np.abs(v) / speed
+    forth, back = along[(v > 0.0) & (pace > 0.05)], along[(v < 0.0) & (pace > 0.05)]
+    slow, between, fast = (along[(pace > low) & (pace <= high)] for low, high in PACES)
+    enough = min(len(forth), len(back), len(slow), len(between), len(fast)) > 0
+    direction = float(forth.mean() - back.mean()) if enough else np.nan
+    # Viscous damping lies on a straight line through the three.
+    at = [np.mean([low, high]) for low, high in PACES]
+    share = (at[1] - at[0]) / (at[2] - at[0])
+    bending = float((1 - share) * slow.mean() + share * fast.mean() - between.mean()) if enough else np.nan
+    # The innermost bin divides by next to nothing.
+    growth = float(stiffness[-1] / stiffness[1] - 1.0) if stiffness[1] else np.nan
+    return _Figures(
+        stiffness=stiffness, friction=float(rubbing), signs=np.array([growth, direction, bending]), explained=explained
+    )
