@@ -16,7 +16,6 @@ from analysis.errors import ModelError
 from analysis.measured import FloatArray, IntArray
 from analysis.model import GROUND, Link, RigModel, direction, matrices
 from analysis.simulate.elements import WIDTH, Element, Exit, of_contact, of_link
-from analysis.simulate.exponential import exponentials
 
 #: Modes that a rig may have: six contacts, or four end stops.
 MODES = 729
@@ -40,17 +39,16 @@ class Compiled:
         Full coordinates from the free ones, shape (bodies, n).
     cuts
         Parts into which a fine step is cut.
-    speed
-        Largest turn of any motion in such a part, rad.
-    rate
-        z' = rate y, shape (modes, 2 n, M).
     whole
         What follows from y after a step, in groups of eight rows by columns: by curved element its elongation and speed
         (m, m/s) half-way and at the end, then z, then by exit its margin and the margin's slope, (modes, groups, M, 8).
     blocks
         Groups of eight rows of `whole` that a mode needs, shape (modes,).
-    guards
-        Taylor coefficients in time of each exit's margin as rows on y, shape (modes, exits, terms, M).
+    series
+        Taylor coefficients in time, in the same groups term by term: by curved element its elongation and speed, then z,
+        then each exit's margin, (modes, terms * groups, M, 8).
+    terms
+        Number of terms.
     exits
         Element whose state each exit ends, the state that follows, and whether the margin starts from zero when the
         element has just changed, shape (modes, exits, 3); element -1 where a mode has fewer.
@@ -70,11 +68,10 @@ class Compiled:
 
     basis: FloatArray
     cuts: int
-    speed: float
-    rate: FloatArray
     whole: FloatArray
     blocks: IntArray
-    guards: FloatArray
+    series: FloatArray
+    terms: int
     exits: IntArray
     settle: FloatArray
     strides: IntArray
@@ -233,43 +230,42 @@ class _Systems:
         for place in range(len(self.curved)):
             first = m + 3 + 3 * place
             system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
-        small = exponentials(0.5 * system)
         exits = max(sum(max(len(s.exits) for s in element.states) for element in elements), 1) if elements else 1
-        terms, last = 1, 1.0
-        while (terms < 6 or last > 1e-18) and terms < 30:
-            last *= speed / terms
-            terms += 1
-        guards = np.zeros((modes, exits, terms, size))
         table = np.full((modes, exits, 3), -1, dtype=np.int64)
+        bent = 2 * len(self.curved)
+        rows = np.zeros((modes, bent + m + exits, size))
+        rows[:, 0:bent:2, :n] = self.w[self.curved]
+        rows[:, 1:bent:2, n:m] = self.w[self.curved] / step
+        rows[:, bent : bent + m, :m] = np.eye(m)
         for mode, states in enumerate(self.modes):
             place = 0
             for k, element in enumerate(elements):
                 state = element.states[states[k]]
                 for way in state.exits:
-                    guards[mode, place, 0] = self._margin(mode, k, way) / scale
+                    rows[mode, bent + m + place] = self._margin(mode, k, way) / scale
                     table[mode, place] = k, way.to, not state.holds
                     place += 1
-        for term in range(1, terms):
-            guards[:, :, term] = guards[:, :, term - 1] @ system / term
-        moved = small @ small
-        # Elongation and speed along every curved element, in m and m/s.
-        along = np.zeros((len(self.curved), 2, size))
-        along[:, 0, :n] = self.w[self.curved]
-        along[:, 1, n:m] = self.w[self.curved] / step
-        met = np.stack([along @ small[:, None], along @ moved[:, None]], axis=2).reshape(modes, -1, size)
+        series, last = [rows], 1.0
+        while (len(series) < 6 or last > 1e-18) and len(series) < 30:
+            last *= speed / len(series)
+            series.append(series[-1] @ system / len(series))
+        half, moved, slopes = np.zeros_like(rows), np.zeros_like(rows), np.zeros_like(rows)
+        for term, given in enumerate(series):
+            half += 0.5**term * given
+            moved += given
+            slopes += term * given
+        met = np.stack([part[:, :bent].reshape(modes, -1, 2, size) for part in (half, moved)], axis=2).reshape(modes, -1, size)
+        margins = np.stack([part[:, bent + m :] for part in (moved, slopes)], axis=2).reshape(modes, -1, size)
         counts = [len(element.states) for element in elements]
         params = [[*elements[k].params, *[0.0] * (WIDTH - len(elements[k].params))] for k in self.curved]
         widest = max(counts, default=1)
         return Compiled(
             basis=basis,
             cuts=cuts,
-            speed=speed,
-            rate=np.ascontiguousarray(system[:, :m]),
-            whole=_columns(
-                np.concatenate([met, moved[:, :m], (guards[:, :, :2] @ moved[:, None]).reshape(modes, -1, size)], axis=1)
-            ),
+            whole=_columns(np.concatenate([met, moved[:, bent : bent + m], margins], axis=1)),
             blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
-            guards=guards,
+            series=np.concatenate([_columns(given) for given in series], axis=1),
+            terms=len(series),
             exits=table,
             settle=self.settle,
             strides=np.array([prod(counts[k + 1 :]) for k in range(len(counts))], dtype=np.int64),

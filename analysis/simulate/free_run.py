@@ -131,8 +131,8 @@ def run_compiled(
     rows = sense.copy()
     rows[:, order:] /= step
     changes = run(
-        np.ascontiguousarray(drive), compiled.cuts, step, start_time, compiled.speed, compiled.rate, compiled.whole,
-        compiled.blocks, compiled.guards, compiled.exits, compiled.settle, compiled.strides, compiled.counts,
+        np.ascontiguousarray(drive), compiled.cuts, step, start_time, order, compiled.whole, compiled.blocks,
+        compiled.series, compiled.terms, compiled.exits, compiled.settle, compiled.strides, compiled.counts,
         compiled.curve_of, compiled.codes, compiled.params, compiled.directions, compiled.gates, rows, out,
         np.zeros((len(compiled.codes), 0)) if curved is None else curved,
         np.zeros(0, dtype=np.int64) if modes is None else modes,

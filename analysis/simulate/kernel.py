@@ -10,7 +10,7 @@ import numpy as np
 from analysis.jit import kernel
 from analysis.measured import FloatArray, IntArray
 from analysis.simulate.curves import advance, resist
-from analysis.simulate.step import first_exit, jump
+from analysis.simulate.step import first_exit, point
 
 #: Changes of mode that one step may see; beyond it the step is taken as it is.
 TRIPS = 60
@@ -34,9 +34,7 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
     for b in range(blocks):
         a0, a1, a2, a3 = base[b, 0], base[b, 1], base[b, 2], base[b, 3]
         a4, a5, a6, a7 = base[b, 4], base[b, 5], base[b, 6], base[b, 7]
-        # Backwards: the inputs first, which do not wait for the step before.
-        for k in range(last - first):
-            j = last - 1 - k
+        for j in range(first, last):
             x = y[j]
             a0 += columns[b, j, 0] * x
             a1 += columns[b, j, 1] * x
@@ -86,7 +84,14 @@ def march(
         d0[c], v0[c] = along(directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
-            read_out(at, mode, m, y, sense, places, filled, out, curved, modes)
+            # As in `read_out`; a call costs as much as the step.
+            for r in range(sense.shape[0]):
+                acc = 0.0
+                for k in range(filled[r]):
+                    acc += sense[r, k] * y[places[r, k]]
+                out[r, at] = acc
+            if len(modes) > 0:
+                read_out(at, mode, m, y, sense, places, filled, out, curved, modes)
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
         if curves == 0:
@@ -160,25 +165,16 @@ def bend(y: FloatArray, f: int, f0: float, fm: float, f1: float, left: float) ->
 
 
 @kernel
-def dot(a: FloatArray, b: FloatArray) -> float:
-    """Sum of products."""
-    acc = 0.0
-    for j in range(len(b)):
-        acc += a[j] * b[j]
-    return acc
-
-
-@kernel
 def run(
     u: FloatArray,
     cuts: int,
     step: float,
     t0: float,
-    speed: float,
-    rate: FloatArray,
+    n: int,
     whole: FloatArray,
     blocks: IntArray,
-    guards: FloatArray,
+    series: FloatArray,
+    terms: int,
     exits: IntArray,
     settle: FloatArray,
     strides: IntArray,
@@ -200,7 +196,9 @@ def run(
     ----------
     u
         The drive, shape (n,); a fine step has `cuts` steps of `step` seconds, the first at `t0`.
-    speed, rate, whole, blocks, guards, exits, settle, strides, counts, curve_of, codes, params, directions, gates
+    n
+        Number of coordinates.
+    whole, blocks, series, terms, exits, settle, strides, counts, curve_of, codes, params, directions, gates
         See `Compiled`.
     sense
         Rows on z for what is wanted on the grid, shape (sensors, m).
@@ -215,8 +213,8 @@ def run(
     int
         Number of changes of state; -1 where the motion grows without bound.
     """
-    m, size = rate.shape[1], rate.shape[2]
-    n, curves = m // 2, len(codes)
+    m, size, curves = 2 * n, whole.shape[2], len(codes)
+    bent, rows, groups = 2 * curves, 2 * curves + m + exits.shape[1], series.shape[1] // terms
     # Sensors read few coordinates: keep their weights in front.
     sense = sense.copy()
     places, filled = np.zeros(sense.shape, dtype=np.int64), np.zeros(len(sense), dtype=np.int64)
@@ -226,20 +224,26 @@ def run(
                 places[r, filled[r]] = i
                 sense[r, filled[r]] = sense[r, i]
                 filled[r] += 1
-    y, y1, middle, quarter = np.zeros(size), np.zeros(size), np.zeros(m), np.zeros(m)
-    term, work = np.zeros(m), np.zeros(m)
+    y, y1 = np.zeros(size), np.zeros(8 * groups)
+    middle, quarter, work, p = np.zeros(8 * groups), np.zeros(8 * groups), np.zeros(n), np.zeros(terms)
+    still, known8, taylor8 = np.zeros((len(series[0]), 8)), np.zeros((len(series[0]), 8)), np.zeros((len(series[0]), 8))
+    taylor = taylor8.reshape(terms, -1)
     base, after = np.zeros((whole.shape[1], 8)), np.zeros((whole.shape[1], 8))
-    p = np.zeros(guards.shape[2])
     inner, inner1, ends, largest = np.zeros(curves), np.zeros(curves), np.zeros(curves), np.zeros(curves)
     d0, v0, gate, floor = np.zeros(curves), np.zeros(curves), np.zeros(curves), np.zeros(curves)
     # How far a pass leaves the curved forces from where the next one takes them, as last seen.
     ratio = np.ones(1)
-    y[m] = y1[m] = 1.0
+    y[m] = 1.0
     mode, fresh, events, q = 0, -1, 0, 0
     share = 1.0 / cuts
     peak = np.abs(u).max()
     for c in range(curves):
-        floor[c] = LEAST * peak * np.abs(rate[:, :, m + 1]).max() / np.abs(rate[:, :, m + 3 + 3 * c]).max() + 1e-30
+        push, bends = 0.0, 1e-300
+        for i in range(n):
+            lane = 4 * curves + n + i
+            push = max(push, np.abs(whole[:, lane // 8, m + 1, lane % 8]).max())
+            bends = max(bends, np.abs(whole[:, lane // 8, m + 3 + 3 * c, lane % 8]).max())
+        floor[c] = LEAST * peak * push / bends + 1e-30
         gate[c] = gates[c, (mode // strides[curve_of[c]]) % counts[curve_of[c]]]
         y[m + 3 + 3 * c] = resist(codes[c], params[c], gate[c], inner[c], 0.0, 0.0, t0)
     while True:
@@ -268,90 +272,100 @@ def run(
                 d0[c], v0[c] = along(directions[c], y, n, step)
                 f = m + 3 + 3 * c
                 ends[c] = y[f] + part * (y[f + 1] + 0.5 * part * y[f + 2])
-            jump(rate[mode], y, part, speed, y1, middle, quarter, term, work)
+            ahead(series[mode], len(series[mode]), y, 0, m + 3, still, known8 if curves > 0 else taylor8)
+            if curves > 0:
+                ahead(series[mode], len(series[mode]), y, m + 3, size, known8, taylor8)
             before = 0.0
             for attempt in range(PASSES if curves > 0 else 0):
+                point(taylor, 0.5 * part, bent, middle)
+                point(taylor, part, bent, y1)
                 worst = 0.0
                 for c in range(curves):
-                    f0 = y[m + 3 + 3 * c]
-                    dm, vm = along(directions[c], middle, n, step)
-                    d1, v1 = along(directions[c], y1, n, step)
                     fm, f1, inner1[c] = advance(
-                        codes[c], params[c], gate[c], inner[c], d0[c], v0[c], dm, vm, d1, v1, part * step, now
-                    )
-                    bend(y, m + 3 + 3 * c, f0, fm, f1, part)
+                        codes[c], params[c], gate[c], inner[c], d0[c], v0[c], middle[2 * c], middle[2 * c + 1], y1[2 * c],
+                        y1[2 * c + 1], part * step, now,
+                    )  # fmt: skip
+                    bend(y, m + 3 + 3 * c, y[m + 3 + 3 * c], fm, f1, part)
                     largest[c] = max(abs(f1), FADING * largest[c], floor[c])
                     worst = max(worst, abs(f1 - ends[c]) / largest[c])
                     ends[c] = f1
-                jump(rate[mode], y, part, speed, y1, middle, quarter, term, work)
+                ahead(series[mode], len(series[mode]), y, m + 3, size, known8, taylor8)
                 if attempt > 0:
                     ratio[0] = min(CAUTION * worst / before, 1.0)
                 before = worst
                 if worst * ratio[0] <= SETTLED:
                     break
+            point(taylor, part, rows, y1)
             missed = 0.0
+            if curves > 0:
+                point(taylor, 0.5 * part, bent, middle)
+                point(taylor, 0.25 * part, bent, quarter)
             for c in range(curves):
                 f = m + 3 + 3 * c
-                dq, vq = along(directions[c], quarter, n, step)
                 # Half-way through the first half: what the parabola says of a point that it was not drawn through.
-                dm, vm = along(directions[c], middle, n, step)
-                fq, _, _ = advance(codes[c], params[c], gate[c], inner[c], d0[c], v0[c], dq, vq, dm, vm, 0.5 * part * step, now)
+                fq, _, _ = advance(
+                    codes[c], params[c], gate[c], inner[c], d0[c], v0[c], quarter[2 * c], quarter[2 * c + 1], middle[2 * c],
+                    middle[2 * c + 1], 0.5 * part * step, now,
+                )  # fmt: skip
                 drawn = y[f] + 0.25 * part * (y[f + 1] + 0.125 * part * y[f + 2])
                 missed = max(missed, abs(fq - drawn) / largest[c])
             if missed > FINE and part > SHORTEST:
                 part *= 0.5
                 continue
-            y1[m + 1], y1[m + 2] = y[m + 1] + y[m + 2] * part, y[m + 2]
-            for c in range(curves):
-                f = m + 3 + 3 * c
-                y1[f], y1[f + 1], y1[f + 2] = ends[c], y[f + 1] + part * y[f + 2], y[f + 2]
             best, which = 2.0, -1
             for g in range(exits.shape[1] if trips < TRIPS else 0):
-                e = exits[mode, g, 0]
+                e, row = exits[mode, g, 0], bent + m + g
                 if e < 0:
                     break
-                margins, young = guards[mode, g], e == fresh and exits[mode, g, 2] == 1
-                g0, g1 = dot(margins[0], y), dot(margins[0], y1)
+                young = e == fresh and exits[mode, g, 2] == 1
+                g0, g1 = taylor[0, row], y1[row]
                 look = g1 < 0.0 or (g0 < 0.0 and not young)
-                if not look:
+                if not look and taylor[1, row] < 0.0:
                     # Two crossings within the step: where the tangents at its ends meet below zero.
-                    slope0, slope1 = dot(margins[1], y), dot(margins[1], y1)
-                    if slope1 * part > g1 and slope0 < 0.0:
+                    slope0, slope1 = taylor[1, row], 0.0
+                    for k in range(terms - 1, 0, -1):
+                        slope1 = slope1 * part + k * taylor[k, row]
+                    if slope1 * part > g1:
                         meet = (g1 - slope1 * part - g0) / (slope0 - slope1)
                         look = g0 + slope0 * meet < 0.0
                 if look:
-                    tau = first_exit(margins, y, part, g1 < 0.0, young, p)
+                    p[:] = taylor[:, row]
+                    tau = first_exit(p, part, g1 < 0.0, young)
                     if tau < best:
                         best, which = tau, g
-            if which < 0:
-                for j in range(size):
-                    y[j] = y1[j]
-                for c in range(curves):
-                    inner[c] = inner1[c]
-                fresh = -1
-                left -= part
-                now += part * step
-                part *= 2.0
-                continue
-            trips += 1
-            tau = min(best, part)
-            jump(rate[mode], y, tau, speed, y1, middle, quarter, term, work)
-            for c in range(curves):
-                dm, vm = along(directions[c], middle, n, step)
-                d1, v1 = along(directions[c], y1, n, step)
-                _, _, inner[c] = advance(codes[c], params[c], gate[c], inner[c], d0[c], v0[c], dm, vm, d1, v1, tau * step, now)
-                y[m + 4 + 3 * c] += tau * y[m + 5 + 3 * c]
+            tau = part if which < 0 else min(best, part)
+            if which >= 0:
+                point(taylor, tau, rows, y1)
             for i in range(m):
-                y[i] = y1[i]
+                y[i] = y1[bent + i]
             y[m + 1] += tau * y[m + 2]
             left -= tau
+            if which < 0:
+                for c in range(curves):
+                    f = m + 3 + 3 * c
+                    y[f], y[f + 1], inner[c] = ends[c], y[f + 1] + tau * y[f + 2], inner1[c]
+                now += tau * step
+                fresh = -1
+                part *= 2.0
+                continue
+            if curves > 0:
+                point(taylor, 0.5 * tau, bent, middle)
+            for c in range(curves):
+                _, _, inner[c] = advance(
+                    codes[c], params[c], gate[c], inner[c], d0[c], v0[c], middle[2 * c], middle[2 * c + 1], y1[2 * c],
+                    y1[2 * c + 1], tau * step, now,
+                )  # fmt: skip
+                y[m + 4 + 3 * c] += tau * y[m + 5 + 3 * c]
             now += tau * step
+            trips += 1
             ratio[0] = 1.0
             for _ in range(exits.shape[1] + 1):
                 e, state = exits[mode, which, 0], exits[mode, which, 1]
                 mode += (state - (mode // strides[e]) % counts[e]) * strides[e]
                 for i in range(n):
-                    work[i] = dot(settle[mode, i], y[n : 2 * n])
+                    work[i] = 0.0
+                    for j in range(n):
+                        work[i] += settle[mode, i, j] * y[n + j]
                 for i in range(n):
                     y[n + i] = work[i]
                 for c in range(curves):
@@ -364,11 +378,12 @@ def run(
                 fresh = e
                 # What landed may not hold: then it goes on at once.
                 which = -1
+                ahead(series[mode], groups, y, 0, size, still, taylor8)
                 for g in range(exits.shape[1]):
                     e = exits[mode, g, 0]
                     if e < 0 or which >= 0:
                         break
-                    if (e != fresh or exits[mode, g, 2] == 0) and dot(guards[mode, g, 0], y) < 0.0:
+                    if (e != fresh or exits[mode, g, 2] == 0) and taylor[0, bent + m + g] < 0.0:
                         which = g
                 if which < 0:
                     break

@@ -1,4 +1,4 @@
-"""Parts of a step: the motion by its Taylor series, and where along it a margin falls below zero."""
+"""Parts of a step: the motion as a polynomial in time, and where along it a margin falls below zero."""
 
 from __future__ import annotations
 
@@ -7,51 +7,14 @@ from analysis.measured import FloatArray
 
 
 @kernel
-def jump(
-    rate: FloatArray,
-    y: FloatArray,
-    tau: float,
-    speed: float,
-    out: FloatArray,
-    middle: FloatArray,
-    quarter: FloatArray,
-    term: FloatArray,
-    work: FloatArray,
-) -> None:
-    """State after a part `tau` of a step by its Taylor series, into out[:m], and half and a quarter of the way there."""
-    m, size = rate.shape
-    curves = (size - m - 3) // 3
-    for i in range(m):
-        acc = 0.0
-        for j in range(size):
-            acc += rate[i, j] * y[j]
-        term[i] = tau * acc
-        out[i] = y[i] + term[i]
-        middle[i] = y[i] + 0.5 * term[i]
-        quarter[i] = y[i] + 0.25 * term[i]
-    bound, half = 1.0, 0.5
-    for k in range(2, 40):
-        for i in range(m):
-            acc = 0.0
-            for j in range(m):
-                acc += rate[i, j] * term[j]
-            if k == 2:
-                acc += rate[i, m + 1] * tau * y[m + 2]
-                for c in range(curves):
-                    acc += rate[i, m + 3 + 3 * c] * tau * y[m + 4 + 3 * c]
-            elif k == 3:
-                for c in range(curves):
-                    acc += rate[i, m + 3 + 3 * c] * 0.5 * tau * tau * y[m + 5 + 3 * c]
-            work[i] = acc * tau / k
-        half *= 0.5
-        for i in range(m):
-            term[i] = work[i]
-            out[i] += work[i]
-            middle[i] += half * work[i]
-            quarter[i] += half * half * work[i]
-        bound *= speed * tau / k
-        if k > 3 and bound < 1e-18:
-            break
+def point(coefficients: FloatArray, x: float, count: int, out: FloatArray) -> None:
+    """The first `count` rows at the share x of a step, from their Taylor coefficients (terms, rows)."""
+    last = len(coefficients) - 1
+    for i in range(count):
+        out[i] = coefficients[last, i]
+    for k in range(last - 1, -1, -1):
+        for i in range(count):
+            out[i] = out[i] * x + coefficients[k, i]
 
 
 @kernel
@@ -80,38 +43,31 @@ def falls(p: FloatArray, low: float, high: float) -> float:
         new = x - value / slope if slope != 0.0 else 0.5 * (low + high)
         if not low < new < high:
             new = 0.5 * (low + high)
-        if abs(new - x) <= 1e-16 * high or new in (low, high):
+        # Newton doubles the digits with every step: the next one would lie below rounding.
+        if abs(new - x) <= 1e-9 * high or new in (low, high):
             return new
         x = new
     return x
 
 
 @kernel
-def first_exit(margins: FloatArray, y: FloatArray, left: float, ends_below: bool, fresh: bool, p: FloatArray) -> float:
+def first_exit(p: FloatArray, left: float, ends_below: bool, fresh: bool) -> float:
     """Part of a step after which a margin falls below zero; 2 where it does not.
 
     Parameters
     ----------
-    margins
-        Taylor rows of the margin, shape (terms, M).
-    y
-        The vector at the start.
+    p
+        Taylor coefficients of the margin.
     left
         What is left of the step.
     ends_below
         Whether the margin is negative at the end; otherwise it may dip below zero in between.
     fresh
         Whether the margin starts from zero because its state has just begun.
-    p
-        Room for the polynomial.
     """
     total = 0.0
     for k in range(len(p)):
-        acc = 0.0
-        for j in range(margins.shape[1]):
-            acc += margins[k, j] * y[j]
-        p[k] = acc
-        total += abs(acc)
+        total += abs(p[k])
     if fresh and abs(p[0]) < 1e-9 * total:
         # The zero at the start is where the state came from: look for the next one.
         p[0] = 0.0
