@@ -13,6 +13,14 @@ from rig.report.page import Section, Table
 
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 
+WIRE_BONDER = (
+    "The motor of a wire bonder stands on springs and bearings on the machine's table; its head pushes it one way and moves "
+    "the other. "
+    "Unlocked, the motor recoils on its springs; locked, it is clamped to the table. The heatblock on the table is what must "
+    "stay "
+    "quiet. Accelerometers sit on head, motor, table and heatblock."
+)
+
 
 def words(name: str) -> str:
     """A name as it is read: underscores become spaces."""
@@ -36,7 +44,7 @@ def runs_section(campaign: Campaign) -> Section:
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
     return Section(
         title="Rig and runs",
-        text=[f"Known beforehand (SI): {known or 'nothing'}."],
+        text=[*([] if campaign.description else [WIRE_BONDER]), f"Known beforehand (SI): {known or 'nothing'}."],
         tables=[Table(columns=heads, rows=rows)],
     )
 
