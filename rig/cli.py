@@ -13,6 +13,7 @@ app = App(
     name="rig",
     help="From an instrument's wire to a named cause: a toolkit for motor-isolation test rigs.",
     version=lambda: version("isorig"),
+    suppress_keyboard_interrupt=False,
 )
 app.command("rig.commands.check:check", name="check")
 app.command("rig.commands.frf:frf", name="frf")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -55,24 +52,6 @@ def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
     assert verdicts["l70"].coherence["table"] > 0.9
     assert all(run.gaps == () for run in campaign.runs)
     assert watcher.seen[-1].full_scale == dict.fromkeys(("head", "motor", "table", "heatblock"), 50.0)
-
-
-def test_two_processes_and_numbers_for_other_programs(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    plan = tmp_path / "plan.toml"
-    plan.write_text(PLAN)
-    call = [sys.executable, "-m", "rig", "virtual", "instrument", "--seconds", "60", "--tcp"]
-    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as instrument:
-        try:
-            assert instrument.stdout is not None
-            port = instrument.stdout.readline().strip()
-            assert port.startswith("socket://127.0.0.1:")
-            assert main(["acquire", str(plan), "--port", port, "--yes", "--json", "-o", str(tmp_path / "c.h5")]) == 0
-        finally:
-            instrument.kill()
-    lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
-    assert {line["event"] for line in lines} == {"live", "taken"}
-    assert lines[-1]["tally"] == {"stored": 3072, "lost": 0, "overloads": 0}
-    assert main(["check", str(tmp_path / "c.h5")]) == 0
 
 
 PLAN = """
