@@ -10,6 +10,7 @@ from analysis.diagnose.misfit import discrepancies
 from analysis.measured import Campaign
 from analysis.rigs import THESIS
 from rig.characterized import ParameterFile
+from rig.report.advice import advice
 from rig.report.charts import Role
 from rig.report.frequency import frequency_sections
 from rig.report.history import history_sections
@@ -38,7 +39,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
             text=[d.text for d in wrong[:6]] or ["Nothing stands above the noise."],
             charts=[*misfit_charts(found.trials, models), scores_chart({MODEL: found.score}, found.trials)],
         ),
-        Section(title="Next", text=[_next(found)]),
+        Section(title="Advice for the next measurement", text=advice(campaign, found)),
         provenance_section(campaign),
     ]
     report = Report(
@@ -82,9 +83,3 @@ def _summary(found: Characterization) -> list[str]:
     if friction.value is not None:
         told.append(f"Friction between motor and table: {friction.value:.3g} ± {friction.std:.1g} N.")
     return told
-
-
-def _next(found: Characterization) -> str:
-    if found.adequate:
-        return "The model serves rig predict, rig isolation and rig design as it is."
-    return "Run rig diagnose on this recording: it looks for the cause of what is left."

@@ -41,6 +41,7 @@ addEventListener("load", () => setTimeout(async () => {
   await Plotly.relayout("chart0", { "xaxis.range": [0, 1] });
   await later();
   told.followed = zoom("chart1");
+  told.pictures = (await Promise.all(["svg", "png"].map((format) => Plotly.toImage("chart0", { format })))).map((p) => p.length);
   document.getElementById("theme").click();
   await later();
   told.kept = zoom("chart0");
@@ -111,6 +112,7 @@ def test_page_in_a_browser(tmp_path: Path, width: int, kind: str, request: pytes
     assert told["theme"] == "dark"
     assert told["letters"] >= 10.0
     assert told["offered"] == 3 * charts
+    assert min(told["pictures"]) > 5000
 
 
 def test_measurement_says_all_that_a_reader_needs(measured: str) -> None:
@@ -118,12 +120,14 @@ def test_measurement_says_all_that_a_reader_needs(measured: str) -> None:
     heads = re.findall(r"<h2>(.*?)</h2>", measured)
     assert heads == [
         "Rig and runs", "Transfer functions", "Parameters", "Parameters beside their history", "Simulated over measured",
-        "Isolation ratio", "What the simulation gets wrong", "Next", "Where the numbers came from",
+        "Isolation ratio", "What the simulation gets wrong", "Advice for the next measurement", "Where the numbers came from",
     ]  # fmt: skip
     assert "Motor frequency has changed by" in measured
     columns = re.findall(r"<th scope=\"col\">((?:first|later).*?)</th>", measured)
     assert columns == ["first, 2011-05-01", "later, 2011-06-01"]
     assert "sha256" in measured
+    assert "stuck 100 % of the time and the rig measures like a locked one" in measured
+    assert "Only one gain reaches the heatblock" in measured
 
 
 def test_another_rig_gets_its_transfer_functions_and_no_isolation_ratio() -> None:
