@@ -246,7 +246,7 @@ class _Systems:
                     table[mode, place] = k, way.to, not state.holds
                     place += 1
         series, last = [rows], 1.0
-        while (len(series) < 6 or last > 1e-18) and len(series) < 30:
+        while (len(series) < 6 or last > 1e-17) and len(series) < 30:
             last *= speed / len(series)
             series.append(series[-1] @ system / len(series))
         half, moved, slopes = np.zeros_like(rows), np.zeros_like(rows), np.zeros_like(rows)

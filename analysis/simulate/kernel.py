@@ -214,7 +214,7 @@ def run(
         Number of changes of state; -1 where the motion grows without bound.
     """
     m, size, curves = 2 * n, whole.shape[2], len(codes)
-    bent, rows, groups = 2 * curves, 2 * curves + m + exits.shape[1], series.shape[1] // terms
+    bent, looks, groups = 2 * curves, -(-2 * curves // 8), series.shape[1] // terms
     # Sensors read few coordinates: keep their weights in front.
     sense = sense.copy()
     places, filled = np.zeros(sense.shape, dtype=np.int64), np.zeros(len(sense), dtype=np.int64)
@@ -277,8 +277,8 @@ def run(
                 ahead(series[mode], len(series[mode]), y, m + 3, size, known8, taylor8)
             before = 0.0
             for attempt in range(PASSES if curves > 0 else 0):
-                point(taylor, 0.5 * part, bent, middle)
-                point(taylor, part, bent, y1)
+                point(taylor, 0.5 * part, looks, middle)
+                point(taylor, part, looks, y1)
                 worst = 0.0
                 for c in range(curves):
                     fm, f1, inner1[c] = advance(
@@ -295,11 +295,11 @@ def run(
                 before = worst
                 if worst * ratio[0] <= SETTLED:
                     break
-            point(taylor, part, rows, y1)
+            point(taylor, part, groups, y1)
             missed = 0.0
             if curves > 0:
-                point(taylor, 0.5 * part, bent, middle)
-                point(taylor, 0.25 * part, bent, quarter)
+                point(taylor, 0.5 * part, looks, middle)
+                point(taylor, 0.25 * part, looks, quarter)
             for c in range(curves):
                 f = m + 3 + 3 * c
                 # Half-way through the first half: what the parabola says of a point that it was not drawn through.
@@ -335,7 +335,7 @@ def run(
                         best, which = tau, g
             tau = part if which < 0 else min(best, part)
             if which >= 0:
-                point(taylor, tau, rows, y1)
+                point(taylor, tau, groups, y1)
             for i in range(m):
                 y[i] = y1[bent + i]
             y[m + 1] += tau * y[m + 2]
@@ -349,7 +349,7 @@ def run(
                 part *= 2.0
                 continue
             if curves > 0:
-                point(taylor, 0.5 * tau, bent, middle)
+                point(taylor, 0.5 * tau, looks, middle)
             for c in range(curves):
                 _, _, inner[c] = advance(
                     codes[c], params[c], gate[c], inner[c], d0[c], v0[c], middle[2 * c], middle[2 * c + 1], y1[2 * c],

@@ -7,14 +7,22 @@ from analysis.measured import FloatArray
 
 
 @kernel
-def point(coefficients: FloatArray, x: float, count: int, out: FloatArray) -> None:
-    """The first `count` rows at the share x of a step, from their Taylor coefficients (terms, rows)."""
+def point(coefficients: FloatArray, x: float, groups: int, out: FloatArray) -> None:
+    """The rows at the share x of a step from their Taylor coefficients (terms, 8 * groups), by Horner, eight at a time."""
     last = len(coefficients) - 1
-    for i in range(count):
-        out[i] = coefficients[last, i]
-    for k in range(last - 1, -1, -1):
-        for i in range(count):
-            out[i] = out[i] * x + coefficients[k, i]
+    for b in range(0, 8 * groups, 8):
+        a0, a1, a2, a3, a4, a5, a6, a7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(last, -1, -1):
+            a0 = a0 * x + coefficients[k, b]
+            a1 = a1 * x + coefficients[k, b + 1]
+            a2 = a2 * x + coefficients[k, b + 2]
+            a3 = a3 * x + coefficients[k, b + 3]
+            a4 = a4 * x + coefficients[k, b + 4]
+            a5 = a5 * x + coefficients[k, b + 5]
+            a6 = a6 * x + coefficients[k, b + 6]
+            a7 = a7 * x + coefficients[k, b + 7]
+        out[b], out[b + 1], out[b + 2], out[b + 3] = a0, a1, a2, a3
+        out[b + 4], out[b + 5], out[b + 6], out[b + 7] = a4, a5, a6, a7
 
 
 @kernel
