@@ -1,0 +1,129 @@
+"""Bad data by name: each fault put into a sound session, found in its place, and nothing found where nothing is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from analysis.measured import Campaign, Channel, FloatArray, Run
+from analysis.quality import faults, sound, without
+from analysis.rigs import THESIS, wire_bonder
+from rig.virtual import Take, virtual_campaign
+
+TAKES = (
+    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),
+    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=25.0, start=40.0),
+    Take(id="u70c", configuration="unlocked", gain=70.0, seconds=25.0, start=80.0),
+    Take(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=120.0, band=(0.5, 400.0)),
+    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=160.0),
+    Take(id="l7", configuration="locked", gain=7.0, seconds=20.0, start=200.0, band=(0.5, 400.0)),
+)
+Change = Callable[[FloatArray], FloatArray]
+
+
+@pytest.fixture(scope="module")
+def session() -> Campaign:
+    return virtual_campaign(wire_bonder({**THESIS, "friction_force": 12.0}), TAKES, seed=2)
+
+
+def changed(campaign: Campaign, run: str, channel: str, change: Change) -> Campaign:
+    def one(item: Run) -> Run:
+        if item.id != run:
+            return item
+        old = item.channels[channel]
+        new = Channel(name=channel, samples=change(old.read()), full_scale=old.full_scale)
+        return replace(item, channels={**item.channels, channel: new})
+
+    return replace(campaign, runs=tuple(one(item) for item in campaign.runs))
+
+
+def exchanged(campaign: Campaign, run: str, a: str, b: str) -> Campaign:
+    first, second = (next(r for r in campaign.runs if r.id == run).read(name) for name in (a, b))
+    return changed(changed(campaign, run, a, lambda _: second), run, b, lambda _: first)
+
+
+def named(campaign: Campaign) -> set[tuple[str, str, str]]:
+    return {(fault.run, fault.channel, fault.kind) for fault in faults(campaign)}
+
+
+@pytest.mark.parametrize("friction", [5.0, 12.0, 20.0])
+def test_a_sound_session_has_none(friction: float) -> None:
+    assert not faults(virtual_campaign(wire_bonder({**THESIS, "friction_force": friction}), TAKES, seed=3))
+
+
+def test_clipped(session: Campaign) -> None:
+    at_range = changed(session, "u70a", "motor", lambda x: np.clip(40.0 * x, -50.0, 50.0))
+    assert ("u70a", "motor", "clipped") in named(at_range)
+    unknown = changed(session, "l70", "table", lambda x: np.clip(x, -2.0 * x.std(), 2.0 * x.std()))
+    assert named(unknown) == {("l70", "table", "clipped")}
+
+
+@pytest.mark.parametrize("left", [0.0, 1e-5])
+def test_dead(session: Campaign, left: float) -> None:
+    generator = np.random.default_rng(0)
+    hurt = changed(session, "u7", "heatblock", lambda x: left * generator.standard_normal(len(x)))
+    assert named(hurt) == {("u7", "heatblock", "dead")}
+
+
+def test_noisy(session: Campaign) -> None:
+    generator = np.random.default_rng(0)
+    once = changed(session, "u70b", "table", lambda x: x + 0.5 * x.std() * generator.standard_normal(len(x)))
+    assert named(once) == {("u70b", "table", "noisy")}
+    always = session
+    for run in session.runs:
+        always = changed(always, run.id, "heatblock", lambda x: x + 0.2 * generator.standard_normal(len(x)))
+    assert {(run.id, "heatblock", "noisy") for run in session.runs} == named(always)
+
+
+@pytest.mark.parametrize("pair", [("motor", "table"), ("head", "motor")])
+def test_swapped_in_one_run(session: Campaign, pair: tuple[str, str]) -> None:
+    assert named(exchanged(session, "u70b", *pair)) == {("u70b", "/".join(pair), "swapped")}
+
+
+def test_table_and_heatblock_swapped_in_all_runs(session: Campaign) -> None:
+    wrong = session
+    for run in session.runs:
+        wrong = exchanged(wrong, run.id, "table", "heatblock")
+    # Below the heatblock's resonance the two move as one, so only the wide runs tell.
+    assert named(wrong) == {(run, "table/heatblock", "swapped") for run in ("u7", "l7")}
+
+
+def test_too_short(session: Campaign) -> None:
+    run = session.runs[4]
+    cut = {n: Channel(name=n, samples=c.read(0, 6000), full_scale=c.full_scale) for n, c in run.channels.items()}
+    short = replace(session, runs=(*session.runs[:4], replace(run, channels=cut), session.runs[5]))
+    assert named(short) == {("l70", "", "too short")}
+    assert "measure 9 s or longer" in faults(short)[0].text
+
+
+def test_not_at_rest(session: Campaign) -> None:
+    # What a recording looks like that was begun while the drive was on.
+    run = session.runs[4]
+    late = {n: Channel(name=n, samples=c.read(4000, None), full_scale=c.full_scale) for n, c in run.channels.items()}
+    found = named(replace(session, runs=(*session.runs[:4], replace(run, channels=late), session.runs[5])))
+    assert found == {("l70", "", "not at rest")}
+
+
+def test_a_drive_with_a_hole(session: Campaign) -> None:
+    stop = signal.butter(8, (100.0, 200.0), "bandstop", fs=1024.0, output="sos")
+    hollow = changed(session, "l7", "head", lambda x: np.asarray(signal.sosfiltfilt(stop, x)))
+    (fault,) = (f for f in faults(hollow) if f.kind == "no drive")
+    assert (fault.run, fault.channel) == ("l7", "head")
+    low, high = (float(part) for part in fault.text.split("from ")[1].split(" Hz")[0].split(" to "))
+    assert 100.0 < low < 135.0
+    assert 165.0 < high < 200.0
+
+
+def test_what_is_spoilt_stays_out_of_averages(session: Campaign) -> None:
+    hurt = changed(session, "u70a", "table", lambda x: 0.0 * x)
+    found = faults(hurt)
+    runs = hurt.select(configuration="unlocked", gain=70.0)
+    assert [run.id for run in sound(runs, found, ["head", "table"])] == ["u70b", "u70c"]
+    assert len(sound(runs, found, ["head", "motor"])) == 3
+    assert [run.id for run in without(hurt, found, ["table"]).runs] == ["u70b", "u70c", "u7", "l70", "l7"]
+    alone = changed(changed(session, "l70", "table", lambda x: 0.0 * x), "l7", "table", lambda x: 0.0 * x)
+    assert len(without(alone, faults(alone), ["table"]).runs) == 6
