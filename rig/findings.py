@@ -33,6 +33,12 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str]) -> dict[str, Any]:
             }
             for d in diagnosis.discrepancies
         ],
+        "evidence": [sign.text for sign in diagnosis.signs],
+        "adequacy": {
+            "worst": diagnosis.worst, "threshold": diagnosis.enough, "baseline_rig": diagnosis.calibration,
+            "how": "Largest error of a run and channel over what noise and the simulation's own limit allow; the threshold is "
+            "raised to 1.2 times what the baseline's own rig gets, simulated with the data's noise, where that is in doubt.",
+        },
         "steps": [_step(step) for step in diagnosis.steps],
         "indistinguishable": [
             [_place(step.cause, step.location), *(_place(*key) for key in step.indistinguishable)]
@@ -43,6 +49,11 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str]) -> dict[str, Any]:
             "baseline": diagnosis.baseline_error,
             "extended": diagnosis.extended_error,
             "noise_floor": diagnosis.floor,
+            "baseline_interval": list(diagnosis.gain.before),
+            "extended_interval": list(diagnosis.gain.after),
+            "removed": diagnosis.gain.removed if diagnosis.steps else 0.0,
+            "removed_interval": list(diagnosis.gain.removed_interval),
+            "interval": "95 % of 400 draws of held-out blocks (bootstrap)",
             "how": "Median over runs and channels of rms(predicted - measured) / rms(measured) over the last 40 % of every run "
             "(all of a run marked as held out), which no fit saw; the model runs free from the run's first sample.",
         },

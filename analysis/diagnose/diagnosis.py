@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.diagnose.evidence import Sign, signs
-from analysis.diagnose.fits import baseline_fit, calibrated, first_start, guesses_of, refined, settled, without
+from analysis.diagnose.fits import baseline_fit, calibrated, first_start, guesses_of, refined, settled, widened, without
 from analysis.diagnose.judge import (
     ENOUGH,
     SIMULATION_LIMIT,
@@ -65,9 +65,9 @@ class Diagnosis:
         The held-out errors of both behind these, run by run and channel by channel.
     signs
         What the records say beside the baseline before any cause is fitted.
-    enough, calibration
-        Largest error over what is allowed up to which a model is adequate, and what a rig that is the baseline itself would get
-        (None where the answer was plain without).
+    worst, enough, calibration
+        The baseline's largest error over what is allowed, up to which it would be adequate, and what a rig that is the baseline
+        itself would get (None where the answer was plain without).
     gain
         What the extension brought, with intervals.
     trials
@@ -84,6 +84,7 @@ class Diagnosis:
     floor: float
     scores: tuple[Score, Score]
     signs: tuple[Sign, ...]
+    worst: float
     enough: float
     calibration: float | None
     gain: Gain
@@ -107,7 +108,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     guesses = guesses_of(model, trials)
     guesses = (first_start(guesses, trials), *guesses)
-    baseline = baseline_fit(guesses[0], trials)
+    baseline = widened(baseline_fit(guesses[0], trials))
     stages = [_Stage(fit=baseline, score=score(baseline.model, fine))]
     drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
     quiet = noise_floor(baseline.model, fine, drive_noise)
@@ -132,7 +133,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         moved = excess(plain, floors) < excess(now.score, floors) - BETTER
         if moved:
             progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
-            now = stages[-1] = replace(now, fit=bare, score=plain)
+            now = stages[-1] = replace(now, fit=widened(bare), score=plain)
         if not _worthwhile(now, best, floors):
             if moved and tries < MOST_STEPS:
                 tries += 1
@@ -140,7 +141,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
             break
         # A cause may make the rig sensitive: then noise on the drive alone does more.
         quiet = np.maximum(quiet, noise_floor(better.model, fine, drive_noise))
-        stages.append(_Stage(fit=better, score=best, step=replace(step, before=now.score.figure, after=best.figure)))
+        stages.append(_Stage(fit=widened(better), score=best, step=replace(step, before=now.score.figure, after=best.figure)))
     floor = float(np.median(quiet))
     verdict, kept = _verdict(stages, _allowed(quiet), floor, enough)
     first, last = stages[0], stages[kept]
@@ -152,7 +153,8 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         discrepancies=discrepancies(campaign, first.fit.model, fine),
         steps=tuple(with_evidence(updated(step, last.fit), each) for step, each in zip(steps, said, strict=False) if step),
         baseline_error=first.score.figure, extended_error=last.score.figure, floor=floor, scores=(first.score, last.score),
-        signs=said[0], enough=enough, calibration=calibration, gain=gain(first.score, last.score, floor), trials=fine,
+        signs=said[0], worst=worst(first.score, _allowed(quiet)), enough=enough,
+        calibration=calibration, gain=gain(first.score, last.score, floor), trials=fine,
     )  # fmt: skip
 
 

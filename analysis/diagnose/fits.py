@@ -11,7 +11,7 @@ from analysis.diagnose.judge import score, worst
 from analysis.diagnose.mechanisms import Candidate
 from analysis.diagnose.search import Look, glanced, parameters_of
 from analysis.errors import FitError, ModelError
-from analysis.fit import Correlated, Fit, Free, Problem, base_parameters, fit
+from analysis.fit import Correlated, Fit, Free, Problem, base_parameters, disagreement, fit
 from analysis.measured import Campaign, FloatArray
 from analysis.model import RigModel
 from analysis.simulate import Excitation
@@ -77,6 +77,11 @@ def _near(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit
 def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
     """A fit brought to its end on all that fits may see."""
     return fit(rough.model, rough.free, Problem(trials, share=NARROW), iterations=4, tolerance=1e-3)
+
+
+def widened(done: Fit) -> Fit:
+    """A fit whose deviations include how far the runs disagree."""
+    return replace(done, covariance=done.covariance + disagreement(done))
 
 
 def settled(done: Fit, trials: Sequence[Trial]) -> Fit:

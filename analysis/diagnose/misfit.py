@@ -16,6 +16,8 @@ from analysis.trials import Trial, expected
 
 #: A band counts where the misfit's power exceeds the noise's by this factor, other figures by these standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
+#: Standard errors of a peak's place: leakage counts in them, which measured and simulated peaks have in common.
+MOVED = 2.0
 #: Differences of a coherence, and of the isolation ratio and a peak's frequency as a share, that are worth a word.
 COHERENCE, SHARE = 0.02, 0.002
 #: Of the figures of each kind, those that are told.
@@ -90,7 +92,9 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
                 )
             )  # fmt: skip
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
-    return found
+    # A run that repeats another says the same again.
+    kinds = {(d.channel, d.configuration, d.gain, d.what): d for d in reversed(found)}
+    return sorted(kinds.values(), key=lambda d: -d.size / max(d.noise, 1e-6))
 
 
 def _top(frequency: FloatArray, values: ComplexArray) -> tuple[int, float, float]:
@@ -129,7 +133,7 @@ def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
             seen = lines(group, sensor.channel, model.drive.channel)
             if seen is not None:
                 shifts[key] = _shift(seen)
-        clear = {key: s for key, s in shifts.items() if np.isfinite(s[0]) and abs(s[0]) > max(SURE * s[1], SHARE * s[2])}
+        clear = {key: s for key, s in shifts.items() if np.isfinite(s[0]) and abs(s[0]) > max(MOVED * s[1], SHARE * s[2])}
         if not clear:
             continue
         key = max(clear, key=lambda k: abs(clear[k][0]) / clear[k][2])
@@ -138,7 +142,7 @@ def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
         band = (round(0.8 * at, 2), round(1.25 * at, 2))
         size, noise = _error_in(groups[key][0], sensor.channel, band)
         same = {g: s for (c, g), s in shifts.items() if c == configuration and g != gain and np.isfinite(s[0])}
-        moving = [g for g, s in same.items() if abs(s[0] - by) > SURE * np.hypot(s[1], std) + SHARE * at]
+        moving = [g for g, s in same.items() if abs(s[0] - by) > MOVED * np.hypot(s[1], std) + SHARE * at]
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if not any(k[0] == c for k in clear)]
         text = (

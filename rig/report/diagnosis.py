@@ -13,6 +13,7 @@ from rig.report.frequency import frequency_sections
 from rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from rig.report.page import Report, Section, Table, build_report
 from rig.report.sections import number, parameters_table, provenance_section, runs_section, words
+from rig.report.surface import surface_charts
 
 VERDICTS = {
     "adequate": "Adequate: the baseline explains the data to the noise.",
@@ -20,6 +21,10 @@ VERDICTS = {
     "partly explained": "Partly explained: a cause is certain, and a misfit beyond it remains.",
     "unexplained": "Unexplained: the baseline misfits, and no cause in the catalogue earns its name.",
 }
+EVIDENCE = (
+    "Every figure is taken from the record and from the fitted baseline's simulation under the same drive; what estimation does "
+    "to it cancels, and only the difference counts."
+)
 BASELINE: tuple[str, Role] = ("baseline", "simulated")
 EXTENDED: tuple[str, Role] = ("extended model", "extended")
 
@@ -55,10 +60,15 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         Section(title="Simulated over measured", charts=time_charts(diagnosis.trials, models)),
         *isolation,
         Section(title="What the simulation gets wrong", text=wrong, charts=misfit_charts(diagnosis.trials, models)),
+        Section(
+            title="What the records say before a cause is fitted",
+            text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
+            charts=surface_charts(diagnosis.baseline.model, diagnosis.trials),
+        ),
         *(_named(step) for step in diagnosis.steps),
         Section(
             title="Gain on held-out data",
-            text=[content["holdout"]["how"]],
+            text=[_gained(diagnosis), content["holdout"]["how"]],
             charts=[scores_chart(scores, diagnosis.trials)],
         ),
         Section(title="Advice for the next measurement", text=advice(diagnosis)),
@@ -71,6 +81,18 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         sections=sections,
     )
     return build_report(report)
+
+
+def _gained(diagnosis: Diagnosis) -> str:
+    before, after = (f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in (diagnosis.gain.before, diagnosis.gain.after))
+    if not diagnosis.steps:
+        return f"The baseline's error lies between {before} of the signal (95 % interval of resampled blocks)."
+    low, high = diagnosis.gain.removed_interval
+    return (
+        f"The baseline's error lies between {before} of the signal, the extended model's between {after}: "
+        f"{100 * diagnosis.gain.removed:.3g} % of what stood above the floor is gone ({100 * low:.3g} to {100 * high:.3g} %; "
+        "95 % intervals of resampled blocks)."
+    )
 
 
 def _summary(diagnosis: Diagnosis) -> list[str]:

@@ -1,0 +1,38 @@
+"""Pictures of the force in a link: over its deflection, and what is left of it over its speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from analysis.diagnose.doubles import doubles
+from analysis.diagnose.evidence import surfaces
+from analysis.measured import FloatArray
+from analysis.model import RigModel
+from analysis.trials import Trial
+from rig.report.charts import Chart, Panel, Trace
+
+
+def surface_charts(model: RigModel, trials: Sequence[Trial]) -> list[Chart]:
+    """Two charts of every link that can be seen: measured points over simulated ones."""
+    charts = []
+    for seen in surfaces(model, doubles(model, trials)):
+        spring = model.link(seen.link).stiffness * seen.displacement
+        where = f"{seen.run}: the force that the {seen.link} passed"
+        charts += [
+            _chart(f"force-{seen.link}", f"{where}.", "deflection, mm", 1e3 * seen.displacement, seen.force, seen.simulated),
+            _chart(
+                f"friction-{seen.link}", f"{where}, without the baseline's spring.", "relative velocity, m/s", seen.velocity,
+                seen.force - spring, seen.simulated - spring,
+            ),
+        ]  # fmt: skip
+    return charts
+
+
+def _chart(name: str, caption: str, label: str, x: FloatArray, measured: FloatArray, simulated: FloatArray) -> Chart:
+    return Chart(
+        name=name, caption=caption, panels=[Panel(label="force, N")], x_label=label, x_log=False,
+        traces=[
+            Trace(name="baseline", x=x, y=simulated, role="simulated", style="markers"),
+            Trace(name="measured", x=x, y=measured, role="measured", style="markers"),
+        ],
+    )  # fmt: skip
