@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from drivers.block import Block, FloatArray, Input, Record
+from drivers.block import Block, FloatArray, Input, Record, Status
 
 
 class Instrument(Protocol):
@@ -79,6 +79,10 @@ class Exciter(Protocol):
 
 class Records(Instrument, Protocol):
     """An instrument that measures by itself and hands out finished records."""
+
+    def status(self) -> Status:
+        """What it says of its inputs now; GOOD where it cannot tell."""
+        ...
 
     def measure(self, timeout: float) -> None:
         """Take one measurement and wait until it is done.

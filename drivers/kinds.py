@@ -7,11 +7,11 @@ import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
+import drivers
 from drivers.instrument import Records, Stream
 from drivers.shows import Shows
 
@@ -65,6 +65,6 @@ class RecordsKind:
 @cache
 def kinds() -> Mapping[str, StreamKind | RecordsKind]:
     """Every kind by its name."""
-    names = [module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)]) if not module.ispkg]
+    names = [module.name for module in pkgutil.iter_modules(drivers.__path__) if not module.ispkg]
     found = [getattr(importlib.import_module(f"drivers.{name}"), "KIND", None) for name in names]
     return {kind.name: kind for kind in found if kind is not None}

@@ -40,6 +40,10 @@ class Sr785Instrument:
         self._send("OUTX1")
         self._events()
 
+    def status(self) -> Status:
+        """Whether an input is overloaded now."""
+        return Status.OVERLOAD if int(self._ask("INPS?")) else Status.GOOD
+
     def measure(self, timeout: float) -> None:
         """Start a measurement and wait until display 1 reports its average done."""
         self._send("STRT")
@@ -49,7 +53,7 @@ class Sr785Instrument:
                 raise InstrumentError(f"{self._port.name} was not done within {timeout:g} s; give the run more seconds")
             time.sleep(POLL)
         self._averages = int(self._ask("NAVG?0"))
-        self._overloaded = int(self._ask("INPS?")) != 0
+        self._status = self.status()
         self._events()
 
     def records(self) -> tuple[Record, ...]:
@@ -70,7 +74,7 @@ class Sr785Instrument:
         return Record(
             kind=shown.kind, x=np.linspace(first, last, points), values=self._floats(data, display), unit=shown.unit,
             source=f"display {display}", averages=self._averages, window=None,
-            status=Status.OVERLOAD if self._overloaded else Status.GOOD,
+            status=self._status,
         )  # fmt: skip
 
     def _floats(self, data: bytes, display: int) -> FloatArray:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.measured import FloatArray
+from analysis.measured import FloatArray, Run
 from drivers.block import Block, Status
-from drivers.instrument import Stream
+from drivers.instrument import Records, Stream
 from rig.acquire.drive import drive_of, load
 from rig.acquire.plan import Plan, RunPlan
 from rig.errors import PlanError
@@ -63,6 +63,23 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     return found
 
 
+def look_at_analyzer(instrument: Records) -> list[str]:
+    """What speaks against a measurement of an analyzer, before it is begun."""
+    if instrument.status() & Status.OVERLOAD:
+        return ["the analyzer reports an overload; choose a larger range or a lower gain"]
+    return []
+
+
+def look_at_record(measured: Run, plan: Plan) -> list[str]:
+    """What speaks against the record that came, before it is kept."""
+    if abs(measured.sample_rate / plan.instrument.sample_rate - 1.0) <= OWN:
+        return []
+    return [
+        f"the record has {measured.sample_rate:.6g} samples a second, not {plan.instrument.sample_rate:g}; correct sample_rate, "
+        "or the span on its panel"
+    ]
+
+
 def refuse(run: str, found: list[str]) -> None:
     """Raise what was found as one sentence.
 
@@ -72,7 +89,7 @@ def refuse(run: str, found: list[str]) -> None:
         Where anything was found.
     """
     if found:
-        raise PlanError(f"run {run!r} was not begun: {'; '.join(found)}; --force takes it all the same")
+        raise PlanError(f"run {run!r} was not taken: {'; '.join(found)}; --force takes it all the same")
 
 
 def _blocks(instrument: Stream, ticks: int) -> Iterable[Block]:

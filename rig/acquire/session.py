@@ -14,7 +14,7 @@ from rig.acquire.check import Verdict, check_run
 from rig.acquire.instruments import opened, opened_analyzer
 from rig.acquire.keep import keep_measured, keep_session, whole_runs
 from rig.acquire.plan import Plan, RunPlan
-from rig.acquire.preflight import check_room, preflight, refuse
+from rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
 from rig.acquire.recorder import Tally, lay_out, working_file
 from rig.acquire.records import measure_run
 from rig.acquire.recover import Drift, Recovered, recovered
@@ -85,7 +85,7 @@ def acquire(
         raise OutputError(f"{no_room}; --force begins all the same")
     done = _done(partial, output, plan, resume=resume)
     if plan.instrument.analyzer:
-        return output, _with_analyzer(plan, port, output, operator, done, resume=resume)
+        return output, _with_analyzer(plan, port, output, operator, done, resume=resume, force=force)
     taken: list[Taken] = []
     with opened(plan, port) as instrument:
         _check_against(instrument, plan)
@@ -110,7 +110,9 @@ def acquire(
     return output, taken
 
 
-def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool) -> list[Taken]:
+def _with_analyzer(
+    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool
+) -> list[Taken]:
     # A record is whole or not there: the recording is written anew after each.
     taken: list[Taken] = []
     configuration = ""
@@ -119,7 +121,11 @@ def _with_analyzer(plan: Plan, port: str, output: Path, operator: Operator, done
             if run.configuration != configuration:
                 operator.lock(run.configuration)
                 configuration = run.configuration
+            if not force:
+                refuse(name, look_at_analyzer(instrument))
             measured, overloads = measure_run(instrument, plan, run, name)
+            if not force:
+                refuse(name, look_at_record(measured, plan))
             keep_measured(output, plan, measured, add=resume or bool(taken))
             found = Recovered(
                 id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),

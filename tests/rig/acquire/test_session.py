@@ -32,7 +32,7 @@ RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 8.0}
 def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
     watcher, output = Watcher(), tmp_path / "c.h5"
     plan = plan_of(
-        {"id": "u70", **RANDOM, "repeats": 2}, {"id": "m", "excitation": "multisine", "band": [1.0, 50.0], "seconds": 9.0},
+        {"id": "u70", **RANDOM, "repeats": 2}, {"id": "m", "excitation": "multisine", "band": [1.0, 50.0], "seconds": 13.0},
         {"id": "l70", **RANDOM, "configuration": "locked", "seconds": 24.0}, {"id": "u7", **RANDOM, "gain": 7.0, "seed": 5},
         sensitivity=0.2,
     )  # fmt: skip
@@ -44,9 +44,15 @@ def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
     by_id = {run.id: run for run in campaign.runs}
     assert by_id["u70-1"].read("head").std() == pytest.approx(3.8, rel=0.01)
     assert not np.array_equal(by_id["u70-1"].read("head"), by_id["u70-2"].read("head"))
-    assert (by_id["m"].period, len(by_id["m"])) == (4096, 8192)
+    assert (by_id["m"].period, len(by_id["m"])) == (4096, 12288)
     np.testing.assert_allclose(by_id["l70"].read("motor"), by_id["l70"].read("table"), atol=0.01)
     verdicts = {taken.id: taken.verdict for taken in watcher.runs}
+    assert [item.periods for item in verdicts["m"].detections] == [2, 2, 2]
+    # Dry friction is an odd distortion, far above the sensors' noise.
+    (motor,) = (item for item in verdicts["m"].detections if item.response == "motor")
+    assert motor.odd > 0.1
+    assert motor.odd > 10.0 * motor.noise
+    assert any("motor has lines that nothing drives" in advice for advice in verdicts["m"].advice)
     assert any("friction was not overcome" in advice for advice in verdicts["u7"].advice)
     assert not any("friction" in advice for advice in verdicts["u70-1"].advice)
     assert verdicts["l70"].coherence["table"] > 0.9
