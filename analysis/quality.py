@@ -14,12 +14,14 @@ import numpy as np
 
 from analysis.errors import DataError
 from analysis.isolation import broad
-from analysis.measured import Campaign, FloatArray, Run
+from analysis.measured import Campaign, Channel, FloatArray, Run
 from analysis.spectra import Spectra, estimate, stretches
 
 Kind = Literal["clipped", "dead", "swapped", "noisy", "too short", "not at rest", "no drive"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only what runs free from the start.
 SPOILING: tuple[Kind, ...] = ("clipped", "dead", "swapped", "noisy")
+#: Samples that are looked at in one go: records may be longer than memory.
+LONGEST = 1 << 20
 #: Share of full scale that counts as its end; equal samples in a row at a record's extreme that show a limit, and how many such.
 FULL, ROW, ROWS = 0.999, 3, 3
 #: A channel below this share of the loudest of its kind is dead.
@@ -82,14 +84,18 @@ def _sensors(run: Run) -> list[str]:
     return [name for name, channel in run.channels.items() if channel.quantity != "gain"]
 
 
+def _blocks(channel: Channel) -> Iterator[FloatArray]:
+    return (channel.read(start, start + LONGEST) for start in range(0, len(channel), LONGEST))
+
+
 def _clipped(run: Run) -> Iterator[Fault]:
     for name in _sensors(run):
-        values, top = run.read(name), run.channels[name].full_scale
-        if top is not None and (count := int((np.abs(values) >= FULL * top).sum())):
-            text = (
-                f"run {run.id!r}: {name} clipped, {count} samples at the end of its range of ±{top:g} {run.channels[name].unit}"
-            )
-        elif (count := _plateaus(values)) >= ROWS:
+        channel = run.channels[name]
+        top, unit = channel.full_scale, channel.unit
+        full = 0 if top is None else sum(int((np.abs(block) >= FULL * top).sum()) for block in _blocks(channel))
+        if full:
+            text = f"run {run.id!r}: {name} clipped, {full} samples at the end of its range of ±{top:g} {unit}"
+        elif (count := _plateaus(channel)) >= ROWS:
             text = f"run {run.id!r}: {name} looks clipped, its extreme value comes {count} times several samples in a row"
         else:
             continue
@@ -98,20 +104,22 @@ def _clipped(run: Run) -> Iterator[Fault]:
         )
 
 
-def _plateaus(values: FloatArray) -> int:
+def _plateaus(channel: Channel) -> int:
     # How often the record stays at its largest or smallest value for several samples.
-    if len(np.unique(values[:4096])) < 32:  # a coarse converter repeats every value
+    if len(np.unique(channel.read(0, 4096))) < 32:  # a coarse converter repeats every value
         return 0
+    ends = np.array([(block.min(), block.max()) for block in _blocks(channel)])
     count = 0
-    for extreme in (values.max(), values.min()):
-        at = np.concatenate([[False], values == extreme, [False]])
-        edges = np.flatnonzero(np.diff(at.astype(np.int8)))
-        count += int((edges[1::2] - edges[::2] >= ROW).sum())
+    for block in _blocks(channel):
+        for extreme in (ends[:, 0].min(), ends[:, 1].max()):
+            at = np.concatenate([[False], block == extreme, [False]])
+            edges = np.flatnonzero(np.diff(at.astype(np.int8)))
+            count += int((edges[1::2] - edges[::2] >= ROW).sum())
     return count
 
 
 def _dead(run: Run) -> Iterator[Fault]:
-    sizes = {name: float(run.read(name).std()) for name in _sensors(run)}
+    sizes = {name: max(float(block.std()) for block in _blocks(run.channels[name])) for name in _sensors(run)}
     for name, size in sizes.items():
         kind = run.channels[name].quantity
         loudest = max(s for other, s in sizes.items() if run.channels[other].quantity == kind)
@@ -156,7 +164,7 @@ def _accelerations(run: Run) -> list[str]:
 
 def _floor(run: Run, name: str) -> tuple[float, float] | None:
     # Level of what is white in a record, from the quietest part of its spectrum, and the record's own rms.
-    values = run.read(name)
+    values = run.channels[name].read(0, LONGEST)
     n = len(values)
     if n < 1024:
         return None
@@ -219,7 +227,7 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
     if spectra is None:
         return
     rate = run.sample_rate
-    drive = run.read(reference)
+    drive = run.channels[reference].read(0, LONGEST)
     names = [name for name in _sensors(run) if name != reference and (run.id, name) not in hurt]
     worst: tuple[float, str] | None = None
     low, high = _band(run, spectra)
@@ -229,7 +237,7 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
         ahead = len(response) // 8
         taps = np.roll(response, ahead)
         told = oaconvolve(drive - drive.mean(), taps)[ahead : ahead + len(drive)]
-        values = run.read(name)
+        values = run.channels[name].read(0, LONGEST)
         left = values - values.mean() - told
         second = round(rate)
         powers = np.array([np.mean(left[k : k + second] ** 2) for k in range(0, len(left) - second + 1, second)])
