@@ -1,7 +1,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint study docs thesis
+.PHONY: setup demo test lint bench study docs thesis
+
+# How long `make study` goes on drawing campaigns.
+MINUTES ?= 60
 
 setup: .venv/ready
 
@@ -18,8 +21,19 @@ demo: setup
 test: setup
 	$(BIN)/python -m pytest -q -m "not study"
 
+# Speed and accuracy beside peers, each in one run.
+bench: setup
+	$(BIN)/python bench/simulate.py
+	$(BIN)/python bench/spectra.py
+	$(BIN)/python bench/damping.py
+	$(BIN)/python bench/acquire.py
+	$(BIN)/python bench/design.py
+
+# The long tests, and the rates of the diagnosis: goes on where the last one ended, for docs/study.md.
 study: setup
 	$(BIN)/python -m pytest -q -m study
+	$(BIN)/python tests/blind/study.py --minutes $(MINUTES)
+	$(BIN)/python tests/blind/tally.py
 
 # The documentation site, warnings as errors.
 docs: setup

@@ -141,7 +141,8 @@ def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
         trial = groups[key][0].trial
         band = (round(0.8 * at, 2), round(1.25 * at, 2))
         size, noise = _error_in(groups[key][0], sensor.channel, band)
-        same = {g: s for (c, g), s in shifts.items() if c == configuration and g != gain and np.isfinite(s[0])}
+        # The same peak at other gains; theirs may be another one.
+        same = {g: s for (c, g), s in shifts.items() if c == configuration and g != gain and abs(s[2] - at) < 0.25 * at}
         moving = [g for g, s in same.items() if abs(s[0] - by) > MOVED * np.hypot(s[1], std) + SHARE * at]
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if not any(k[0] == c for k in clear)]

@@ -1,0 +1,147 @@
+"""What the study has found so far: rates with their intervals, the confusion matrix as a table and a picture.
+
+`python tests/blind/tally.py` writes docs/study.md and docs/pictures/study-*.png from docs/study/results.csv.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from envelopes import CAUSES, OUTSIDE
+from study import TABLE
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE, PICTURE = DOCS / "study.md", DOCS / "pictures" / "study-confusion.png"
+#: Sizes by how far the fitted baseline's held-out error stands above the noise floor.
+CLASSES = (("full size (10 floors or more)", 10.0, np.inf), ("a third (3.3 to 10 floors)", 10 / 3, 10.0), ("less", 0.0, 10 / 3))
+
+
+def rate(right: int, of: int) -> str:
+    """Share with its 95 % interval (Wilson 1927)."""
+    if of == 0:
+        return "none yet"
+    interval = binomtest(right, of).proportion_ci(method="wilson")
+    return f"{right} of {of}: {100 * right / of:.1f} % ({100 * interval.low:.1f} to {100 * interval.high:.1f} %)"
+
+
+def said(row: pd.Series) -> str:
+    """What was answered, as a column of the confusion matrix."""
+    return str(row["named"]).split("+")[0].split(" at ")[0] if row["named"] else str(row["verdict"])
+
+
+def confusion(table: pd.DataFrame) -> pd.DataFrame:
+    """Counts of what was hidden (rows) against the first name that was given (columns)."""
+    kinds = [k for k in ("none", *CAUSES, "two", *(f"outside: {o}" for o in OUTSIDE)) if (table["kind"] == k).any()]
+    counts = pd.crosstab(table["kind"], table.apply(said, axis=1))
+    columns = [c for c in (*CAUSES, "unexplained", "adequate") if c in counts.columns]
+    return counts.loc[kinds, columns]
+
+
+def draw(counts: pd.DataFrame, target: Path) -> None:
+    """The matrix as a picture."""
+    figure = Figure(figsize=(10.0, 8.5), layout="constrained")
+    axes = figure.add_subplot()
+    share = counts.div(counts.sum(axis=1), axis=0)
+    axes.imshow(share.to_numpy(), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    for i in range(counts.shape[0]):
+        for j in range(counts.shape[1]):
+            if counts.iat[i, j]:
+                colour = "white" if share.iat[i, j] > 0.5 else "black"
+                axes.text(j, i, str(counts.iat[i, j]), ha="center", va="center", fontsize=8, color=colour)
+    axes.set_xticks(range(counts.shape[1]), [c.replace("_", " ") for c in counts.columns], rotation=60, ha="right", fontsize=8)
+    axes.set_yticks(range(counts.shape[0]), [k.replace("_", " ") for k in counts.index], fontsize=8)
+    axes.set(xlabel="first name given, or the verdict", ylabel="hidden in the recording")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(target, dpi=110)
+
+
+def markdown(rows: list[tuple[str, ...]], head: tuple[str, ...]) -> str:
+    """A table."""
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def rates(table: pd.DataFrame) -> list[tuple[str, ...]]:
+    """The figures that the study is for."""
+    hidden = table[table["kind"].isin([*CAUSES, "two"])]
+    above = hidden["baseline"] / hidden["floor"]
+    none, outside = table[table["kind"] == "none"], table[table["kind"].str.startswith("outside")]
+    named, two = table[table["named"] != ""], table[table["kind"] == "two"]
+    gained = hidden[hidden["verdict"] == "explained"]
+    removed = (gained["later_baseline"] - gained["later_extended"]) / (gained["later_baseline"] - gained["floor"])
+    found = []
+    for name, low, high in CLASSES:
+        part = hidden[(above >= low) & (above < high)]
+        found.append((f"right cause and place, {name}", rate(int(part["right"].sum()), len(part))))
+    found += [
+        ("right where it names a cause", rate(int(named["right"].sum()), len(named))),
+        ("named where there is no effect (false alarm)", rate(int((none["named"] != "").sum()), len(none))),
+        ("no effect, said to be adequate", rate(int((none["verdict"] == "adequate").sum()), len(none))),
+        ("cause outside the catalogue, no name given", rate(int((outside["named"] == "").sum()), len(outside))),
+        (
+            "cause outside the catalogue, said to be unexplained",
+            rate(int((outside["verdict"] == "unexplained").sum()), len(outside)),
+        ),
+        ("two causes at once, both named", rate(int((two["named"].str.count(" at ") >= 2).sum()), len(two))),
+        (
+            "share of the explainable error removed on later runs",
+            f"median {100 * removed.median():.1f} % over {len(removed)} campaigns" if len(removed) else "none yet",
+        ),
+    ]
+    return found
+
+
+def causes(table: pd.DataFrame) -> list[tuple[str, ...]]:
+    """One row for each kind."""
+    rows = []
+    for kind, part in table.groupby("kind", sort=False):
+        above = part["baseline"] / part["floor"]
+        rows.append(
+            (
+                str(kind).replace("_", " "),
+                *(
+                    f"{int(p['right'].sum())} of {len(p)}"
+                    for _, low, high in CLASSES
+                    for p in [part[(above >= low) & (above < high)]]
+                ),
+            )
+        )
+    return sorted(rows)
+
+
+def main() -> None:
+    table = pd.read_csv(TABLE, keep_default_na=False)
+    counts = confusion(table)
+    draw(counts, PICTURE)
+    seeds = f"{table['seed'].min()} to {table['seed'].max()}"
+    text = f"""# How often it is right
+
+{len(table)} campaigns (seeds {seeds}) were drawn blind, each with a rig of its own, an effect of a drawn size or none, or one
+that no catalogue names; the virtual rig recorded it, `rig diagnose` answered on the recording alone, and only then was the draw
+opened. An answer is right where every name it gives, or one that it calls indistinguishable from it, was hidden there at that
+place. The intervals are for 95 %. `make study` draws further campaigns and writes this page anew; every campaign has a line
+in `docs/study/results.csv`.
+
+{markdown(rates(table), ("what", "rate (95 % interval)"))}
+
+![Confusion matrix](pictures/{PICTURE.name})
+
+Right answers by kind, and by how far the fitted baseline's held-out error stood above the noise floor (where nothing was
+hidden, and outside the catalogue, right means that no name was given):
+
+{markdown(causes(table), ("hidden", *(name for name, _, _ in CLASSES)))}
+"""
+    PAGE.write_text(text)
+    print(f"{PAGE}: {len(table)} campaigns")
+
+
+if __name__ == "__main__":
+    main()
