@@ -18,6 +18,7 @@ from drivers.frames import TEXT, Decoder, Frame, unwrap
 from drivers.kinds import Settings, StreamKind
 from drivers.port import PATIENCE, Port
 
+PROTOCOL = "isorig-framed/1"
 #: How often a command is repeated, and seconds that the instrument may need before it starts.
 TRIES = 3
 START_PATIENCE = 60.0
@@ -51,7 +52,10 @@ class FramedInstrument:
         self._first = 0
         self._clock = 0
         self._heard = time.monotonic()
-        self.identity = self._ask("STOP", "ID?")[1]
+        protocol, *name = self._ask("STOP", "ID?")
+        if protocol != PROTOCOL:
+            raise ProtocolError(f"{port} speaks {protocol!r} and this program {PROTOCOL!r}; update the older of the two")
+        self.identity = " ".join(name)
         self.inputs: Sequence[Input] = self._inputs()
 
     def __enter__(self) -> FramedInstrument:
