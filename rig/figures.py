@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from analysis.classic import ErrorSurface, SetUp
     from analysis.isolation import IsolationRatio
     from analysis.measured import FloatArray
+    from analysis.periodic import PeriodicFrf
     from analysis.spectra import Frf
 
 
@@ -45,6 +46,23 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     magnitude.legend(fontsize=8)
     phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
     coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz", xlim=band)
+    return _gridded(figure)
+
+
+def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:
+    """Magnitude and phase at the driven lines, and how much noise and how much distortion stands beside the magnitude."""
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    magnitude, phase = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
+    for name, frf in found.items():
+        colour = _banded(magnitude, frf.frequency, np.abs(frf.value), frf.magnitude_std, name)
+        magnitude.plot(frf.frequency, frf.noise, ".", ms=2, color=colour, label=f"{name}: noise of one realization")
+        if np.isfinite(frf.distortion).any():
+            magnitude.plot(frf.frequency, frf.distortion, "--", lw=0.8, color=colour, label=f"{name}: distortion")
+        phase.plot(frf.frequency, np.degrees(np.angle(frf.value)), ".", ms=2, color=colour)
+    first = next(iter(found.values()))
+    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|")
+    magnitude.legend(fontsize=8)
+    phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180), xlabel="frequency, Hz")
     return _gridded(figure)
 
 

@@ -10,19 +10,26 @@ import numpy as np
 
 from analysis.errors import DataError
 from analysis.isolation import broad
-from analysis.measured import Campaign
+from analysis.measured import Campaign, Run
+from analysis.periodic import PeriodicFrf, periodic
+from analysis.quality import Fault, faults, sound
 from analysis.spectra import Estimator, Frf, estimate
 
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
-    """A transfer function and the runs that it was averaged over; `band` is the drive's, Hz."""
+    """A transfer function and the runs that it was averaged over; `band` is the drive's, Hz.
+
+    `left_out` are runs whose records are spoilt; `periods` is the same period by period, where the drive repeats.
+    """
 
     frf: Frf
     configuration: str
     gain: float
     runs: tuple[str, ...]
     band: tuple[float, float]
+    left_out: tuple[str, ...] = ()
+    periods: PeriodicFrf | None = None
 
     @property
     def name(self) -> str:
@@ -49,8 +56,18 @@ def transfer_functions(
     responses: Sequence[str] = (),
     resolution: float = 0.25,
     estimator: Estimator = "H1",
+    found: Sequence[Fault] | None = None,
 ) -> list[Transfer]:
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
+
+    Parameters
+    ----------
+    campaign
+        Measured or simulated.
+    reference, responses, resolution, estimator
+        As in `analysis.spectra`; all other channels where no response is named.
+    found
+        What is wrong with the campaign's records; worked out where None. Spoilt runs are left out where others remain.
 
     Raises
     ------
@@ -60,23 +77,47 @@ def transfer_functions(
     runs = broad(campaign.runs)
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
-    found = []
+    wrong = faults(campaign, reference=reference) if found is None else found
+    transfers = []
     for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (k[0] != "unlocked", -k[1])):
         same = broad(campaign.select(configuration=configuration, gain=gain))
         names = responses or [
             name for name, channel in same[0].channels.items() if name != reference and channel.quantity != "gain"
         ]
-        spectra = estimate(same, references=[reference], channels=names, resolution=resolution)
-        bands = [run.band for run in same if run.band is not None]
-        band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (resolution, same[0].sample_rate / 2.56)
-        found += [
-            Transfer(
-                frf=spectra.frf(name, reference, estimator), configuration=configuration, gain=gain,
-                runs=tuple(run.id for run in same), band=(max(band[0], spectra.resolution), band[1]),
-            )
-            for name in names
-        ]  # fmt: skip
-    return sorted(found, key=lambda item: item.frf.response)
+        # Responses that share their sound runs share one pass.
+        alike: dict[tuple[str, ...], list[str]] = {}
+        for name in names:
+            alike.setdefault(tuple(run.id for run in sound(same, wrong, [reference, name])), []).append(name)
+        for kept, group in alike.items():
+            averaged = [run for run in same if run.id in kept]
+            left_out = tuple(run.id for run in same if run.id not in kept)
+            transfers += _averaged(averaged, reference, group, resolution, estimator, left_out)
+    return sorted(transfers, key=lambda item: item.frf.response)
+
+
+def _averaged(
+    runs: list[Run], reference: str, names: Sequence[str], resolution: float, estimator: Estimator, left_out: tuple[str, ...]
+) -> list[Transfer]:
+    spectra = estimate(runs, references=[reference], channels=names, resolution=resolution)
+    bands = [run.band for run in runs if run.band is not None]
+    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (resolution, runs[0].sample_rate / 2.56)
+    return [
+        Transfer(
+            frf=spectra.frf(name, reference, estimator), configuration=runs[0].configuration, gain=runs[0].gain,
+            runs=tuple(run.id for run in runs), band=(max(band[0], spectra.resolution), band[1]), left_out=left_out,
+            periods=_by_period(runs, name, reference),
+        )
+        for name in names
+    ]  # fmt: skip
+
+
+def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFrf | None:
+    if any(run.period is None for run in runs):
+        return None
+    try:
+        return periodic(runs, response=response, reference=reference)
+    except DataError:  # too few periods: the average over segments remains
+        return None
 
 
 def about(item: Transfer) -> dict[str, Any]:
@@ -84,13 +125,31 @@ def about(item: Transfer) -> dict[str, Any]:
     seen = item.within_band()
     size = np.abs(seen.value)
     top = int(np.argmax(size))
+    beside = {} if item.periods is None else {"periods": _about_periods(item.periods)}
     return {
         "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
-        "gain": item.gain, "runs": list(item.runs), "estimator": seen.estimator, "averages": seen.averages,
+        "gain": item.gain, "runs": list(item.runs), "left_out": list(item.left_out),
+        "estimator": seen.estimator, "averages": seen.averages,
         "resolution_hz": seen.resolution, "band_hz": list(item.band),
         "peak": {
             "frequency_hz": float(seen.frequency[top]), "magnitude": float(size[top]),
             "magnitude_std": float(seen.magnitude_std[top]),
         },
-        "median_coherence": float(np.median(seen.coherence)),
+        "median_coherence": float(np.median(seen.coherence)), **beside,
+    }  # fmt: skip
+
+
+def _about_periods(found: PeriodicFrf) -> dict[str, Any]:
+    size = np.abs(found.value)
+    noise, distortion = float(np.median(found.noise / size)), float(np.median(found.distortion / size))
+    told = (
+        f"its distortion {100 * distortion:.2g} %"
+        if np.isfinite(distortion)
+        else "its distortion is not told by one realization of the drive; repeat with other phases"
+    )
+    return {
+        "periods": found.periods, "realizations": found.realizations, "lines": len(found.frequency), "relative_noise": noise,
+        "relative_distortion": distortion if np.isfinite(distortion) else None,
+        "text": f"Over {found.periods} periods of {found.realizations} runs the noise of {found.response} over "
+        f"{found.reference} is {100 * noise:.2g} % (median over lines), {told}.",
     }  # fmt: skip

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from analysis.measured import Campaign
+    from analysis.quality import Fault
     from rig.transfer import Transfer
 
 #: Seconds between two looks at a recording that is being made.
@@ -35,7 +36,8 @@ def frf(
     campaign
         A recording.
     output
-        The folder for a picture and a table of each transfer function, and frf.json about all.
+        The folder for a picture and a table of each transfer function, and frf.json about all. Where the drive repeats, also
+        what its periods say of noise and distortion. Bad records are named, and left out where others remain.
     reference
         The channel that drives.
     response
@@ -48,17 +50,21 @@ def frf(
         The recording is being made: estimate from what is there, again and again until it is finished.
     """
     from analysis.errors import DataError
+    from analysis.quality import faults
     from rig.acquire.follow import follow as followed
     from rig.recording import open_recording
     from rig.transfer import transfer_functions
 
-    def found_in(measured: Campaign) -> list[Transfer]:
-        return transfer_functions(measured, reference=reference, responses=response, resolution=resolution, estimator=estimator)
+    def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[Fault]]:
+        wrong = faults(measured, reference=reference)
+        return transfer_functions(
+            measured, reference=reference, responses=response, resolution=resolution, estimator=estimator, found=wrong
+        ), wrong
 
     if not follow:
         with open_recording(campaign) as measured:
             found = found_in(measured)
-        _tell(found, output, campaign.name)
+        _tell(*found, output, campaign.name)
         print(output)
         return
     for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
@@ -70,14 +76,14 @@ def frf(
             # There is no broad-band run yet.
             continue
         seconds = sum(run.duration for run in measured.runs)
-        _tell(found, output, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
+        _tell(*found, output, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
     print(output)
 
 
-def _tell(found: Sequence[Transfer], output: Path, name: str) -> None:
+def _tell(found: Sequence[Transfer], wrong: Sequence[Fault], output: Path, name: str) -> None:
     import numpy as np
 
-    from rig.figures import frf_figure, save
+    from rig.figures import frf_figure, periods_figure, save
     from rig.output import write_csv, write_json
     from rig.terminal import show_table
     from rig.transfer import about
@@ -89,17 +95,30 @@ def _tell(found: Sequence[Transfer], output: Path, name: str) -> None:
             "magnitude_std": value.magnitude_std, "phase_std_rad": value.phase_std, "coherence": value.coherence,
         }  # fmt: skip
         write_csv(output / f"{item.name}.csv", columns)
+        if (by := item.periods) is not None:
+            columns = {
+                "frequency_hz": by.frequency, "real": by.value.real, "imag": by.value.imag, "magnitude": np.abs(by.value),
+                "magnitude_std": by.magnitude_std, "phase_std_rad": by.phase_std, "noise": by.noise, "distortion": by.distortion,
+            }  # fmt: skip
+            write_csv(output / f"{item.name}-periods.csv", columns)
     for response, reference in dict.fromkeys((item.frf.response, item.frf.reference) for item in found):
         same = [item for item in found if item.frf.response == response]
         band = min(item.band[0] for item in same), max(item.band[1] for item in same)
         figure = frf_figure({item.label: item.within_band() for item in same}, band)
         save(figure, output / f"{response}-over-{reference}.png")
-    write_json(output / "frf.json", {"format": "rig-frf", "format_version": 1, "transfer_functions": [about(i) for i in found]})
+        if any(item.periods is not None for item in same):
+            periods = {item.label: item.periods for item in same if item.periods is not None}
+            save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
+    rows = [about(item) for item in found]
+    content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [f.text for f in wrong]}
+    write_json(output / "frf.json", content)
     show_table(
         f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
-        ("response", "set-up", "gain", "band, Hz", "peak, Hz", "magnitude", "coherence"),
-        [_row(about(item)) for item in found],
+        ("response", "set-up", "gain", "avg", "band, Hz", "peak, Hz", "magnitude", "coherence"),
+        [_row(row) for row in rows],
     )
+    for sentence in [f.text for f in wrong] + [row["periods"]["text"] for row in rows if "periods" in row]:
+        print(sentence)
 
 
 def _row(told: dict[str, Any]) -> list[str]:

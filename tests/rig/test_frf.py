@@ -1,0 +1,77 @@
+"""`rig frf` on what a lab brings: drives that repeat, and records that are spoilt."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.excitation import multisine
+from analysis.measured import Campaign, Channel, FloatArray, Run
+from analysis.rigs import THESIS, wire_bonder
+from analysis.simulate import Excitation, simulate
+from rig.cli import main
+from rig.recording import write
+
+RATE, PERIOD, NOISE = 1024.0, 4096, 1e-3
+
+
+def taken(seed: int, friction: float) -> Run:
+    """A locked or unlocked run of eight periods, after half a minute in which the motion settles."""
+    drive, _ = multisine(period=PERIOD, periods=16, sample_rate=RATE, rms=3.8, band=(1.0, 60.0), seed=seed)
+    generator = np.random.default_rng(seed)
+    model = wire_bonder({**THESIS, "friction_force": max(friction, 1.0)}, friction=friction > 0.0)
+    motion: dict[str, FloatArray] = {"head": drive, **simulate(model, Excitation.prepare(drive, RATE)).channels}
+    channels = {
+        name: Channel(name=name, samples=(values + generator.normal(0.0, NOISE, len(values)))[8 * PERIOD :])
+        for name, values in motion.items()
+    }
+    return Run(
+        id=f"m{seed}", configuration="unlocked", sample_rate=RATE, gain=70.0, channels=channels, excitation="multisine",
+        period=PERIOD, band=(1.0, 60.0),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> Campaign:
+    return Campaign(runs=tuple(taken(seed, 10.0) for seed in range(4)), source="multisine.h5")
+
+
+def told(campaign: Campaign, folder: Path) -> dict[str, object]:
+    write(folder / "m.h5", campaign)
+    assert main(["frf", str(folder / "m.h5"), "--response", "table", "-o", str(folder / "out")]) == 0
+    answer: dict[str, object] = json.loads((folder / "out" / "frf.json").read_text())
+    return answer
+
+
+def test_periods_tell_friction_from_noise(rubbing: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (item,) = told(rubbing, tmp_path)["transfer_functions"]
+    said = item["periods"]
+    assert (said["periods"], said["realizations"]) == (7, 4)
+    assert said["relative_distortion"] > 5.0 * said["relative_noise"]
+    assert "Over 7 periods of 4 runs the noise" in " ".join(capsys.readouterr().out.split())
+    with (tmp_path / "out" / "table-over-head-unlocked-gain70-periods.csv").open() as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    assert all(1.0 <= row["frequency_hz"] <= 60.0 for row in rows)
+    assert (tmp_path / "out" / "table-over-head-periods.png").stat().st_size > 10_000
+
+
+def test_without_friction_only_noise_is_left(tmp_path: Path) -> None:
+    smooth = Campaign(runs=tuple(taken(seed, 0.0) for seed in range(4)), source="multisine.h5")
+    (item,) = told(smooth, tmp_path)["transfer_functions"]
+    assert item["periods"]["relative_distortion"] < 2.0 * item["periods"]["relative_noise"]
+    assert item["periods"]["relative_noise"] < 0.01
+
+
+def test_a_spoilt_run_is_named_and_left_out(rubbing: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = rubbing.runs[0]
+    flat = Channel(name="table", samples=np.zeros(len(first)))
+    hurt = replace(rubbing, runs=(replace(first, channels={**first.channels, "table": flat}), *rubbing.runs[1:]))
+    answer = told(hurt, tmp_path)
+    (item,) = answer["transfer_functions"]
+    assert item["left_out"] == ["m0"]
+    assert item["runs"] == ["m1", "m2", "m3"]
+    assert any("table is dead" in text for text in answer["faults"])
+    assert "table is dead" in capsys.readouterr().out
