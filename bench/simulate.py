@@ -1,0 +1,172 @@
+"""The simulator's speed and error beside peers, on the three-mass rig with 20 N of friction under 60 N rms at 2048 Hz.
+
+Run `python bench/simulate.py`. Times are the least of several repeats, in ms of one core per simulated second. Errors are of
+the motor's speed relative to the table, rms over rms, against an integrator of tests/analysis/reference.py (DOP853 at 1e-12,
+events located) over one second. diffrax is tried where it is installed, and left out where not.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import numpy as np
+from msgspec.structs import replace
+
+from analysis.excitation import random
+from analysis.literal import literal_run
+from analysis.measured import FloatArray
+from analysis.model import Drive, RigModel
+from analysis.parallel import side_by_side
+from analysis.rigs import THESIS, wire_bonder
+from analysis.simulate import Excitation, simulate_many
+from analysis.simulate.batch import LANES
+from analysis.simulate.compiled import compile_rig
+from analysis.simulate.free_run import run_compiled
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "analysis"))
+RATE, RMS, FRICTION = 2048.0, 60.0, 20.0
+TRUTH = {"sliding": lambda v, s: FRICTION * s, "static": FRICTION}
+
+
+def rig() -> RigModel:
+    """The thesis's three-mass rig, pushed at the motor."""
+    push = Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force")
+    return replace(wire_bonder(THESIS), drive=push, free=())
+
+
+def least(work: Callable[[], object], repeats: int) -> float:
+    """Seconds of one core, the least of the repeats."""
+    spent = []
+    for _ in range(repeats):
+        began = time.thread_time()
+        work()
+        spent.append(time.thread_time() - began)
+    return min(spent)
+
+
+def ours(model: RigModel, force: FloatArray) -> FloatArray:
+    """States of the exact engine, shape (6, n)."""
+    out = np.zeros((6, len(force)))
+    run_compiled(model, compile_rig(model, "unlocked", 1.0 / RATE), force, 1.0 / RATE, 0.0, np.eye(6), out)
+    return out
+
+
+@numba.njit(error_model="numpy", fastmath={"contract"})
+def recurrence(step: FloatArray, start: FloatArray, end: FloatArray, u: FloatArray, out: FloatArray) -> None:
+    """The bare linear motion and nothing else: the limit of any method that goes from sample to sample."""
+    z, z1 = np.zeros(6), np.zeros(6)
+    for k in range(len(u) - 1):
+        for i in range(6):
+            acc = start[i] * u[k] + end[i] * u[k + 1]
+            for j in range(6):
+                acc += step[i, j] * z[j]
+            z1[i] = acc
+        z, z1 = z1, z
+        out[k + 1] = z[5]
+
+
+def diffrax_run(force: FloatArray) -> Callable[[], FloatArray] | None:
+    """Tsit5 with an arctan of 1e-4 m/s at its usual tolerances; None where it is not installed."""
+    try:
+        import diffrax
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        return None
+    jax.config.update("jax_enable_x64", True)
+    from analysis.model import matrices
+
+    mass, damping, stiffness = (jnp.asarray(m) for m in matrices(rig()))
+    u, weights, last = jnp.asarray(force), jnp.diag(mass), len(force) - 2
+
+    def rates(t: float, z: object, _: object) -> object:
+        k = jnp.clip(jnp.floor(t * RATE).astype(int), 0, last)
+        push = u[k] + (u[k + 1] - u[k]) * (t * RATE - k)
+        friction = FRICTION * 2.0 / jnp.pi * jnp.arctan((z[5] - z[3]) / 1e-4)
+        forces = -stiffness @ z[:3] - damping @ z[3:] + jnp.array([friction, 0.0, push - friction])
+        return jnp.concatenate([z[3:], forces / weights])
+
+    times = jnp.arange(len(force)) / RATE
+
+    @jax.jit
+    def solved() -> object:
+        return diffrax.diffeqsolve(
+            diffrax.ODETerm(rates), diffrax.Tsit5(), 0.0, times[-1], 1.0 / RATE, jnp.zeros(6),
+            saveat=diffrax.SaveAt(ts=times), stepsize_controller=diffrax.PIDController(rtol=1e-3, atol=1e-6),
+            max_steps=10_000_000,
+        ).ys  # fmt: skip
+
+    return lambda: np.asarray(solved()).T
+
+
+def main() -> None:
+    from reference import Reference
+
+    model = rig()
+    force = random(samples=round(10 * RATE), sample_rate=RATE, rms=RMS, band=(1.0, 250.0), seed=60)
+    short = force[: round(RATE)]
+    want = Reference(**TRUTH).run(short, 1.0 / RATE).T
+    slip = want[5] - want[3]
+
+    def error(states: FloatArray) -> float:
+        return float(np.std(states[5] - states[3] - slip) / np.std(slip))
+
+    rows: list[tuple[str, float, float]] = []
+    ours(model, short)
+    exact = least(lambda: ours(model, force), 15) * 100.0
+    rows.append(("exact engine", exact, error(ours(model, short))))
+    peers = {
+        "scipy RK45, thesis's law, its force lookup": {},
+        "scipy RK45, thesis's law, force straight": {"between": "straight"},
+        "scipy LSODA, arctan 1e-3": {"between": "straight", "smoothing": 1e-3, "method": "LSODA"},
+    }
+    for name, options in peers.items():
+        spent = least(lambda o=options: literal_run(model, short, RATE, **o), 5) * 1000.0
+        rows.append((name, spent, error(literal_run(model, short, RATE, **options).states.T)))
+    solved = diffrax_run(short)
+    if solved is None:
+        print("diffrax is not installed: left out")
+    else:
+        states = solved()
+        rows.append(("diffrax Tsit5, arctan 1e-4", least(solved, 3) * 1000.0, error(states)))
+    print(f"{'method':44s} {'ms per s':>9s} {'error':>9s} {'times as long':>14s} {'times the error':>16s}")
+    for name, spent, wrong in rows:
+        print(f"{name:44s} {spent:9.3f} {wrong:9.1e} {spent / rows[0][1]:14.0f} {wrong / rows[0][2]:16.1e}")
+
+    compiled = compile_rig(replace(model, contacts=()), "unlocked", 1.0 / RATE)
+    columns, out = compiled.whole[0, 0], np.zeros(len(force))
+    step, start, end = columns[:6, :6].T.copy(), columns[7, :6] - columns[8, :6], columns[8, :6].copy()
+    recurrence(step, start, end, force, out)
+    bare = least(lambda: recurrence(step, start, end, force, out), 15) * 100.0
+    print(
+        f"bare 6x6 recurrence: {bare:.4f} ms per s ({bare / RATE * 1e6:.1f} ns a sample); the exact engine takes {exact / bare:.1f}x"
+    )
+
+    head = Excitation.prepare(force / THESIS["head_mass"], RATE, oversample=1)
+    cores = len(side_by_side(lambda k: k, range(8))) and numba.config.NUMBA_DEFAULT_NUM_THREADS
+    rigs = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 8 * LANES)]
+    simulate_many(rigs[:LANES], head)
+    whole = []
+    for _ in range(5):
+        began = time.process_time()
+        simulate_many(rigs, head)
+        whole.append(time.process_time() - began)
+    each = min(whole) * 1000.0 / 10.0 / len(rigs)
+    print(
+        f"batch of {len(rigs)}: {each:.4f} ms per simulated second, simulation and core ({cores} cores), "
+        f"{each / bare:.2f} of the bare recurrence"
+    )
+    light = [
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+        for code in ["import time; t = time.perf_counter(); import analysis; print(time.perf_counter() - t)"] * 3
+    ]
+    print(f"import analysis: {min(light):.3f} s")
+
+
+if __name__ == "__main__":
+    main()
