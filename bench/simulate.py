@@ -144,7 +144,8 @@ def main() -> None:
     recurrence(step, start, end, force, out)
     bare = least(lambda: recurrence(step, start, end, force, out), 15) * 100.0
     print(
-        f"bare 6x6 recurrence: {bare:.4f} ms per s ({bare / RATE * 1e6:.1f} ns a sample); the exact engine takes {exact / bare:.1f}x"
+        f"bare 6x6 recurrence: {bare:.4f} ms per s ({bare / RATE * 1e6:.1f} ns a sample); "
+        f"the exact engine takes {exact / bare:.1f} times as long"
     )
 
     head = Excitation.prepare(force / THESIS["head_mass"], RATE, oversample=1)
