@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from rig.output import replaced
 
@@ -148,4 +149,8 @@ def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str
 def _gridded(figure: Figure) -> Figure:
     for axis in figure.axes:
         axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
+        if axis.get_xscale() == "log":
+            axis.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            axis.xaxis.set_major_formatter("{x:g}")
+            axis.xaxis.set_minor_formatter("{x:g}")
     return figure
