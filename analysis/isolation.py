@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -25,6 +26,19 @@ STITCH = 15.0
 AROUND = 0.25
 #: Slower than this share of the body's own rms speed, the sliding is at rest.
 AT_REST = 1e-3
+
+
+class Peaks(NamedTuple):
+    """The heatblock's peaks: where the highest lines lie (Hz), their ratio each at its own place, and line by line.
+
+    `std` is that of `ratio`; `by_line` is the ratio at the unlocked peak's line.
+    """
+
+    unlocked: float
+    locked: float
+    ratio: float
+    std: float
+    by_line: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +82,7 @@ class IsolationRatio:
     steps
         Ratio of the higher gain over the lower's around each stitch, and its standard deviation.
     peaks
-        Around the heatblock's peak: (frequency unlocked, frequency locked, ratio with each peak at its own place).
+        Around the heatblock's peak, at the lowest gain; NaN where its drive does not reach it.
     """
 
     frequency: FloatArray
@@ -78,7 +92,7 @@ class IsolationRatio:
     pieces: tuple[Piece, ...]
     stitches: tuple[float, ...]
     steps: tuple[tuple[float, float], ...]
-    peaks: tuple[float, float, float]
+    peaks: Peaks
 
 
 def isolation_ratio(
@@ -175,14 +189,21 @@ def _step(high: Piece, low: Piece, at: float) -> tuple[float, float]:
     return step, step / float(np.sqrt(weight.sum()))
 
 
-def _peaks(piece: Piece, around: tuple[float, float]) -> tuple[float, float, float]:
+def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
     f = piece.unlocked.frequency
     near = np.flatnonzero((f >= around[0]) & (f <= min(around[1], piece.band[1])))
     if len(near) < 3:
-        return float("nan"), float("nan"), float("nan")
-    sizes = [np.abs(frf.value) for frf in (piece.unlocked, piece.locked)]
-    tops = [int(near[np.argmax(size[near])]) for size in sizes]
-    return float(f[tops[0]]), float(f[tops[1]]), float(sizes[0][tops[0]] / sizes[1][tops[1]])
+        return Peaks(*[float("nan")] * 5)
+    both = (piece.unlocked, piece.locked)
+    u, k = tops = [int(near[np.argmax(np.abs(frf.value[near]))]) for frf in both]
+    (size_u, std_u), (size_k, std_k) = (
+        (float(np.abs(frf.value[top])), float(frf.magnitude_std[top])) for frf, top in zip(both, tops, strict=True)
+    )
+    ratio = size_u / size_k
+    return Peaks(
+        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * float(np.hypot(std_u / size_u, std_k / size_k)),
+        by_line=float(piece.ratio[u]),
+    )  # fmt: skip
 
 
 def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:

@@ -10,10 +10,11 @@ import numpy as np
 
 from analysis.classic import as_read, classic
 from analysis.errors import AnalysisError
-from analysis.isolation import STITCH, IsolationRatio, broad, isolation_ratio, stuck_share
+from analysis.isolation import STITCH, IsolationRatio, Peaks, broad, isolation_ratio, stuck_share
 from analysis.measured import Campaign
 from analysis.model import RigModel
 from analysis.offset import PeakOffset, peak_offset
+from analysis.quality import Fault, faults, without
 from rig.baseline import baseline_model
 from rig.errors import RecordingError
 from rig.prediction import predicted
@@ -23,13 +24,15 @@ from rig.prediction import predicted
 class Compared:
     """Ratios by name ("measured", and "simulated" where there is a model), and the share of time stuck by gain.
 
-    `offsets` are of the heatblock's peaks by the same names; `offset_refused` says why there are none.
+    `offsets` are of the heatblock's peaks by the same names; `offset_refused` says why there are none. `faults` are of the
+    records; what they spoil is left out where other runs remain.
     """
 
     ratios: dict[str, IsolationRatio]
     stuck: dict[float, float]
     offsets: dict[str, PeakOffset] = field(default_factory=dict)
     offset_refused: str = ""
+    faults: tuple[Fault, ...] = ()
 
     @property
     def measured(self) -> IsolationRatio:
@@ -46,6 +49,8 @@ def compared_isolation(
     resolution: float = 0.25,
 ) -> Compared:
     """The ratio of a campaign, and of the same runs simulated where there is a model; one estimate for both."""
+    wrong = faults(campaign)
+    campaign = without(campaign, wrong, ("head", "heatblock"))
     ratios = {"measured": isolation_ratio(campaign, stitch=stitch, resolution=resolution)}
     campaigns = {"measured": campaign}
     stuck: dict[float, float] = {}
@@ -61,13 +66,13 @@ def compared_isolation(
         offsets, refused = {name: peak_offset(each, rig) for name, each in campaigns.items()}, ""
     except (AnalysisError, RecordingError) as error:
         offsets, refused = {}, str(error)
-    return Compared(ratios=ratios, stuck=stuck, offsets=offsets, offset_refused=refused)
+    return Compared(ratios=ratios, stuck=stuck, offsets=offsets, offset_refused=refused, faults=wrong)
 
 
 def told(found: Compared) -> list[str]:
     """The ratio in sentences."""
     ratio = found.measured
-    sentences = []
+    sentences = [fault.text for fault in found.faults]
     for at, (step, std), above, below in zip(ratio.stitches, ratio.steps, ratio.pieces, ratio.pieces[1:], strict=False):
         if np.isfinite(step):
             sentences.append(
@@ -84,10 +89,11 @@ def told(found: Compared) -> list[str]:
             )
         )
     for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
-        if np.isfinite(peaks[2]):
+        if np.isfinite(peaks.ratio):
             sentences.append(
-                f"{name.capitalize()}, the heatblock's highest line lies at {peaks[0]:.2f} Hz unlocked and {peaks[1]:.2f} Hz "
-                f"locked; each peak taken at its own place, the ratio is {peaks[2]:.2f}."
+                f"{name.capitalize()}, the heatblock's highest line lies at {peaks.unlocked:.2f} Hz unlocked and "
+                f"{peaks.locked:.2f} Hz locked; each peak taken at its own place, the ratio is {peaks.ratio:.3f} ± "
+                f"{peaks.std:.1g}, line by line it is {peaks.by_line:.3f} at the unlocked peak."
             )
     sentences += [f"{name.capitalize()}. {offset.verdict}" for name, offset in found.offsets.items()]
     if found.offset_refused:
@@ -104,6 +110,15 @@ def told(found: Compared) -> list[str]:
                     f"{100 * (np.exp(np.median(off)) - 1):.2g} % (median over lines)."
                 )
     return sentences
+
+
+def about_peaks(peaks: Peaks) -> dict[str, float | None]:
+    """The heatblock's peaks in the ratio as plain values; None where the drive does not reach them."""
+    named = {
+        "unlocked_hz": peaks.unlocked, "locked_hz": peaks.locked, "ratio": peaks.ratio, "ratio_std": peaks.std,
+        "ratio_by_line": peaks.by_line,
+    }  # fmt: skip
+    return {name: value if np.isfinite(value) else None for name, value in named.items()}
 
 
 def about_offset(offset: PeakOffset) -> dict[str, Any]:

@@ -68,13 +68,16 @@ def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:
 
 
 def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float]) -> Figure:
-    """The isolation ratio wide and from 0 to 15 Hz, measured and simulated; gains at which the motor sticks are shaded."""
-    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    wide, low = figure.subplots(2, 1)
+    """The isolation ratio wide, from 0 to 15 Hz, and the heatblock's peaks behind it, measured and simulated.
+
+    Gains at which the motor sticks are shaded, and the step at each stitch is told.
+    """
+    figure = Figure(figsize=(9.0, 11.0), layout="constrained")
+    wide, low, peak = figure.subplots(3, 1)
     for axis, top in ((wide, None), (low, 15.0)):
-        for name, ratio in ratios.items():
+        for (name, ratio), dash in zip(ratios.items(), ("-", "--"), strict=False):
             kept = np.full(len(ratio.frequency), True) if top is None else ratio.frequency <= top
-            _banded(axis, ratio.frequency[kept], ratio.ratio[kept], ratio.std[kept], name)
+            _banded(axis, ratio.frequency[kept], ratio.ratio[kept], ratio.std[kept], name, dash)
         axis.axhline(1.0, color="0.6", lw=0.8)
         axis.set(yscale="log", ylabel="unlocked / locked", xlabel="frequency, Hz")
     wide.set(xscale="log", title="Isolation ratio |heatblock / head|, unlocked over locked")
@@ -87,10 +90,38 @@ def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float,
             wide.text(
                 float(np.sqrt(lines[0] * lines[-1])), 0.02, text, ha="center", fontsize=8, transform=wide.get_xaxis_transform()
             )
-    for at in shown.stitches:
+    for at, (step, std) in zip(shown.stitches, shown.steps, strict=True):
         wide.axvline(at, color="0.4", ls=":", lw=1.0)
-    wide.legend(fontsize=8)
+        if np.isfinite(step):
+            text = f" {at:g} Hz: step {step:.3f} ± {std:.1g}"
+            wide.text(at, 0.94, text, fontsize=8, transform=wide.get_xaxis_transform())
+    wide.legend(fontsize=8, loc="lower left")
+    _peaks_at_their_places(peak, ratios)
     return _gridded(figure)
+
+
+def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> None:
+    # The two transfer functions around the heatblock's peak, as in Fig. 32 of the thesis.
+    for (name, ratio), dash in zip(ratios.items(), ("-", "--"), strict=False):
+        peaks = ratio.peaks
+        if not np.isfinite(peaks.ratio):
+            axis.text(0.5, 0.5, "the drive does not reach the heatblock's peak", ha="center", transform=axis.transAxes)
+            return
+        for frf, at, configuration in (
+            (ratio.pieces[-1].unlocked, peaks.unlocked, "unlocked"), (ratio.pieces[-1].locked, peaks.locked, "locked")
+        ):  # fmt: skip
+            kept = np.abs(frf.frequency / peaks.locked - 1.0) < 0.06
+            colour = _banded(
+                axis, frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept], f"{name}, {configuration}", dash
+            )
+            top = int(np.argmin(np.abs(frf.frequency - at)))
+            axis.plot(frf.frequency[top], np.abs(frf.value[top]), "o", mfc="none", ms=6, color=colour)
+    told = [f"{name} {r.peaks.ratio:.3f} ± {r.peaks.std:.1g} (line by line {r.peaks.by_line:.3f})" for name, r in ratios.items()]
+    axis.set(
+        yscale="log", xlabel="frequency, Hz", ylabel="|heatblock / head|", title="Each peak at its own place: " + ", ".join(told)
+    )
+    axis.title.set_fontsize(10)
+    axis.legend(fontsize=8)
 
 
 def set_ups_figure(set_ups: Sequence[SetUp]) -> Figure:
@@ -139,8 +170,8 @@ def surface_figure(surface: ErrorSurface) -> Figure:
     return figure
 
 
-def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str) -> ColorType:
-    (line,) = axis.plot(x, y, lw=1.0, label=name)
+def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str, dash: str = "-") -> ColorType:
+    (line,) = axis.plot(x, y, dash, lw=1.0, label=name)
     colour = line.get_color()
     axis.fill_between(x, np.maximum(y - std, 1e-3 * y), y + std, color=colour, alpha=0.25, lw=0)
     return colour

@@ -36,7 +36,7 @@ def isolation(
     import numpy as np
 
     from analysis.isolation import friction_bound
-    from rig.compared import about_offset, compared_isolation, told
+    from rig.compared import about_offset, about_peaks, compared_isolation, told
     from rig.figures import isolation_figure, save
     from rig.models import read_model
     from rig.output import write_csv, write_json
@@ -58,8 +58,7 @@ def isolation(
             "format": "rig-isolation", "format_version": 1, "stitches_hz": found.measured.stitches,
             "steps": [{"ratio": s, "std": d} for s, d in found.measured.steps],
             "stuck_share": {f"{gain:g}": share for gain, share in found.stuck.items()},
-            "peak_unlocked_hz": found.measured.peaks[0], "peak_locked_hz": found.measured.peaks[1],
-            "ratio_of_peaks": found.measured.peaks[2],
+            "peaks": {name: about_peaks(ratio.peaks) for name, ratio in found.ratios.items()},
             "peak_offset": {name: about_offset(offset) for name, offset in found.offsets.items()}, "text": sentences,
         },
     )  # fmt: skip
