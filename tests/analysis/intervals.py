@@ -1,6 +1,6 @@
 """The study of intervals: short campaigns on random rigs, characterized, and how often 95 % intervals hold the truth.
 
-`python tests/analysis/coverage.py --minutes 20` goes on where the table ends; it can be stopped at any time. At the end
+`python tests/analysis/intervals.py --minutes 20` goes on where the table ends; it can be stopped at any time. At the end
 (and with `--minutes 0` alone) it prints the share covered, parameter by parameter.
 """
 
