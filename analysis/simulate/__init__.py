@@ -3,5 +3,8 @@
 from analysis.simulate.batch import Batch, simulate_many
 from analysis.simulate.free_run import Response, record, simulate, true_drive
 from analysis.simulate.sampling import Excitation
+from analysis.simulate.trace import Change, Trace, trace
 
-__all__ = ["Batch", "Excitation", "Response", "record", "simulate", "simulate_many", "true_drive"]
+__all__ = [
+    "Batch", "Change", "Excitation", "Response", "Trace", "record", "simulate", "simulate_many", "trace", "true_drive",
+]  # fmt: skip

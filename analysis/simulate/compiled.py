@@ -62,8 +62,8 @@ class Compiled:
         Whether each element holds, shape (modes, elements).
     curve_of, codes, params, directions, gates
         Of the curved elements: index of the element, law, parameters, direction, sign by state (0 beyond).
-    elements
-        The elements' names.
+    elements, rubs
+        The elements' names, and whether they are contacts.
     """
 
     basis: FloatArray
@@ -84,6 +84,7 @@ class Compiled:
     directions: FloatArray
     gates: FloatArray
     elements: tuple[str, ...]
+    rubs: tuple[bool, ...]
 
 
 def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
@@ -280,6 +281,7 @@ class _Systems:
                 len(self.curved), widest
             ),
             elements=tuple(element.name for element in elements),
+            rubs=tuple(element.rubs for element in elements),
         )
 
 

@@ -60,6 +60,8 @@ class Element:
         Sign of the curved rest in each state.
     steepest
         Largest stiffness and damping of the curved rest, as far as known beforehand: they limit the step.
+    rubs
+        Whether it is a contact's.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Element:
     params: tuple[float, ...] = ()
     gates: tuple[float, ...] = (1.0,)
     steepest: tuple[float, float] = (0.0, 0.0)
+    rubs: bool = False
 
 
 def of_link(link: Link, law: laws.LinkLaw, direction: FloatArray) -> Element | None:
@@ -143,7 +146,9 @@ def of_contact(name: str, law: laws.FrictionLaw, direction: FloatArray) -> Eleme
             )  # fmt: skip
         case _:
             assert_never(law)
-    return Element(name=name, direction=direction, states=states, curve=curve, params=params, gates=gates, steepest=steepest)
+    return Element(
+        name=name, direction=direction, states=states, curve=curve, params=params, gates=gates, steepest=steepest, rubs=True
+    )
 
 
 def _dry(

@@ -83,15 +83,27 @@ def simulate(
     total = min((n + 2 * TAPS) * over, len(excitation.fine))
     h = 1.0 / (rate * over)
     compiled = compile_rig(model, configuration, h)
+    motion = np.zeros((len(model.sensors), total))
+    drive = true_fine(model, excitation)[:total]
+    run_compiled(model, compiled, drive, h, start_time, sense_of(model, compiled), motion)
+    return response_of(model, excitation, motion, n, as_recorded=as_recorded)
+
+
+def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
+    """What the sensors need of the coordinates and their speeds, shape (sensors, 2 n): an acceleration's is the speed."""
     order = compiled.basis.shape[1]
     sense = np.zeros((len(model.sensors), 2 * order))
     for k, sensor in enumerate(model.sensors):
         place = slice(0, order) if sensor.quantity == "displacement" else slice(order, None)
         sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ compiled.basis
-    motion = np.zeros((len(model.sensors), total))
-    run_compiled(model, compiled, true_fine(model, excitation)[:total], h, start_time, sense, motion)
+    return sense
+
+
+def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: int, *, as_recorded: bool) -> Response:
+    """Records of `n` samples from the sensors' values on the fine grid, see `sense_of`."""
+    rate, over = excitation.sample_rate, excitation.oversample
     channels = {
-        sensor.channel: sampled(motion[k], over, n, h, differentiate=sensor.quantity == "acceleration")
+        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=sensor.quantity == "acceleration")
         for k, sensor in enumerate(model.sensors)
     }
     if as_recorded:
