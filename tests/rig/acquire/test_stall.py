@@ -19,8 +19,7 @@ from rig.recording import read
 RATE = 51200.0
 
 
-@pytest.mark.parametrize("rows", [64, 512])
-def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, put = RunWriter._store, Waiting.put
     stalls, held_up = [], []
 
@@ -42,7 +41,7 @@ def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, rows
         plan, channels={n: msgspec.structs.replace(plan.channels["head"], input=k) for k, n in enumerate(names)}
     )
     watcher = Watcher()
-    with ramp_instrument(speed=1.0, rows=rows, inputs=8) as (port, instrument):
+    with ramp_instrument(speed=1.0, rows=64, inputs=8) as (port, instrument):
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True)
         assert instrument.count.ticks == 204_800
     assert stalls
