@@ -14,6 +14,7 @@ from analysis.diagnose.judge import SIMULATION_LIMIT, Score, adequate, noise_flo
 from analysis.fit import Fit, disagreement
 from analysis.measured import Campaign
 from analysis.model import RigModel
+from analysis.quality import Fault, faults, without
 from analysis.trials import Trial, noise_levels
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
@@ -35,7 +36,10 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class Characterization:
-    """The table by name, the fit behind it, the runs, and how it does on what was held out beside the noise floor."""
+    """The table by name, the fit behind it, the runs, and how it does on what was held out beside the noise floor.
+
+    `faults` are of the records: runs with spoilt channels took no part where their configuration has others.
+    """
 
     table: dict[str, Entry]
     fit: Fit
@@ -43,6 +47,7 @@ class Characterization:
     score: Score
     floor: float
     adequate: bool
+    faults: tuple[Fault, ...] = ()
 
     @property
     def error(self) -> float:
@@ -68,6 +73,9 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     progress
         Called with one line per stage.
     """
+    progress("looking for bad data")
+    wrong = faults(campaign, reference=model.drive.channel)
+    campaign = without(campaign, wrong, (model.drive.channel, *(sensor.channel for sensor in model.sensors)))
     progress("fitting all runs with friction in the model")
     rough, fine = fit_baseline(campaign, model)
     progress("working out how well each value is known")
@@ -89,7 +97,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     else:
         table["friction_force"] = Entry(value=None, std=None, unit="N", method="none", note="the model has no friction")
     return Characterization(
-        table=table, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)), adequate=explained
+        table=table, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)), adequate=explained, faults=wrong,
     )  # fmt: skip
 
 

@@ -52,7 +52,8 @@ def write_characterization(
     write_model(folder / "model.json", found.fit.model, origin=origin)
     content = {
         "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
-        "measured": origin.isoformat() if origin is not None else None, "parameters": table, **(beside or {}),
+        "measured": origin.isoformat() if origin is not None else None, "parameters": table,
+        "faults": [fault.text for fault in found.faults], **(beside or {}),
     }  # fmt: skip
     return write_json(folder / "parameters.json", content)
 

@@ -11,6 +11,7 @@ from analysis.characterize import Characterization
 from analysis.classic import Classic, ErrorSurface, SetUp, classic
 from analysis.measured import Campaign
 from analysis.modes import Mode
+from analysis.quality import without
 from rig.baseline import baseline_model
 from rig.figures import save, set_ups_figure, surface_figure
 from rig.output import write_text
@@ -28,7 +29,7 @@ BIASED = (
 
 def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> Classic:
     """Write fits.html, set-ups.png and error-surface.png; the classic readings."""
-    read = classic(campaign, baseline_model(campaign))
+    read = classic(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
     if read.set_ups:
         save(set_ups_figure(read.set_ups), folder / "set-ups.png")
     if read.surface is not None:
@@ -76,7 +77,8 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
         title=f"Parameters of {Path(campaign.source).name}",
         verdict=f"The joint fit errs by {100 * found.error:.2g} % of the signal on held-out data, noise alone by "
         f"{100 * found.floor:.2g} %.",
-        summary=[f"{words(name).capitalize()}: not read, because {reason}." for name, reason in read.refused.items()],
+        summary=[fault.text for fault in found.faults]
+        + [f"{words(name).capitalize()}: not read, because {reason}." for name, reason in read.refused.items()],
         sections=[
             Section(title="Parameters", text=[BIASED], tables=[_compared(found, read)]),
             *(_set_up_section(item) for item in read.set_ups),

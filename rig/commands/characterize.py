@@ -42,4 +42,6 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
     ]
     title = f"{campaign.name}: held-out error {100 * found.error:.2g} % of the signal, noise alone {100 * found.floor:.2g} %"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
+    for fault in found.faults:
+        print(fault.text)
     print(path)

@@ -82,4 +82,5 @@ def _summary(found: Characterization) -> list[str]:
     friction = found.table["friction_force"]
     if friction.value is not None:
         told.append(f"Friction between motor and table: {friction.value:.3g} ± {friction.std:.1g} N.")
+    told += [fault.text for fault in found.faults]
     return told

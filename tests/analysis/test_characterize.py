@@ -1,9 +1,21 @@
-"""The parameter table against the true parameters of a campaign made by another program."""
+"""The parameter table: against a campaign made by another program, its stated deviations, and with records that are spoilt."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pytest
+from intervals import TAKES, truths
+
+from analysis.characterize import characterize
+from analysis.deviations import deviation
+from analysis.measured import Channel
+from analysis.rigs import THESIS, wire_bonder
+from rig.baseline import baseline_model
 from rig.cli import main
+from rig.recording import write
+from rig.virtual import Take, virtual_campaign
 
 
 def test_campaign_a(shared: Path, tmp_path: Path) -> None:
@@ -14,3 +26,47 @@ def test_campaign_a(shared: Path, tmp_path: Path) -> None:
         loose = name.endswith("damping") or name == "friction_force"
         assert abs(row["value"] / truth[name] - 1.0) < (0.02 if loose else 0.005), name
         assert abs(row["value"] - truth[name]) <= 3.0 * row["std"] + 0.002 * truth[name], name
+
+
+def test_deviation_is_the_scatter_of_means() -> None:
+    """One value, the mean of a hundred: each line moves it by its share."""
+    generator = np.random.default_rng(0)
+    values = generator.standard_normal((2000, 100))
+    found = [deviation((row - row.mean())[:, None] / (len(row) - 1.0), np.ones(1)) for row in values]
+    assert np.mean(np.abs(values.mean(axis=1)) <= 1.959964 * np.array(found)) == pytest.approx(0.95, abs=0.015)
+    # Few lines: Student's distribution makes up for it.
+    few = values[:, :6]
+    found = [deviation((row - row.mean())[:, None] / (len(row) - 1.0), np.ones(1)) for row in few]
+    assert np.mean(np.abs(few.mean(axis=1)) <= 1.959964 * np.array(found)) > 0.9
+
+
+def test_intervals_hold_the_truth_and_are_no_wider_than_they_need() -> None:
+    model = wire_bonder({**THESIS, "friction_force": 9.0, "table_mass": 92.0})
+    campaign = virtual_campaign(model, TAKES, seed=1)
+    found = characterize(campaign, baseline_model(campaign))
+    assert found.adequate
+    for name, truth in truths(model).items():
+        entry = found.table[name]
+        if entry.method != "given":
+            assert entry.value is not None
+            assert entry.std is not None
+            assert abs(entry.value - truth) <= 4.0 * entry.std, name
+            assert entry.std < 5e-4 * truth, name
+
+
+def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:
+    model = wire_bonder({**THESIS, "friction_force": 9.0})
+    again = Take(id="again", configuration="unlocked", gain=70.0, seconds=20.0, start=200.0)
+    campaign = virtual_campaign(model, (*TAKES, again), seed=2)
+    last = campaign.runs[-1]
+    clipped = Channel(name="motor", samples=np.clip(last.read("motor"), -1.0, 1.0))
+    hurt = replace(campaign, runs=(*campaign.runs[:-1], replace(last, channels={**last.channels, "motor": clipped})))
+    write(tmp_path / "hurt.h5", hurt)
+    assert main(["characterize", str(tmp_path / "hurt.h5"), "-o", str(tmp_path)]) == 0
+    answer = json.loads((tmp_path / "parameters.json").read_text())
+    assert any("'again': motor looks clipped" in text for text in answer["faults"])
+    for name, truth in truths(model).items():
+        assert answer["parameters"][name]["value"] == pytest.approx(truth, rel=2e-3), name
+    assert "motor looks clipped" in (tmp_path / "fits.html").read_text()
+    for name in ("set-ups.png", "error-surface.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
