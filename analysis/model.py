@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 import msgspec
 import numpy as np
 
+from analysis.described import explained
 from analysis.errors import ModelError
 from analysis.laws import FrictionLaw, LinkLaw
 from analysis.measured import FloatArray, Quantity
@@ -196,7 +197,9 @@ def from_tree(tree: Mapping[str, Any]) -> RigModel:
     try:
         return msgspec.convert(tree, RigModel)
     except msgspec.ValidationError as error:
-        raise ModelError(f"the rig's description is wrong: {error}") from None
+        raise ModelError(explained(str(error), tree)) from None
+    except RecursionError:
+        raise ModelError("the rig's description is nested too deep; write its parts as flat tables") from None
 
 
 def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
@@ -280,9 +283,11 @@ def check(model: RigModel) -> None:
         _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
         if part.a == part.b:
             raise ModelError(f"{type(part).__name__.lower()} {part.name!r} joins {part.a!r} to itself; name two ends")
+    _grounded(names, joints)
     for sensor in model.sensors:
         _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
     _known(names, tuple(model.drive.pushes), "the drive")
+    _finite(model)
     links = [link.name for link in model.links]
     for name, configuration in model.configurations.items():
         for rigid in configuration.rigid:
@@ -290,6 +295,42 @@ def check(model: RigModel) -> None:
                 raise ModelError(f"configuration {name!r} blocks link {rigid!r}, which does not exist; the rig has {links}")
     for path in model.free:
         model.get(path)
+
+
+def _finite(model: RigModel) -> None:
+    numbers = {"drive.factor": model.drive.factor, "drive.chain.gain": model.drive.chain.gain}
+    for name, weight in model.drive.pushes.items():
+        numbers[f"drive.pushes.{name}"] = weight
+    for name, setup in model.configurations.items():
+        numbers[f"configurations.{name}.lock_stiffness"] = setup.lock_stiffness or 0.0
+        numbers[f"configurations.{name}.lock_damping"] = setup.lock_damping
+    for called, arms in [
+        *((part.name, part.arms) for part in model.links),
+        *((part.name, part.arms) for part in model.contacts),
+        *((sensor.channel, sensor.arms) for sensor in model.sensors),
+    ]:
+        for name, arm in arms.items():
+            numbers[f"the arm {name!r} of {called!r}"] = arm
+    for chain in (model.drive.chain, *(sensor.chain for sensor in model.sensors)):
+        numbers |= {"a chain's gain": chain.gain, "a chain's delay": chain.delay, "a chain's offset": chain.offset}
+    for key, value in numbers.items():
+        if not np.isfinite(value):
+            raise ModelError(f"{key} is {value:g}; give a finite number")
+    if model.drive.chain.gain == 0.0:
+        raise ModelError("drive.chain.gain is 0, so the drive's true value cannot be known; give the gain of its channel")
+
+
+def _grounded(names: list[str], joints: Sequence[Link | Contact]) -> None:
+    joined = [{part.a, part.b, *part.arms} for part in joints]
+    held = {GROUND}
+    while grown := [ends for ends in joined if ends & held and not ends <= held]:
+        held |= set().union(*grown)
+    for name in names:
+        if name not in held:
+            raise ModelError(
+                f"body {name!r} floats: no link or contact joins it to the ground, directly or through others; "
+                'add a link or contact, to "ground" at the last'
+            )
 
 
 def _unique(names: list[str], kind: str) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import pi
 
 from analysis.errors import ModelError
 from analysis.laws import Coulomb
-from analysis.model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
+from analysis.model import GROUND, Body, Configuration, Contact, Drive, Link, RigModel, Sensor
 
 FREE = (
     "bodies.table.mass",
@@ -78,3 +78,43 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
         configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
         free=(*FREE, FRICTION) if friction else FREE,
     )
+
+
+def one_mass(*, friction: float = 20.0, mass: float = 15.0) -> RigModel:
+    """The thesis's first step (Fig. 6-8): 5 Hz and 0.25 on rubbing ground; its mass is not given, 15 kg is that of the next."""
+    return _early("one mass", {"motor": (mass, 5.0, 0.25)}, friction)
+
+
+def two_mass(*, friction: float = 20.0) -> RigModel:
+    """The thesis's second step (Fig. 9-10): 300 kg at 10 Hz and 0.25 to ground, on it 15 kg at 5 Hz and 0.25 with friction."""
+    return _early("two masses", {"table": (300.0, 10.0, 0.25), "motor": (15.0, 5.0, 0.25)}, friction)
+
+
+def three_mass(*, friction: float = 20.0) -> RigModel:
+    """The thesis's third step (Fig. 11-13): as `two_mass`, and a heatblock of 15 kg at 166 Hz and 0.05 on the table."""
+    bodies = {"table": (300.0, 10.0, 0.25), "heatblock": (15.0, 166.0, 0.05), "motor": (15.0, 5.0, 0.25)}
+    return _early("three masses", bodies, friction)
+
+
+def _early(name: str, bodies: Mapping[str, tuple[float, float, float]], friction: float) -> RigModel:
+    # Mass, uncoupled frequency and damping ratio by body; a force on the motor drives it.
+    base = {body: "table" if body != "table" and "table" in bodies else GROUND for body in bodies}
+    links = tuple(
+        spring("isolation" if body == "motor" else body, body, base[body], mass=mass, frequency=frequency, damping_ratio=ratio)
+        for body, (mass, frequency, ratio) in bodies.items()
+    )
+    return RigModel(
+        name=name,
+        bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()),
+        links=links,
+        contacts=(Contact(name="isolation", a="motor", b=base["motor"], law=Coulomb(friction_force=friction)),),
+        drive=Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force"),
+        sensors=tuple(Sensor(channel=body, body=body, quantity="displacement") for body in bodies),
+        configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
+    )
+
+
+#: The built-in rigs by the names that commands take.
+BUILT_IN: Mapping[str, Callable[[], RigModel]] = {
+    "wire-bonder": wire_bonder, "one-mass": one_mass, "two-mass": two_mass, "three-mass": three_mass,
+}  # fmt: skip
