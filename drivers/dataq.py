@@ -22,6 +22,8 @@ CLOCK = 60e6
 END = b"\r"
 DIVIDER = 65535
 DIGITAL = 3
+#: Lines that may stand before the echo of a command.
+STALE = 50
 
 
 class DataqInstrument:
@@ -108,9 +110,12 @@ class DataqInstrument:
 
     def _command(self, command: str) -> None:
         self._port.write(command.encode() + END)
-        echo = self._port.line(END).strip()
-        if not echo.startswith(command.encode()):
-            raise ProtocolError(f"{self._port.name} answered {command!r} with {echo!r}, not its echo; is it a DI-1100?")
+        # What was still on its way when the scan was stopped comes first.
+        for _ in range(STALE):
+            echo = self._port.line(END)
+            if command.encode() in echo:
+                return
+        raise ProtocolError(f"{self._port.name} answered {command!r} with {echo[:40]!r}, not its echo; is it a DI-1100?")
 
 
 class DataqSettings(Settings, frozen=True):

@@ -77,6 +77,8 @@ def check_run(found: Recovered, *, drive: str) -> Verdict:
 def _on_the_way(found: Recovered) -> Iterator[str]:
     if found.lost:
         yield f"{found.lost} samples were lost on the way; take the run again if it is to be simulated whole."
+    if not found.finished:
+        yield f"It ended at {found.stored + found.lost} of {found.planned} samples; check the instrument and take the run again."
     if found.overloads:
         yield f"The instrument told of {found.overloads} overloads; choose a larger range or a lower gain and take the run again."
 

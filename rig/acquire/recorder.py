@@ -127,6 +127,7 @@ class RunWriter:
         self._file = file
         self._channels = [(group[name], column) for name, column in columns.items()]
         self._gaps, self._timing, self._state = group["gaps"], group["timing"], group["progress"]
+        self._planned = int(group.attrs["planned"])
         self._waiting = Waiting(int(QUEUE_SECONDS * sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
@@ -154,6 +155,8 @@ class RunWriter:
     def finish(self, counted: int | None, *, whole: bool = True) -> Tally:
         """Write what is waiting and close the run; ticks that the instrument counted and never sent are lost.
 
+        The run is done where nothing ended it and all ticks that were planned are accounted for.
+
         Raises
         ------
         OutputError
@@ -165,7 +168,7 @@ class RunWriter:
             try:
                 if counted is not None and counted > self._next:
                     self._gap(counted - self._next)
-                self._progress["state"] = DONE if whole else BROKEN
+                self._progress["state"] = DONE if whole and self._next >= self._planned else BROKEN
                 self._progress["counted"] = self._next if counted is None else counted
                 self._state[...] = self._progress
                 self._file.flush()

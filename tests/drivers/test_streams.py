@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivers.arrivals import Arrivals
 from drivers.block import Block, Status
 from drivers.dataq import DataqInstrument
-from drivers.errors import SettingError
+from drivers.errors import ProtocolError, SettingError
 from drivers.mti600 import DBC, PER_COUNT, MtiInstrument, decode
 from drivers.simulated.faults import Faults
 from drivers.simulated.served import served
@@ -51,6 +51,34 @@ def test_di1100_dialogue_and_samples() -> None:
     ]  # fmt: skip
     samples = np.concatenate([block.samples for block in blocks])
     np.testing.assert_array_equal(samples[:6000], counts(6000, 2000.0))
+
+
+class Echo:
+    """Sends back what it hears, as a DI-1100 that does not scan."""
+
+    unplugged = False
+
+    def step(self, data: bytes) -> bytes:
+        return data
+
+
+def test_di1100_finds_its_echo_behind_what_was_on_its_way() -> None:
+    with served(Echo()) as port:
+        instrument = DataqInstrument(port, full_scale=10.0)
+        instrument._port.write(b"stop\r\x12\x0d\xff\x00")
+        instrument._command("dec 1")
+        instrument.close()
+    with served(Chatty()) as port, pytest.raises(ProtocolError, match="is it a DI-1100"):
+        DataqInstrument(port, full_scale=10.0)
+
+
+class Chatty:
+    """Something else, with much to say."""
+
+    unplugged = False
+
+    def step(self, data: bytes) -> bytes:
+        return b"hello\r" * 60 if data else b""
 
 
 def test_di1100_masks_its_digital_inputs_and_refuses_a_rate_it_has_not() -> None:
