@@ -34,7 +34,7 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
         drive = run.channels[model.drive.channel]
         excitation = Excitation.prepare(drive.read(), run.sample_rate, oversample=8)
         response = simulate(
-            model, excitation, configuration=run.configuration, start_time=_seconds(campaign, run, origin),
+            model, excitation, configuration=run.configuration, start_time=seconds_from(campaign, run, origin),
             as_recorded=as_recorded,
         )  # fmt: skip
         channels = {drive.name: drive}
@@ -53,7 +53,8 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
     return Campaign(runs=tuple(runs), known=campaign.known, description=campaign.description, source=campaign.source)
 
 
-def _seconds(campaign: Campaign, run: Run, origin: datetime | None) -> float:
+def seconds_from(campaign: Campaign, run: Run, origin: datetime | None) -> float:
+    """Seconds from the time that a drifting model counts from to the run's first sample."""
     if origin is None or run.started is None:
         return campaign.seconds_since_start(run)
     return max((run.started - origin).total_seconds(), 0.0)

@@ -1,4 +1,4 @@
-"""rig simulate: the responses of a rig to a recorded or made-up drive."""
+"""rig simulate: the responses of a rig to a recorded or made-up drive, and the forces inside it."""
 
 from __future__ import annotations
 
@@ -11,55 +11,69 @@ from cyclopts import Parameter
 def simulate(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
-    model: Path | None = None,
+    model: str = "wire-bonder",
     drive: Path | None = None,
-    excitation: Literal["random", "moves"] = "random",
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] = "random",
     configuration: str = "unlocked",
     gain: float = 70.0,
+    level: float | None = None,
+    band: tuple[float, float] | None = None,
     seconds: float = 30.0,
     sample_rate: float = 1024.0,
     seed: int = 0,
+    events: Path | None = None,
 ) -> None:
     """Simulate a rig, driven by a recording's drive channel or by a made-up one.
 
+    Beside the responses the recording holds what no sensor sees: the friction force of every contact
+    (<contact>_friction, N), the force that every link and the contacts beside it pass on (<link>_force, N), and the share of
+    each sample's time in which a contact sticks (<contact>_held).
+
     Example: rig simulate --excitation moves --seconds 10 -o moves.h5
+
+    Example: rig simulate --model one-mass --excitation half-sine --seconds 2 --events stops.csv -o pulse.h5
 
     Parameters
     ----------
     output
         The recording to write.
     model
-        A model.json; the thesis's wire bonder where absent.
+        wire-bonder (as in the thesis), one-mass, two-mass, three-mass, a description in .toml or a model.json.
     drive
         A recording whose drive channel is used; then the options of the made-up drive do not count.
     excitation
-        What is made up: band-limited noise, or consecutive moves.
+        What is made up: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s, or
+        consecutive moves.
     configuration
         How the rig is set up.
     gain
-        Drive gain; 70 is an rms of 3.8 m/s^2 at the head.
+        Drive gain; 70 is an rms of 3.8 m/s^2 at the head, and moves of 12.5 m/s^2.
+    level
+        rms of noise or multisine, peak of all else, in the drive's unit; what the gain stands for where absent (a rig
+        driven by a force: 500 N).
+    band
+        Lowest and highest frequency of noise, multisine or sweep, Hz.
     seconds
         Length of the made-up drive.
     sample_rate
         Hz.
     seed
-        Seed of the made-up noise.
+        Seed of what is random.
+    events
+        A table to write beside: the time of every stick and slip.
     """
-    from analysis.rigs import wire_bonder
-    from rig.models import read_model
-    from rig.prediction import predicted
+    from rig.inside import MadeUp, events_table, made_up, with_forces
+    from rig.output import write_text
     from rig.recording import read, write
-    from rig.virtual import Take, drive_campaign
+    from rig.rigfile import read_rig
 
-    rig, origin = read_model(model) if model is not None else (wire_bonder(), None)
-    if drive is not None:
-        given = read(drive)
-    else:
-        band = (0.5, 20.0) if gain > 10.0 else (0.5, 0.39 * sample_rate)
-        take = Take(
-            id="made_up", configuration=configuration, gain=gain, seconds=seconds, start=0.0, excitation=excitation,
-            band=band,
-        )  # fmt: skip
-        given = drive_campaign(rig, [take], sample_rate=sample_rate, seed=seed)
-    write(output, predicted(rig, given, origin=origin))
+    given = read_rig(model)
+    plan = MadeUp(
+        kind=excitation, gain=gain, level=level, band=band, seconds=seconds, sample_rate=sample_rate, seed=seed,
+        configuration=configuration,
+    )  # fmt: skip
+    simulated, changes = with_forces(given, made_up(given, plan) if drive is None else read(drive))
+    write(output, simulated)
+    if events is not None:
+        write_text(events, events_table(changes))
     print(output)
