@@ -15,12 +15,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from drivers.simulated.framed import SimulatedFramed
 from drivers.simulated.wire import PtyWire
-from rig.acquire.plan import Plan
+from rig.acquire.plan import plan_of
 from rig.acquire.session import Operator, acquire
 
 RATE, CHANNELS = 51200.0, 8
@@ -50,14 +49,19 @@ def measure(seconds: float, rows: int) -> tuple[float, float, int, int]:
     ours, theirs = multiprocessing.Pipe()
     process = multiprocessing.Process(target=instrument, args=(theirs, rows), daemon=True)
     process.start()
-    plan = msgspec.convert(
+    plan = plan_of(
         {
             "instrument": {"kind": "framed", "port": "", "sample_rate": RATE},
-            "channels": {f"c{k}": {"input": k, "sensitivity": 1.0} for k in range(CHANNELS)},
-            "runs": [{"id": "a", "configuration": "unlocked", "gain": 1.0, "excitation": "moves", "seconds": seconds}],
-        },
-        Plan,
-    )
+            "channels": {"head" if k == 0 else f"c{k}": {"input": k, "sensitivity": 1.0} for k in range(CHANNELS)},
+            # With a band the coherence so far is worked out as well.
+            "runs": [
+                {
+                    "id": "a", "configuration": "unlocked", "gain": 1.0, "excitation": "random", "band": [1.0, 2000.0],
+                    "seconds": seconds,
+                }
+            ],
+        }
+    )  # fmt: skip
     looks: list[tuple[float, float]] = []
     taken: list[Any] = []
     operator = Operator(

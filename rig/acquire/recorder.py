@@ -17,9 +17,10 @@ import h5py
 import numpy as np
 
 from drivers.block import Block, Input
-from rig.acquire.plan import Plan
+from rig.acquire.plan import Plan, RunPlan
 from rig.acquire.waiting import Waiting
 from rig.errors import OutputError
+from rig.output import replaced
 from rig.recording import FORMAT, VERSION
 
 #: Seconds of samples that may wait for a slow disk, and seconds that are gathered and then written at once.
@@ -51,36 +52,38 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
     OutputError
         Where the place cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with h5py.File(path, "w", libver="latest") as file:
-            file.attrs["format"], file.attrs["format_version"] = FORMAT, VERSION
-            file.create_group("rig").attrs.update(plan.rig)
-            for run in plan.runs:
-                for name in run.ids():
-                    group = file.create_group(f"runs/{name}")
-                    group.attrs.update(
-                        configuration=run.configuration, sample_rate=plan.instrument.sample_rate, gain=run.gain,
-                        excitation=run.excitation, use=run.use, planned=run.ticks(plan.instrument.sample_rate),
-                    )  # fmt: skip
-                    if run.excitation != "moves" and run.band is not None:
-                        group.attrs["band"] = run.band
-                    for channel, about in plan.channels.items():
-                        source = inputs[about.input]
-                        dataset = group.create_dataset(
-                            channel, (0,), source.dtype, maxshape=(None,), chunks=(CHUNK,), fletcher32=True
-                        )  # fmt: skip
-                        dataset.attrs.update(
-                            quantity=about.quantity, unit=about.unit, scale=source.per_count / about.sensitivity,
-                            offset=source.offset / about.sensitivity, **about.told,
-                        )  # fmt: skip
-                        if source.full_scale is not None:
-                            dataset.attrs["range"] = abs(source.full_scale / about.sensitivity)
-                    group.create_dataset("gaps", (0,), GAPS, maxshape=(None,), chunks=(256,), fletcher32=True)
-                    group.create_dataset("timing", (0,), TIMING, maxshape=(None,), chunks=(1024,), fletcher32=True)
-                    group.create_dataset("progress", (1,), PROGRESS)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written ({error}); choose another place with -o") from None
+    with replaced(path) as temporary:
+        try:
+            with h5py.File(temporary, "w", libver="latest") as file:
+                file.attrs["format"], file.attrs["format_version"] = FORMAT, VERSION
+                file.create_group("rig").attrs.update(plan.rig)
+                for run in plan.runs:
+                    for name in run.ids():
+                        _lay_out_run(file.create_group(f"runs/{name}"), plan, run, inputs)
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written ({error}); choose another place with -o") from None
+
+
+def _lay_out_run(group: h5py.Group, plan: Plan, run: RunPlan, inputs: Sequence[Input]) -> None:
+    rate = plan.instrument.sample_rate
+    group.attrs.update(
+        configuration=run.configuration, sample_rate=rate, gain=run.gain, excitation=run.excitation, use=run.use,
+        planned=run.ticks(rate),
+    )  # fmt: skip
+    if run.excitation != "moves" and run.band is not None:
+        group.attrs["band"] = run.band
+    for channel, about in plan.channels.items():
+        source = inputs[about.input]
+        dataset = group.create_dataset(channel, (0,), source.dtype, maxshape=(None,), chunks=(CHUNK,), fletcher32=True)
+        dataset.attrs.update(
+            quantity=about.quantity, unit=about.unit, scale=source.per_count / about.sensitivity,
+            offset=source.offset / about.sensitivity, **about.told,
+        )  # fmt: skip
+        if source.full_scale is not None:
+            dataset.attrs["range"] = abs(source.full_scale / about.sensitivity)
+    group.create_dataset("gaps", (0,), GAPS, maxshape=(None,), chunks=(256,), fletcher32=True)
+    group.create_dataset("timing", (0,), TIMING, maxshape=(None,), chunks=(1024,), fletcher32=True)
+    group.create_dataset("progress", (1,), PROGRESS)
 
 
 @dataclass

@@ -111,7 +111,8 @@ def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered
         raise RecordingError(f"{path} does not exist; give the working file of a session (its name ends in .partial)") from None
     except OSError as error:
         raise RecordingError(
-            f"{path} is no working file ({str(error).splitlines()[0]}); give one that ends in .partial"
+            f"{path} is no working file ({str(error).splitlines()[0]}); give one that ends in .partial, or remove it where its "
+            "session was killed before the first sample"
         ) from None
     with file:
         if "runs" not in file or any("progress" not in group for group in file["runs"].values()):
