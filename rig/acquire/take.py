@@ -60,6 +60,7 @@ class Look:
             None if run.band is None else RunningCoherence(tuple(self._columns), drive=plan.drive, band=run.band, rate=self._rate)
         )
         self._blocks: list[Block] = []
+        self._seconds = 0.0
         self._at = time.monotonic()
 
     def add(self, block: Block) -> None:
@@ -78,10 +79,10 @@ class Look:
             values = {key: raw[:, column] * self._scale[key] for key, column in self._columns.items()}
             if self._coherence is not None:
                 self._coherence.add(values)
-        seconds = self._blocks[-1].end_tick / self._rate if self._blocks else 0.0
+            self._seconds = self._blocks[-1].end_tick / self._rate
         self._blocks, self._at = [], time.monotonic()
         return Live(
-            run=name, seconds=min(seconds, self._run.seconds), of=self._run.seconds,
+            run=name, seconds=min(self._seconds, self._run.seconds), of=self._run.seconds,
             rms={key: float(np.sqrt(np.mean(v**2))) for key, v in values.items()},
             peak={key: float(np.abs(v).max()) for key, v in values.items()}, full_scale=self._full,
             coherence={} if self._coherence is None else self._coherence.medians(),

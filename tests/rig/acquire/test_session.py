@@ -57,6 +57,7 @@ def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
     assert not any("friction" in advice for advice in verdicts["u70-1"].advice)
     assert verdicts["l70"].coherence["table"] > 0.9
     assert all(run.gaps == () for run in campaign.runs)
+    assert watcher.seen[-1].seconds == watcher.seen[-1].of == 8.0
     assert watcher.seen[-1].full_scale == dict.fromkeys(("head", "motor", "table", "heatblock"), 50.0)
 
 
