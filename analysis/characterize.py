@@ -75,7 +75,8 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     """
     progress("looking for bad data")
     wrong = faults(campaign, reference=model.drive.channel)
-    campaign = without(campaign, wrong, (model.drive.channel, *(sensor.channel for sensor in model.sensors)))
+    needed = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
+    campaign = without(campaign, wrong, needed, from_rest=True)
     progress("fitting all runs with friction in the model")
     rough, fine = fit_baseline(campaign, model)
     progress("working out how well each value is known")

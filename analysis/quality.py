@@ -72,12 +72,11 @@ def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
     return tuple(found)
 
 
-def sound(runs: Sequence[Run], found: Sequence[Fault], channels: Sequence[str]) -> list[Run]:
-    """The runs whose channels are fit for an average; all of them where none is."""
-    spoilt = {
-        (fault.run, name) for fault in found if fault.kind in SPOILING for name in fault.channel.split("/")
-    }  # fmt: skip
-    return [run for run in runs if not any((run.id, name) in spoilt for name in channels)] or list(runs)
+def sound(runs: Sequence[Run], found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> list[Run]:
+    """The runs whose channels are fit for an average, or for a simulation `from_rest`; all of them where none is."""
+    kinds = (*SPOILING, "not at rest") if from_rest else SPOILING
+    spoilt = {(fault.run, name) for fault in found if fault.kind in kinds for name in fault.channel.split("/")}
+    return [run for run in runs if not any((run.id, name) in spoilt for name in (*channels, ""))] or list(runs)
 
 
 def _sensors(run: Run) -> list[str]:
@@ -312,9 +311,9 @@ def _upside_down(run: Run, campaign: Campaign, spectra: Spectra, pair: tuple[str
     return bool(-ratio.min() > np.log(3.0) and ratio.max() < 0.3 * -ratio.min())
 
 
-def without(campaign: Campaign, found: Sequence[Fault], channels: Sequence[str]) -> Campaign:
-    """The campaign without its spoilt runs; a configuration that has no other keeps its own."""
+def without(campaign: Campaign, found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> Campaign:
+    """The campaign without its spoilt runs (see `sound`); a configuration that has no other keeps its own."""
     kept: list[Run] = []
     for configuration in dict.fromkeys(run.configuration for run in campaign.runs):
-        kept += sound(campaign.select(configuration=configuration), found, channels)
+        kept += sound(campaign.select(configuration=configuration), found, channels, from_rest=from_rest)
     return replace(campaign, runs=tuple(run for run in campaign.runs if run in kept))

@@ -104,8 +104,12 @@ def test_not_at_rest(session: Campaign) -> None:
     # What a recording looks like that was begun while the drive was on.
     run = session.runs[4]
     late = {n: Channel(name=n, samples=c.read(4000, None), full_scale=c.full_scale) for n, c in run.channels.items()}
-    found = named(replace(session, runs=(*session.runs[:4], replace(run, channels=late), session.runs[5])))
-    assert found == {("l70", "", "not at rest")}
+    moving = replace(session, runs=(*session.runs[:4], replace(run, channels=late), session.runs[5]))
+    assert named(moving) == {("l70", "", "not at rest")}
+    names = list(run.channels)
+    # An average does not mind, a simulation from rest does.
+    assert "l70" in [r.id for r in without(moving, faults(moving), names).runs]
+    assert "l70" not in [r.id for r in without(moving, faults(moving), names, from_rest=True).runs]
 
 
 def test_a_drive_with_a_hole(session: Campaign) -> None:
