@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint bench study docs thesis
+.PHONY: setup demo test lint bench study docs thesis friction
 
 # How long `make study` goes on drawing campaigns.
 MINUTES ?= 60
@@ -38,6 +38,10 @@ study: setup
 # The documentation site, warnings as errors.
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# The pictures of the page on friction: docs/pictures/friction-*.
+friction: setup
+	$(BIN)/python -m rig.friction docs
 
 # Tables and figures of the thesis from a virtual campaign: docs/thesis.md and docs/pictures/thesis-*.
 thesis: setup

@@ -117,9 +117,7 @@ def literal_run(
 
     times = np.arange(len(force)) / sample_rate
     # A step of the solver may jump over a short pulse.
-    found = solve_ivp(
-        rates, (0.0, times[-1]), np.zeros(2 * n), method=method, t_eval=times, rtol=rtol, atol=atol, max_step=20.0 / sample_rate
-    )
+    found = solve_ivp(rates, (0.0, times[-1]), np.zeros(2 * n), method=method, t_eval=times, rtol=rtol, atol=atol)
     states: FloatArray = found.y.T
     friction = np.array([resistance(t, z)[0] for t, z in zip(times, states, strict=True)])
     return LiteralRun(states=states, friction=friction, evaluations=int(found.nfev))
