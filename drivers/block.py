@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any, Literal
 
@@ -98,4 +98,3 @@ class Record:
     averages: int | None = None
     window: str | None = None
     status: Status = Status.GOOD
-    notes: tuple[str, ...] = field(default=())

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from drivers.block import Raw
-from drivers.mti600 import ACCELERATION, CLIPPED, ERROR, GROUP_COUNTER, SAMPLE_TIME, STATUS_WORD, WRAP
+from drivers.mti600 import ACCELERATION, CLIPPED, GROUP_COUNTER, SAMPLE_TIME, STATUS_WORD, WRAP
 from drivers.simulated.faults import Faults, Mishaps
 
 #: Given a number of samples and a rate in Hz: int16 counts, shape (n, inputs).
@@ -74,11 +74,6 @@ class SimulatedDataq:
         """Whether the wire is to be cut."""
         return self._pace.over(self._rate)
 
-    @property
-    def sent(self) -> int:
-        """Scans taken since the start."""
-        return self._pace.sent
-
     def step(self, data: bytes) -> bytes:
         """Bytes in, bytes out."""
         self._waiting += data
@@ -137,11 +132,6 @@ def groups(
             (ACCELERATION, row.astype(">i2").tobytes()),
             (STATUS_WORD, flags.to_bytes(4, "big")),
         ]
-
-
-def lost_message() -> tuple[int, bytes]:
-    """The frame that tells of a message that was dropped inside."""
-    return ERROR, b"\x01"
 
 
 def slcan(frame: tuple[int, bytes]) -> bytes:

@@ -94,11 +94,6 @@ class Tally:
     lost: int = 0
     overloads: int = 0
 
-    @property
-    def ticks(self) -> int:
-        """Ticks accounted for."""
-        return self.stored + self.lost
-
 
 class RunWriter:
     """Writes one run of the working file from a thread of its own.

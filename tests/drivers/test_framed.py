@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import threading
+from zlib import crc32
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.errors import ProtocolError
+from drivers.framed import FramedInstrument
 from drivers.frames import MAGIC, Decoder, encode_samples, encode_text, unwrap
+from drivers.simulated.framed import SimulatedFramed
+from drivers.simulated.served import served
+from drivers.simulated.wire import PtyWire
 
 
 def frames(count: int, rows: int, columns: int, seed: int) -> tuple[list[bytes], list[np.ndarray]]:
@@ -63,3 +71,71 @@ def test_the_bytes_of_a_frame_are_those_of_the_description() -> None:
     assert wire.hex() == (
         "49534f52" "01" "02" "0100" "03000000" "04000000" "05000000" "0000c03f" "01000000" "7951bf86" "0100feff" "c79bc53e"
     )  # fmt: skip
+
+
+class Tapped(PtyWire):
+    """A wire that keeps what went over it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard, self.said = b"", b""
+
+    def read(self, timeout: float) -> bytes:
+        data = super().read(timeout)
+        self.heard += data
+        return data
+
+    def write(self, data: bytes, timeout: float) -> int:
+        taken = super().write(data, timeout)
+        self.said += data[:taken]
+        return taken
+
+
+class Three:
+    identity = "three samples"
+    inputs = (1, "V", 1e-3, 10.0)
+
+    def play(self, drive: np.ndarray, *, sample_rate: float, gain: float, configuration: str) -> np.ndarray:
+        assert drive.tolist() == [0.5, -1.0, 0.0]
+        return np.array([[1], [2], [3]], np.int32)
+
+
+def test_the_dialogue_byte_by_byte() -> None:
+    wire, over = Tapped(), threading.Event()
+    far = SimulatedFramed(wire, Three(), rows=2)
+    thread = threading.Thread(target=lambda: [far.step() for _ in iter(over.is_set, True)], daemon=True)
+    thread.start()
+    with FramedInstrument(wire.port) as instrument:
+        assert instrument.identity == "three samples"
+        assert instrument.prepare(sample_rate=1000.0, channels=[0]) == 1000.0
+        assert instrument.set_configuration("locked")
+        instrument.set_gain(2.5)
+        assert instrument.load_drive(np.array([0.5, -1.0, 0.0]))
+        instrument.start()
+        blocks = [instrument.read(5.0), instrument.read(5.0)]
+        assert instrument.stop() == 3
+    over.set()
+    thread.join()
+    wire.close()
+    drive = bytes.fromhex("0000003f 000080bf 00000000")
+    loaded = b"DRIVE 3\n" + drive + crc32(drive).to_bytes(4, "little")
+    assert wire.heard == b"STOP\nID?\nINPUTS?\nRATE 1000\nCONF locked\nGAIN 2.5\n" + loaded + b"START\nSTOP\n"
+    told = ("COUNT 0", "ID isorig-framed/1 three samples", "INPUTS 1 int32 V 0.001 10", "RATE 1000", "CONF locked", "GAIN 2.5",
+            "DRIVE 3", "START 0")  # fmt: skip
+    samples = [
+        encode_samples(np.array(part, np.int32)[:, None], sequence=k, tick=2 * k, time_us=2000 * k, gain=2.5)
+        for k, part in enumerate(([1, 2], [3]))
+    ]
+    assert wire.said == b"".join(map(encode_text, told)) + b"".join(samples) + encode_text("COUNT 3")
+    assert [block.samples.ravel().tolist() for block in blocks if block is not None] == [[1, 2], [3]]
+
+
+def test_another_version_of_the_protocol_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Newer:
+        unplugged = False
+
+        def step(self, data: bytes) -> bytes:
+            return encode_text("COUNT 0") + encode_text("ID isorig-framed/2 x") if data else b""
+
+    with served(Newer()) as port, pytest.raises(ProtocolError, match="isorig-framed/2"):
+        FramedInstrument(port)

@@ -18,7 +18,7 @@ from drivers.errors import ProtocolError, SettingError
 from drivers.mti600 import DBC, PER_COUNT, MtiInstrument, decode
 from drivers.simulated.faults import Faults
 from drivers.simulated.served import served
-from drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups
+from drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups, slcan
 
 
 def counts(samples: int, rate: float, inputs: int = 4) -> np.ndarray:
@@ -184,6 +184,11 @@ def test_whatever_frames_are_lost_on_a_bus_no_sample_is_out_of_place(
         np.testing.assert_array_equal(given_ticks, own - own[0])
         if drop == 0.0:
             assert len(own) >= 299 - 16
+
+
+def test_a_group_on_the_wire_of_an_adapter() -> None:
+    (group,) = groups(np.array([[256, -1, 2]], np.int16), rate=100.0, first=3, counter=65533)
+    assert b"".join(map(slcan, group)) == b"t00620000\rt005400007530\rt03460100FFFF0002\rt011400000000\r"
 
 
 def test_mti_over_slcan_places_every_sample_by_its_counter() -> None:
