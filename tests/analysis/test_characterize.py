@@ -12,6 +12,7 @@ from analysis.characterize import characterize
 from analysis.deviations import deviation
 from analysis.measured import Channel
 from analysis.rigs import THESIS, wire_bonder
+from analysis.simulate import free_run, sampling
 from rig.baseline import baseline_model
 from rig.cli import main
 from rig.recording import write
@@ -70,3 +71,20 @@ def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:
     assert "motor looks clipped" in (tmp_path / "fits.html").read_text()
     for name in ("set-ups.png", "error-surface.png"):
         assert (tmp_path / name).stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("taps", [12, 40])
+def test_another_sampling_filter_is_within_what_is_stated(taps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = wire_bonder({**THESIS, "friction_force": 9.0})
+    with monkeypatch.context() as patch:
+        # The recorder's filter, of the same kind and another length; only what played the rig knows.
+        patch.setattr(sampling, "TAPS", taps)
+        patch.setattr(free_run, "TAPS", taps)
+        sampling._sampler.cache_clear()
+        campaign = virtual_campaign(model, TAKES, seed=5)
+    sampling._sampler.cache_clear()
+    found = characterize(campaign, baseline_model(campaign))
+    for name, truth in truths(model).items():
+        entry = found.table[name]
+        if entry.value is not None and entry.std:
+            assert abs(entry.value - truth) <= 3.5 * entry.std, name

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import signal
 
-from analysis.measured import Campaign, Channel, FloatArray, Run
+from analysis.measured import Campaign, Channel, FloatArray, Gap, Run
 from analysis.quality import faults, sound, without
 from analysis.rigs import THESIS, wire_bonder
 from rig.virtual import Take, virtual_campaign
@@ -131,3 +133,29 @@ def test_what_is_spoilt_stays_out_of_averages(session: Campaign) -> None:
     assert [run.id for run in without(hurt, found, ["table"]).runs] == ["u70b", "u70c", "u7", "l70", "l7"]
     alone = changed(changed(session, "l70", "table", lambda x: 0.0 * x), "l7", "table", lambda x: 0.0 * x)
     assert len(without(alone, faults(alone), ["table"]).runs) == 6
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    n=st.integers(2, 4000), rate=st.sampled_from([10.0, 1024.0, 25600.0]), seed=st.integers(0, 99),
+    scales=st.lists(st.sampled_from([0.0, 1e-12, 1.0, 1e6]), min_size=1, max_size=4), steps=st.sampled_from([0, 2, 100]),
+    gap=st.booleans(), top=st.sampled_from([None, 1e-3, 50.0]),
+)  # fmt: skip
+def test_whatever_comes_it_answers(
+    n: int, rate: float, seed: int, scales: list[float], steps: int, gap: bool, top: float | None
+) -> None:
+    generator = np.random.default_rng(seed)
+    rows = [scale * generator.standard_normal(n) for scale in scales]
+    rows = [np.round(row * steps) if steps else row for row in rows]
+    names = ("head", "motor", "table", "heatblock")
+    channels = {name: Channel(name=name, samples=row, full_scale=top) for name, row in zip(names, rows, strict=False)}
+    gaps = (Gap(first_tick=n // 2, count=5),) if gap else ()
+    runs = tuple(
+        Run(id=str(k), configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels, gaps=gaps, excitation="random")
+        for k in range(3)
+    )
+    campaign = Campaign(runs=runs, known={"heatblock_frequency": 165.0})
+    for fault in faults(campaign):
+        assert fault.run in fault.text
+        assert fault.text.endswith(".")
+    assert without(campaign, faults(campaign), names).runs
