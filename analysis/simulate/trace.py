@@ -97,8 +97,10 @@ def trace(
         inside = modes == mode
         forces[:, inside] = compiled.resistance[mode] @ y[:, inside]
     holds = compiled.holds[modes].T.astype(np.float64)
-    placed = (log[:changes, 0] - start_time) / h
-    forces, holds = _in_time(forces, placed), _in_time(holds, placed)
+    for k in np.flatnonzero(compiled.rubs):
+        placed = (log[:changes][log[:changes, 1] == k, 0] - start_time) / h
+        _in_time(forces[k], placed)
+        _in_time(holds[k], placed)
 
     def smooth(values: FloatArray) -> FloatArray:
         return sampled(values, over, n, h, differentiate=False)
@@ -129,15 +131,11 @@ def trace(
     )
 
 
-def _in_time(values: FloatArray, changes: FloatArray) -> FloatArray:
+def _in_time(values: FloatArray, changes: FloatArray) -> None:
     # A jump between two points of the grid counts from its moment on, not from the middle between the points.
-    first = np.minimum(changes.astype(np.int64), values.shape[1] - 2)
+    first = np.minimum(changes.astype(np.int64), len(values) - 2)
     late = changes - first - 0.5
-    jump = values[:, first + 1] - values[:, first]
-    moved = values.copy()
-    for row, by in zip(moved, jump, strict=True):
-        np.add.at(row, first + (late > 0.0), -by * late)
-    return moved
+    np.add.at(values, first + (late > 0.0), (values[first] - values[first + 1]) * late)
 
 
 def _way(state: int) -> int:
