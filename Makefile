@@ -43,8 +43,9 @@ docs: setup
 friction: setup
 	$(BIN)/python -m rig.friction docs
 
-# Tables and figures of the thesis from a virtual campaign: docs/thesis.md and docs/pictures/thesis-*.
+# The thesis's figures and tables: docs/thesis.md and docs/pictures/thesis-* from a virtual campaign, and friction-*.
 thesis: setup
+	$(BIN)/python -m rig.friction docs
 	$(BIN)/python -m rig.thesis docs
 
 lint: setup

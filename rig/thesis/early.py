@@ -32,6 +32,6 @@ def early() -> Step:
     text = (
         "One, two and three masses under a half sine of 500 N (Fig. 6-13), with the chatter of the thesis's integration and "
         "why it "
-        "comes, are on the page about friction."
+        "comes, are on the page about [friction](friction.md)."
     )
     return Step(title="Fig. 6-13 and the force gauge", rows=[row], text=[text])
