@@ -97,7 +97,7 @@ def trace(
         inside = modes == mode
         forces[:, inside] = compiled.resistance[mode] @ y[:, inside]
     holds = compiled.holds[modes].T.astype(np.float64)
-    for k in np.flatnonzero(compiled.rubs):
+    for k in (k for k, rubs in enumerate(compiled.rubs) if rubs):
         placed = (log[:changes][log[:changes, 1] == k, 0] - start_time) / h
         _in_time(forces[k], placed)
         _in_time(holds[k], placed)
