@@ -33,6 +33,8 @@ WRAP = 1 << 16
 #: Groups in a block, and frames that may have been waiting before a run.
 GROUPS = 16
 BACKLOG = 1000
+#: Seconds that a serial adapter needs after its port was opened; many restart then.
+SETTLE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +111,8 @@ class MtiInstrument:
         self.inputs: Sequence[Input] = (one,) * 3
         self._name = port
         try:
-            self._bus = can.Bus(channel=port, interface=bus, bitrate=BITRATE)
+            own: dict[str, Any] = {"sleep_after_open": SETTLE} if bus == "slcan" else {}
+            self._bus = can.Bus(channel=port, interface=bus, bitrate=BITRATE, **own)
         except (can.CanError, OSError, ValueError) as error:
             raise ConnectionLostError(f"the CAN adapter at {port} cannot be opened ({error}); check the cable and name") from None
         self._frames: list[tuple[int, bytes]] = []

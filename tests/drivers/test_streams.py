@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers import mti600
 from drivers.arrivals import Arrivals
 from drivers.block import Block, Status
 from drivers.dataq import DataqInstrument
@@ -51,6 +52,11 @@ def test_di1100_dialogue_and_samples() -> None:
     ]  # fmt: skip
     samples = np.concatenate([block.samples for block in blocks])
     np.testing.assert_array_equal(samples[:6000], counts(6000, 2000.0))
+
+
+@pytest.fixture(autouse=True)
+def settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mti600, "SETTLE", 0.0)
 
 
 class Echo:

@@ -19,19 +19,19 @@ from rig.acquire.session import acquire
 from rig.recording import read
 
 injected: Counter[str] = Counter()
-often = st.floats(0.0, 0.3)
+often = st.floats(0.02, 0.35)
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     # The last frame of a run may be the one that was lost.
-    monkeypatch.setattr(take, "SILENCE", 1.0)
+    monkeypatch.setattr(take, "SILENCE", 0.7)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(
     drop=often, duplicate=often, corrupt=often, overload=often, seed=st.integers(0, 2**16),
-    first_tick=st.sampled_from([0, 2**32 - 1000, 2**31 - 500, 2**32 - 1]), rows=st.integers(1, 9),
+    first_tick=st.sampled_from([0, 2**32 - 1000, 2**31 - 500, 2**32 - 1]), rows=st.integers(1, 5),
     ppm=st.sampled_from([0.0, -200.0, 5000.0]),
 )  # fmt: skip
 def test_nothing_is_lost_without_being_counted(

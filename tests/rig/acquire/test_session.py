@@ -13,6 +13,7 @@ import pytest
 from ramps import RampPlant, Watcher, plan_of, ramp_instrument
 
 from analysis.rigs import wire_bonder
+from drivers import mti600
 from drivers.block import Block
 from drivers.simulated.faults import Faults
 from drivers.simulated.served import served
@@ -202,7 +203,8 @@ def _quiet_dataq() -> object:
     return far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=8.0, seconds=2.0)
 
 
-def test_an_accelerometer_on_can(tmp_path: Path) -> None:
+def test_an_accelerometer_on_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mti600, "SETTLE", 0.0)
     plan = plan_of({"id": "a", "excitation": "other", "seconds": 4.0}, rate=400.0, instrument={"kind": "mti600"})
     plan = msgspec.structs.replace(plan, channels={"motor": plan.channels["motor"]})
     with served(far_end("mti600", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=60.0)) as port:
