@@ -30,13 +30,14 @@ class _Kept:
     ledger: h5py.Group | None = None
     sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     drift: Drift | None = None
+    finished: bool = True
 
 
 def keep_session(partial: Path, output: Path, *, add: bool) -> None:
     """Make the recording of a working file, and remove that once its content is safe.
 
-    Where it is to `add` to a recording of an earlier part of the session, the runs there stay unless they were taken anew; of one
-    that was broken off twice the longer is kept.
+    Where it is to `add` to a recording of an earlier part of the session, the runs there stay unless they were taken anew to
+    their end, or further than before.
 
     Raises
     ------
@@ -47,10 +48,11 @@ def keep_session(partial: Path, output: Path, *, add: bool) -> None:
         runs = dict(earlier)
         for kept in _kept(found):
             before = earlier.get(kept.run.id)
-            if before is None or len(kept.run) >= len(before.run):
+            if before is None or kept.finished or len(kept.run) >= len(before.run):
                 runs[kept.run.id] = kept
         if runs:
-            if shutil.disk_usage(partial.parent).free < partial.stat().st_size + RESERVE:
+            size = partial.stat().st_size + (output.stat().st_size if earlier else 0)
+            if shutil.disk_usage(partial.parent).free < size + RESERVE:
                 raise OutputError(
                     f"the disk is nearly full: what was measured is in {partial}; make room and go on with --resume, or save it "
                     "elsewhere with rig recover"
@@ -116,7 +118,11 @@ def _same(run: Run, planned: RunPlan, plan: Plan, output: Path) -> None:
 
 
 def _kept(found: Sequence[Recovered]) -> list[_Kept]:
-    return [_Kept(run=item.run, ledger=item.ledger, drift=item.drift) for item in found if item.run is not None]
+    return [
+        _Kept(run=item.run, ledger=item.ledger, drift=item.drift, finished=item.finished)
+        for item in found
+        if item.run is not None
+    ]
 
 
 @contextmanager

@@ -52,7 +52,14 @@ class Operator:
 
 
 def acquire(
-    plan: Plan, port: str, output: Path, operator: Operator, *, resume: bool = False, force: bool = False
+    plan: Plan,
+    port: str,
+    output: Path,
+    operator: Operator,
+    *,
+    resume: bool = False,
+    again: Set[str] = frozenset(),
+    force: bool = False,
 ) -> tuple[Path, list[Taken]]:
     """Take the runs of a plan and write them as a recording.
 
@@ -69,6 +76,8 @@ def acquire(
         The recording.
     operator
         Who locks, and who is told.
+    again
+        Runs that are taken once more although they are whole, where a session is resumed.
     resume
         Go on with a session that was broken off: whole runs are kept, the others taken.
     force
@@ -83,7 +92,7 @@ def acquire(
     no_room = check_room(plan, output)
     if no_room is not None and not force:
         raise OutputError(f"{no_room}; --force begins all the same")
-    done = _done(partial, output, plan, resume=resume)
+    done = _done(partial, output, plan, resume=resume) - _planned(again, plan)
     if plan.instrument.analyzer:
         return output, _with_analyzer(plan, port, output, operator, done, resume=resume, force=force)
     taken: list[Taken] = []
@@ -166,6 +175,14 @@ def _check_against(instrument: Stream, plan: Plan) -> None:
 def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:
     if not isinstance(instrument, Exciter) or not instrument.set_configuration(configuration):
         operator.lock(configuration)
+
+
+def _planned(names: Set[str], plan: Plan) -> Set[str]:
+    ids = [name for run in plan.runs for name in run.ids()]
+    unknown = next((name for name in sorted(names) if name not in ids), None)
+    if unknown is not None:
+        raise PlanError(f"the plan has no run {unknown!r} to take again; it has {', '.join(ids)}")
+    return names
 
 
 def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> Set[str]:

@@ -21,6 +21,7 @@ def acquire(
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     port: str | None = None,
     resume: bool = False,
+    again: tuple[str, ...] = (),
     force: bool = False,
     yes: bool = False,
     json: bool = False,
@@ -42,6 +43,8 @@ def acquire(
         The instrument's port instead of the plan's: a path such as /dev/ttyACM0, or socket://127.0.0.1:4000.
     resume
         Go on with a session that was broken off: finished runs are kept.
+    again
+        With --resume: take a finished run once more; it replaces the first. May be given several times.
     force
         Begin runs that the look before them speaks against.
     yes
@@ -54,22 +57,28 @@ def acquire(
     from rig.acquire.session import Operator
     from rig.acquire.session import acquire as run_session
     from rig.acquire.sound import read_plan
-    from rig.errors import OutputError
+    from rig.errors import OutputError, PlanError
 
     planned = read_plan(plan)
+    if again and not resume:
+        raise PlanError("--again takes runs of an earlier session once more; give it together with --resume")
     if output.exists() and not resume:
         raise OutputError(f"{output} exists already; go on with it by --resume, or give another -o")
     with _Screen(json=json) as screen:
         operator = Operator(lock=_silent if yes else screen.ask, watch=screen.watch, taken=screen.taken)
         try:
-            path, taken = run_session(planned, port or planned.instrument.port, output, operator, resume=resume, force=force)
+            path, taken = run_session(
+                planned, port or planned.instrument.port, output, operator, resume=resume, again=set(again), force=force
+            )
         except (KeyboardInterrupt, DriverError):
             if output.exists():
                 print(f"what was measured is in {output}; rig acquire --resume goes on with the plan", file=sys.stderr)
             raise
     if not json:
         bad = [item.id for item in taken if not item.verdict.good]
-        print(f"{len(taken)} runs taken" + (f"; worth a second look: {', '.join(bad)}" if bad else ", all sound"))
+        print(f"{len(taken)} runs taken" + ("" if bad else ", all sound"))
+        if bad:
+            print(f"worth taking again while the rig stands: --resume {' '.join(f'--again {name}' for name in bad)}")
         print(path)
 
 
