@@ -21,6 +21,8 @@ from analysis.trials import SIGNAL_SHARE, Trial, expected, true_motion
 
 #: Models whose motion a problem remembers.
 CACHED = 3
+#: A parameter whose column of the Jacobian has no more than this square has no effect but rounding.
+FAINT = 1e-6
 #: Seconds of a segment over which residuals are correlated with the drive.
 SEGMENT = 2.0
 
@@ -277,9 +279,11 @@ def fit(
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
         before = cost
         for _ in range(6):
-            scale = np.diag(normal).copy()
-            scale[scale <= 0.0] = 1.0
-            step = -np.linalg.solve(normal + damping * np.diag(scale), gradient)
+            scale = np.diag(normal)
+            # What leaves no trace stays: its step would be rounding's, and shorten all others.
+            live = np.flatnonzero(scale > FAINT)
+            step = np.zeros(len(free))
+            step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
             trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + _limited(step, free), strict=True)])
             candidate = misfit(trial)
             evaluations += 1
