@@ -8,7 +8,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from analysis.deviations import deviation, grid_shift, line_moves, polished
+from analysis.deviations import awakened, deviation, grid_shift, line_moves, polished, untraced
 from analysis.diagnose.fits import fit_baseline
 from analysis.diagnose.judge import SIMULATION_LIMIT, Score, adequate, noise_floor, score
 from analysis.fit import Fit, disagreement
@@ -21,6 +21,7 @@ BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation")
 #: Relative deviation by what the estimate itself cannot see, the instrument's sampling filter: found by fitting recordings
 #: made through filters of three quarters to two and a half times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+NO_TRACE = "it leaves no trace in these runs: take one in which it moves"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     progress("fitting all runs with friction in the model")
     rough, fine = fit_baseline(campaign, model)
     progress("working out how well each value is known")
-    fitted = polished(rough, fine)
+    fitted = polished(awakened(rough, fine), fine)
     judged = score(fitted.model, fine)
     floors = noise_floor(fitted.model, fine, noise_levels(campaign).get(model.drive.channel, 0.0))
     explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
@@ -107,12 +108,15 @@ class _Known:
 
     def __init__(self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str) -> None:
         self.fitted, self._misfit, self._note = fitted, misfit, note
-        self._order = [free.path for free in fitted.free]
+        self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
         self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
         self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
         """The row of a figure that changes by `slopes` with the values at those paths."""
+        if self._untraced & slopes.keys():
+            note = "it leaves no trace in these runs: take one in which the motor slides" if kind == "friction" else NO_TRACE
+            return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
         variance = deviation(self._moves, slope) ** 2 + (self._shift @ slope) ** 2 + slope @ self._runs @ slope
         whole = float(np.sqrt(variance + (UNSEEN[kind] * value) ** 2))

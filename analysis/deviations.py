@@ -22,6 +22,10 @@ from analysis.trials import Trial
 ROUNDS, GAIN = 4, 1e-5
 #: Bounds of the relative size of a finite difference.
 FINEST, COARSEST = 1e-6, 1e-3
+#: A value whose whole size changes the residual by less than this, in deviations of the noise, leaves no trace in the data.
+TRACE = 2.0
+#: Shares of a friction force that leaves no trace because nothing slides against it: the data may slide all the same.
+SMALLER = np.geomspace(0.95, 0.05, 30).tolist()
 
 
 def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
@@ -40,6 +44,23 @@ def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
         done = fit(done.model, free, problem, iterations=8, tolerance=GAIN / 10.0)
         if before - done.cost <= GAIN * before:
             break
+    return done
+
+
+def untraced(done: Fit) -> frozenset[str]:
+    """Paths of the fitted values that leave no trace in the data, so that nothing is known of them."""
+    sizes = np.sqrt((done.jacobian**2).sum(axis=0))
+    return frozenset(f.path for f, size in zip(done.free, sizes, strict=True) if f.log and size < TRACE)
+
+
+def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
+    """The fit, begun again from a smaller friction where its own lets nothing slide, if that explains the data better."""
+    problem = Problem(trials, share=NARROW)
+    for path in sorted(path for path in untraced(done) if path.endswith("friction_force")):
+        smaller = [done.model.replace({path: share * done.values[path]}) for share in SMALLER]
+        costs = np.nan_to_num((problem.residuals(smaller) ** 2).mean(axis=1), nan=np.inf)
+        begun = fit(smaller[int(np.argmin(costs))], done.free, problem, iterations=12, tolerance=1e-3)
+        done = min(done, begun, key=lambda f: f.cost)
     return done
 
 

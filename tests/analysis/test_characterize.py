@@ -88,3 +88,29 @@ def test_another_sampling_filter_is_within_what_is_stated(taps: int, monkeypatch
         entry = found.table[name]
         if entry.value is not None and entry.std:
             assert abs(entry.value - truth) <= 3.5 * entry.std, name
+
+
+def test_what_the_runs_do_not_show_is_not_told() -> None:
+    model = wire_bonder({**THESIS, "friction_force": 9.0})
+    campaign = virtual_campaign(model, TAKES, seed=1)
+    for runs, silent in ((campaign.runs[2:], "locked"), (campaign.runs[1::2], "stuck")):
+        found = characterize(replace(campaign, runs=runs), baseline_model(campaign))
+        for name in ("motor_frequency", "motor_damping", "friction_force"):
+            assert found.table[name].value is None, (name, silent)
+            assert "no trace" in found.table[name].note
+        for name in ("table_mass", "table_frequency", "heatblock_frequency", "heatblock_damping"):
+            entry = found.table[name]
+            assert entry.value is not None
+            assert entry.std is not None
+            assert abs(entry.value - truths(model)[name]) <= 4.0 * entry.std, (name, silent)
+    narrow = characterize(replace(campaign, runs=campaign.runs[::2]), baseline_model(campaign))
+    assert narrow.table["heatblock_damping"].value is None
+    assert narrow.table["motor_frequency"].value == pytest.approx(5.06, rel=1e-4)
+
+
+def test_a_guess_of_friction_that_lets_nothing_slide() -> None:
+    model = wire_bonder({**THESIS, "friction_force": 2.0})
+    campaign = virtual_campaign(model, TAKES, seed=1)
+    assert campaign.known["friction_force"] == 20.0
+    found = characterize(replace(campaign, runs=campaign.runs[1::2]), baseline_model(campaign))
+    assert found.table["friction_force"].value == pytest.approx(2.0, rel=1e-3)
