@@ -1,0 +1,64 @@
+"""Plans with anything in them: refused in a sentence, or sound enough that every drive can be made."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.acquire.drive import drive_of
+from rig.acquire.plan import Plan, plan_of
+from rig.acquire.sound import check_plan
+from rig.errors import PlanError
+
+ROOT = Path(__file__).resolve().parents[3]
+TREE = tomllib.loads((ROOT / "rig" / "acquire" / "demo.toml").read_text(encoding="utf-8"))
+#: What TOML can hold.
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats() | st.text(max_size=8)
+    | st.sampled_from(["", "a/b", "multisine", "moves", "di1100", "sr785", "locked", "gain", "[rig]", 1e308, 1e-308, 0, -1]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    max_leaves=4,
+)  # fmt: skip
+
+
+def places(tree: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The paths of everything in a tree."""
+    inner = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    return [path for key, value in inner for path in ((*at, key), *places(value, (*at, key)))]
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.data())
+def test_whatever_stands_in_a_plan_is_refused_or_can_be_played(data: st.DataObject) -> None:
+    tree = copy.deepcopy(TREE)
+    tree["runs"] = tree["runs"][:1]
+    for _ in range(data.draw(st.integers(1, 2))):
+        *path, last = data.draw(st.sampled_from(places(tree)))
+        part = tree
+        for key in path:
+            part = part[key]
+        if data.draw(st.booleans()):
+            part[last] = data.draw(VALUES)
+        elif isinstance(part, dict):
+            new = data.draw(
+                st.sampled_from(["period", "band", "seed", "use", "repeats", "excitation", "shows", "baud_rate", "x"])
+            )
+            part[new] = data.draw(VALUES)
+    with suppress(msgspec.ValidationError, PlanError):
+        plan = plan_of(tree)
+        check_plan(plan, "plan.toml")
+        _play(plan)
+
+
+def _play(plan: Plan) -> None:
+    (run,) = plan.runs
+    if run.ticks(plan.instrument.sample_rate) < 1_000_000:
+        drive, _ = drive_of(run, 0, plan.instrument.sample_rate)
+        assert len(drive) == run.ticks(plan.instrument.sample_rate)
