@@ -46,6 +46,13 @@
     return out;
   }
 
+  // Over few decades the powers of ten alone would leave an axis without numbers.
+  function decades(chart, panel) {
+    let low = Infinity, high = 0;
+    for (const t of chart.traces) if (t.panel === panel) for (const v of t.y) if (v > 0) { low = Math.min(low, v); high = Math.max(high, v); }
+    return Math.log10(high / low);
+  }
+
   function layout(chart, theme, narrow) {
     const ink = theme === "dark" ? "#e6e8ea" : "#1c2024", line = theme === "dark" ? "#33393f" : "#d9dce0";
     const style = { color: ink, gridcolor: line, zerolinecolor: line, linecolor: line, ticks: "outside", automargin: true };
@@ -59,13 +66,13 @@
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
       xaxis: { ...style, title: { text: chart.x.label, standoff: 6 }, type: chart.x.log ? "log" : "linear", anchor: axis(chart.panels.length - 1) },
     };
-    if (chart.x.log) Object.assign(out.xaxis, { dtick: narrow ? "D2" : "D1", minor: { showgrid: false } });
+    if (chart.x.log) Object.assign(out.xaxis, { dtick: "D2", tickformat: "~g", minor: { showgrid: false } });
     if (chart.x.ends) out.xaxis.range = chart.x.ends;
     let top = 1;
     chart.panels.forEach((p, i) => {
       const height = ((1 - gap * (chart.panels.length - 1)) * p.height) / total;
       const y = { ...style, title: { text: p.label, standoff: 4 }, type: p.log ? "log" : "linear", domain: [Math.max(top - height, 0), top] };
-      if (p.log) Object.assign(y, { dtick: 1, exponentformat: "power" });
+      if (p.log) Object.assign(y, decades(chart, i) < 2 ? { dtick: "D2", tickformat: ".2~g" } : { dtick: 1, exponentformat: "power" });
       if (p.ends) y.range = p.ends;
       out[i ? `yaxis${i + 1}` : "yaxis"] = y;
       top -= height + gap;
