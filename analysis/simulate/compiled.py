@@ -21,6 +21,8 @@ from analysis.simulate.elements import WIDTH, Element, Exit, of_contact, of_link
 MODES = 729
 #: Angle in rad that the quickest motion may turn in one step, so that its Taylor series and its roots are safe.
 TURN = 1.2
+#: The same for what a curved force does at its steepest: so that passes settle.
+STEEP_TURN = 0.1
 #: Parts into which a step may be cut for that.
 CUTS = 4096
 
@@ -117,7 +119,8 @@ def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
     elements = _elements(model, frozenset(setup.rigid), basis)
     systems = _Systems(free, inverse, elements)
     quickest = float(np.abs(np.linalg.eigvals(systems.square())).max(initial=0.0))
-    cuts = max(1, int(np.ceil(quickest * h / TURN)))
+    steepest = max((_steepness(element, inverse) for element in elements), default=0.0)
+    cuts = max(1, int(np.ceil(quickest * h / TURN)), int(np.ceil(steepest * h / STEEP_TURN)))
     if cuts > CUTS:
         raise ModelError(
             f"the rig {model.name!r} moves at up to {quickest:.3g} rad/s, too quick for steps of {h:.3g} s; "
@@ -153,6 +156,13 @@ def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray) -> li
         names = ", ".join(element.name for element in elements if len(element.states) > 1)
         raise ModelError(f"the contacts and stops {names} have more than {MODES} states together; leave some out")
     return elements
+
+
+def _steepness(element: Element, inverse: FloatArray) -> float:
+    # How fast the two ends swing or creep on the curved force alone, 1/s.
+    stiffness, damping = element.steepest
+    mobility = float(element.direction @ inverse @ element.direction)
+    return float(np.sqrt(stiffness * mobility) + damping * mobility)
 
 
 class _Systems:

@@ -16,8 +16,9 @@ from analysis.simulate.step import first_exit, point
 TRIPS = 60
 #: Passes of the curved forces over a step, and the share of a force that may be left unsettled when they end.
 PASSES, SETTLED = 10, 1e-8
-#: Share of a force by which a parabola may miss it between its points. Continued over a step it misses by 64 times as much.
-FINE, ROUGH = 4e-6, 64 * 4e-6
+#: Share of a force by which a parabola may miss it between its points where a step is looked at closely. Elsewhere the last
+#: parabola, continued, may miss the step's end by so much, 64 times of what the step's own then misses in between.
+FINE, ROUGH = 1e-6, 64 * 4e-6
 #: Shortest piece of a step that is taken to meet that.
 SHORTEST = 1e-4
 #: What is left after a step of the size that a force lately had.

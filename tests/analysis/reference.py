@@ -13,18 +13,19 @@ THREE = {"m": (80.0, 6.0, 16.4), "f": (10.8, 164.5, 5.06), "z": (0.015, 0.009, 0
 class Reference:
     """The thesis's three-mass rig with friction between motor and table, written out from its equations.
 
-    `sliding(v, s)` is the resistance while it slides the way s, `static` what holds it; `spring(d, v)` is a further
-    resistance of the isolation, with its corners at `corners` of d.
+    `sliding(v, s)` is the resistance while it slides the way s, `static` what holds it; `spring(d, v, region)` is a further
+    resistance of the isolation, smooth in each region between its `corners` of d.
     """
 
     sliding: Callable[[float, float], float]
     static: float
-    spring: Callable[[float, float], float] = lambda d, v: 0.0
+    spring: Callable[[float, float, int], float] = lambda d, v, region: 0.0
     corners: tuple[float, ...] = ()
     changes: int = 0
     corners_met: int = 0
 
     def __post_init__(self) -> None:
+        self.region = len(self.corners) // 2
         w = [2 * np.pi * f for f in THREE["f"]]
         self.k = [w[i] ** 2 * THREE["m"][i] for i in range(3)]
         self.c = [2 * THREE["z"][i] * w[i] * THREE["m"][i] for i in range(3)]
@@ -32,7 +33,7 @@ class Reference:
     def rates(self, z: np.ndarray, force: float, s: float) -> np.ndarray:
         (m1, m2, m3), (k1, k2, k3), (c1, c2, c3) = THREE["m"], self.k, self.c
         x1, x2, x3, v1, v2, v3 = z
-        isolation = k3 * (x3 - x1) + c3 * (v3 - v1) + self.spring(x3 - x1, v3 - v1)
+        isolation = k3 * (x3 - x1) + c3 * (v3 - v1) + self.spring(x3 - x1, v3 - v1, self.region)
         block = k2 * (x2 - x1) + c2 * (v2 - v1)
         on1, on3 = isolation + block - c1 * v1 - k1 * x1, force - isolation
         # Holding both at one speed: (on1 + r) / m1 = (on3 - r) / m3.
@@ -97,6 +98,7 @@ class Reference:
         if i >= ends:
             # Past the corner of a spring: only the integrator must begin anew.
             self.corners_met += 1
+            self.region += 1 if z[5] > z[3] else -1
             step = min(1e-9, h - t)
             return _rk4(rhs, t, z, step), t + step, s
         self.changes += 1

@@ -58,7 +58,7 @@ PIECEWISE = {
         laws.Backlash(clearance=4e-4),
         {
             "sliding": lambda v, s: 20.0 * s, "static": 20.0, "corners": (-4e-4, 4e-4),
-            "spring": lambda d, v: -K3 * min(max(d, -4e-4), 4e-4),
+            "spring": lambda d, v, region: -K3 * (-4e-4, d, 4e-4)[region],
         },
     ),
     "end stop": (
@@ -66,7 +66,7 @@ PIECEWISE = {
         laws.EndStop(stroke=4e-4, contact_stiffness=2e5),
         {
             "sliding": lambda v, s: 20.0 * s, "static": 20.0, "corners": (-4e-4, 4e-4),
-            "spring": lambda d, v: 2e5 * (max(d - 4e-4, 0.0) + min(d + 4e-4, 0.0)),
+            "spring": lambda d, v, region: 2e5 * (d + 4e-4, 0.0, d - 4e-4)[region],
         },
     ),
 }  # fmt: skip
@@ -77,15 +77,15 @@ CURVED = {
     ),
     "cubic": (
         COULOMB, laws.Cubic(cubic_stiffness=1e9),
-        {"sliding": lambda v, s: 20.0 * s, "static": 20.0, "spring": lambda d, v: 1e9 * d**3},
+        {"sliding": lambda v, s: 20.0 * s, "static": 20.0, "spring": lambda d, v, _: 1e9 * d**3},
     ),
     "bounded softening": (
         COULOMB, laws.BoundedSoftening(softening=0.6, scale=5e-4),
-        {"sliding": lambda v, s: 20.0 * s, "static": 20.0, "spring": lambda d, v: 0.6 * K3 * (5e-4 * np.tanh(d / 5e-4) - d)},
+        {"sliding": lambda v, s: 20.0 * s, "static": 20.0, "spring": lambda d, v, _: 0.6 * K3 * (5e-4 * np.tanh(d / 5e-4) - d)},
     ),
     "quadratic damping": (
         COULOMB, laws.QuadraticDamping(quadratic_damping=300.0),
-        {"sliding": lambda v, s: 20.0 * s, "static": 20.0, "spring": lambda d, v: 300.0 * v * abs(v)},
+        {"sliding": lambda v, s: 20.0 * s, "static": 20.0, "spring": lambda d, v, _: 300.0 * v * abs(v)},
     ),
 }  # fmt: skip
 KINDS = ("random 60", "random 25", "sweep")
