@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,12 @@ import numpy as np
 import pytest
 from ramps import Watcher, plan_of, ramp_instrument
 
+from drivers.block import Block
+from rig.acquire import recorder
 from rig.acquire.recorder import RunWriter
 from rig.acquire.session import acquire
 from rig.acquire.waiting import Waiting
+from rig.errors import OutputError
 from rig.recording import read
 
 RATE = 51200.0
@@ -51,3 +55,29 @@ def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, monk
     assert (tally.stored, tally.lost) == (204_800, 0)
     run = read(tmp_path / "c.h5").runs[0]
     np.testing.assert_array_equal(run.channels["c7"].samples, np.arange(204_800) * 4 + 7)
+
+
+def test_a_disk_that_never_comes_back_ends_the_session_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stuck = threading.Event()
+    monkeypatch.setattr(recorder, "STUCK", 0.2)
+    monkeypatch.setattr(recorder, "QUEUE_SECONDS", 0.5)
+    store = RunWriter._store
+    monkeypatch.setattr(RunWriter, "_store", lambda self, blocks: (stuck.wait(0.6), store(self, blocks)))
+    with ramp_instrument(speed=8.0) as (port, instrument):
+        with pytest.raises(OutputError, match=r"the disk has not written for 0\.2 s"):
+            acquire(plan_of({"id": "a", "seconds": 60.0}), port, tmp_path / "c.h5", Watcher().operator, force=True)
+        assert not instrument.running
+    # What waited was written as soon as the disk went on.
+    run = read(tmp_path / "c.h5").runs[0]
+    np.testing.assert_array_equal(run.channels["motor"].samples, np.arange(len(run)) * 4 + 1)
+
+
+def test_what_waits_is_bounded_and_kept_in_order() -> None:
+    waiting = Waiting(100)
+    blocks = [Block(first_tick=64 * k, samples=np.zeros((64, 1), np.int16), host_time=0.0) for k in range(3)]
+    assert [waiting.put(block, 0.01) for block in blocks] == [True, True, False]
+    assert [block.first_tick for block in waiting.take(0.01) or ()] == [0, 64]
+    assert waiting.put(blocks[2], 0.01)
+    waiting.end()
+    assert [block.first_tick for block in waiting.take(10.0) or ()] == [128]
+    assert waiting.take(10.0) is None
