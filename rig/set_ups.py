@@ -26,6 +26,13 @@ BIASED = (
     "damping. The joint fit is the better estimate; these show what the linear reading makes of the same runs."
 )
 
+STATED = (
+    "Deviations of the joint fit come from its residuals, each spectral line left out in turn with all its channels, given the "
+    "recorded head; they include the simulation's grid and the recorder's filter, and where the model leaves a misfit also how "
+    "far the runs disagree and the misfit's size. Weighed masses and the sensors' calibration are taken as exact: an error of "
+    "the head's mass goes in full into the table's mass and the friction."
+)
+
 
 def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> Classic:
     """Write fits.html, set-ups.png and error-surface.png; the classic readings."""
@@ -80,7 +87,7 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
         summary=[fault.text for fault in found.faults]
         + [f"{words(name).capitalize()}: not read, because {reason}." for name, reason in read.refused.items()],
         sections=[
-            Section(title="Parameters", text=[BIASED], tables=[_compared(found, read)]),
+            Section(title="Parameters", text=[BIASED, STATED], tables=[_compared(found, read)]),
             *(_set_up_section(item) for item in read.set_ups),
             *surface,
             Section(
