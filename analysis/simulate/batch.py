@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from analysis import laws
 from analysis.errors import SimulationError
 from analysis.jit import fast_kernel
 from analysis.measured import FloatArray
-from analysis.model import GROUND, RigModel, direction, matrices
+from analysis.model import GROUND, RigModel, direction
 from analysis.parallel import side_by_side
 from analysis.simulate.compiled import constraint_basis
 from analysis.simulate.exponential import exponentials
@@ -28,22 +29,44 @@ LANES = 64
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """The responses of many rigs to one drive: a record per sensor by channel, each shape (models, n).
+    """The responses of many rigs to one drive.
 
     Single precision where they come from the batch engine's own steps: its memory traffic is what takes the time.
+
+    Parameters
+    ----------
+    sample_rate
+        Hz.
+    names
+        The sensors' channels.
+    parts
+        Their records as they were simulated, some rigs at a time, each shape (sensors, n, rigs).
     """
 
     sample_rate: float
-    channels: dict[str, Records]
+    names: tuple[str, ...]
+    parts: tuple[Records, ...]
 
     def __len__(self) -> int:
-        return len(next(iter(self.channels.values())))
+        return sum(part.shape[2] for part in self.parts)
+
+    @cached_property
+    def channels(self) -> dict[str, Records]:
+        """A record per sensor by channel, each shape (rigs, n); put together when first asked for."""
+        return {
+            name: (np.concatenate([part[k] for part in self.parts], axis=1) if len(self.parts) > 1 else self.parts[0][k]).T
+            for k, name in enumerate(self.names)
+        }
 
     def __getitem__(self, index: int) -> Response:
-        return Response(
-            sample_rate=self.sample_rate,
-            channels={name: np.asarray(rows[index], dtype=np.float64) for name, rows in self.channels.items()},
-        )
+        """The response of one rig."""
+        left = range(len(self))[index]
+        for part in self.parts:
+            if left < part.shape[2]:
+                rows = {name: np.asarray(part[k, :, left], dtype=np.float64) for k, name in enumerate(self.names)}
+                return Response(sample_rate=self.sample_rate, channels=rows)
+            left -= part.shape[2]
+        raise IndexError(index)
 
 
 def simulate_many(models: Sequence[RigModel], excitation: Excitation, *, configuration: str = "unlocked") -> Batch:
@@ -80,28 +103,27 @@ def simulate_many(models: Sequence[RigModel], excitation: Excitation, *, configu
     """
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
     sensors = models[0].sensors
-    if any(_structure(model, configuration) != _structure(models[0], configuration) for model in models) or not _steppable(
-        models[0], configuration
-    ):
+    names = tuple(sensor.channel for sensor in sensors)
+    pattern = _structure(models[0], configuration)
+    if not _steppable(models[0], configuration) or any(_structure(model, configuration) != pattern for model in models[1:]):
         found = side_by_side(lambda model: simulate(model, excitation, configuration=configuration), models)
-        return Batch(
-            sample_rate=rate,
-            channels={s.channel: np.stack([response.channels[s.channel] for response in found]) for s in sensors},
-        )
-    chunks = [models[k : k + LANES] for k in range(0, len(models), LANES)]
-    parts = side_by_side(lambda chunk: _lanes(chunk, excitation, configuration), chunks)
-    rows = np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
-    if not np.isfinite(rows[:, -1]).all():
-        raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
-    channels: dict[str, Records] = {}
-    for k, sensor in enumerate(sensors):
-        differentiate = sensor.quantity == "acceleration"
-        channels[sensor.channel] = (
-            np.stack([sampled(row, over, n, 1.0 / (rate * over), differentiate=differentiate) for row in rows[k].T.astype(float)])
-            if over > 1
-            else rows[k].T
-        )
-    return Batch(sample_rate=rate, channels=channels)
+        rows = [[response.channels[name] for response in found] for name in names]
+        return Batch(sample_rate=rate, names=names, parts=(np.array(rows).transpose(0, 2, 1),))
+
+    def chunk(first: int) -> Records:
+        part = _lanes(models[first : first + LANES], excitation, configuration)
+        if not np.isfinite(part[:, -1]).all():
+            raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
+        if over == 1:
+            return part
+        out = np.empty((len(sensors), n, part.shape[2]))
+        for k, sensor in enumerate(sensors):
+            for lane in range(part.shape[2]):
+                fine = part[k, :, lane].astype(np.float64)
+                out[k, :, lane] = sampled(fine, over, n, 1.0 / (rate * over), differentiate=sensor.quantity == "acceleration")
+        return out
+
+    return Batch(sample_rate=rate, names=names, parts=tuple(side_by_side(chunk, range(0, len(models), LANES))))
 
 
 def _structure(model: RigModel, configuration: str) -> object:
@@ -113,6 +135,7 @@ def _structure(model: RigModel, configuration: str) -> object:
         model.sensors,
         model.configurations[configuration].rigid,
         model.configurations[configuration].lock_stiffness is None,
+        (model.drive.chain.delay, model.drive.chain.offset),
     )
 
 
@@ -120,7 +143,8 @@ def _steppable(model: RigModel, configuration: str) -> bool:
     blocked = model.configurations[configuration].rigid
     sticking = [contact for contact in model.contacts if contact.name not in blocked]
     return (
-        all(not link.laws or link.name in blocked for link in model.links)
+        model.drive.chain.delay == model.drive.chain.offset == 0.0
+        and all(not link.laws or link.name in blocked for link in model.links)
         and len(sticking) <= 1
         and all(isinstance(contact.law, laws.Coulomb) for contact in sticking)
     )
@@ -137,28 +161,29 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
     order = basis.shape[1]
     contacts = [contact for contact in first.contacts if contact.name not in setup.rigid]
     row = direction(first, contacts[0].a, contacts[0].b, contacts[0].arms) @ basis if contacts else np.zeros(order)
-    whole = np.zeros((len(models), 2 * order + 4, 2 * order + 4))
-    friction = np.zeros((2, len(models)))
+    count = len(models)
+    whole = np.zeros((count, 2 * order + 4, 2 * order + 4))
+    friction = np.zeros((2, count))
+    along = np.array([direction(first, link.a, link.b, link.arms) for link in first.links]).reshape(-1, len(basis)) @ basis
+    mass = _assembled(basis, np.array([[body.mass for body in model.bodies] for model in models]))
+    stiffness = _assembled(along, np.array([[link.stiffness for link in model.links] for model in models]))
+    damping = _assembled(along, np.array([[link.damping for link in model.links] for model in models]))
+    if setup.lock_stiffness is not None:
+        across = np.array([direction(first, link.a, link.b, {}) for link in rigid]).reshape(-1, len(basis)) @ basis
+        given = [model.configurations[configuration] for model in models]
+        stiffness += _assembled(across, np.array([[lock.lock_stiffness or 0.0] * len(rigid) for lock in given]))
+        damping += _assembled(across, np.array([[lock.lock_damping] * len(rigid) for lock in given]))
+    forces = np.zeros((count, order, 2 * order + 2))
+    forces[:, :, :order], forces[:, :, order : 2 * order], forces[:, :, -1] = -stiffness, -damping, row
     for lane, model in enumerate(models):
-        mass, damping, stiffness = matrices(model)
-        given = model.configurations[configuration]
-        if given.lock_stiffness is not None:
-            for link in rigid:
-                w = direction(model, link.a, link.b, {})
-                stiffness = stiffness + given.lock_stiffness * np.outer(w, w)
-                damping = damping + given.lock_damping * np.outer(w, w)
-        chain = model.drive.chain
-        push = np.zeros(len(model.bodies))
-        for name, factor in model.drive.pushes.items():
-            push += factor * model.drive.factor / chain.gain * direction(model, name, GROUND, {})
-        forces = np.column_stack([-stiffness @ basis, -damping @ basis, push, np.zeros(len(push))])
-        accelerations = np.linalg.solve(basis.T @ mass @ basis, basis.T @ forces)
-        accelerations[:, -1] = np.linalg.solve(basis.T @ mass @ basis, row)
-        whole[lane, order : 2 * order, : 2 * order + 2] = accelerations * h
+        for name, weight in model.drive.pushes.items():
+            size = weight * model.drive.factor / model.drive.chain.gain
+            forces[lane, :, 2 * order] += size * direction(model, name, GROUND, {}) @ basis
         if contacts:
             law = model.contact(contacts[0].name).law
             assert isinstance(law, laws.Coulomb)
             friction[:, lane] = law.friction_force, law.friction_force if law.static_force is None else law.static_force
+    whole[:, order : 2 * order, : 2 * order + 2] = np.linalg.solve(mass, forces) * h
     whole[:, :order, order : 2 * order] = np.eye(order) * h
     whole[:, 2 * order, 2 * order + 2] = 1.0
     whole[:, 2 * order + 1, 2 * order + 3] = 1.0
@@ -185,6 +210,11 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
         out,
     )
     return out
+
+
+def _assembled(rows: FloatArray, sizes: FloatArray) -> FloatArray:
+    # Sum over the parts of size * row' row, by model: parts' rows (parts, n), sizes (models, parts).
+    return np.asarray(np.einsum("mp,pi,pj->mij", sizes, rows, rows))
 
 
 def _single(values: FloatArray) -> Singles:
