@@ -260,11 +260,10 @@ class _Systems:
         while (len(series) < 6 or last > 1e-17) and len(series) < 30:
             last *= speed / len(series)
             series.append(series[-1] @ system / len(series))
-        half, moved, slopes = np.zeros_like(rows), np.zeros_like(rows), np.zeros_like(rows)
-        for term, given in enumerate(series):
-            half += 0.5**term * given
-            moved += given
-            slopes += term * given
+        taylor = np.stack(series, axis=1)
+        power = np.arange(len(series))
+        # Half-way, at the end, and the slope there.
+        half, moved, slopes = np.tensordot(np.array([0.5**power, power**0, power]), taylor, axes=(1, 1))
         met = np.stack([part[:, :bent].reshape(modes, -1, 2, size) for part in (half, moved)], axis=2).reshape(modes, -1, size)
         margins = np.stack([part[:, bent + m :] for part in (moved, slopes)], axis=2).reshape(modes, -1, size)
         counts = [len(element.states) for element in elements]
@@ -275,7 +274,7 @@ class _Systems:
             cuts=cuts,
             whole=_columns(np.concatenate([met, moved[:, bent : bent + m], margins], axis=1)),
             blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
-            series=np.concatenate([_columns(given) for given in series], axis=1),
+            series=_columns(taylor),
             terms=len(series),
             exits=table,
             settle=self.settle,
@@ -296,12 +295,12 @@ class _Systems:
 
 
 def _columns(rows: FloatArray) -> FloatArray:
-    """Rows (modes, rows, M) in groups of eight by columns, (modes, groups, M, 8)."""
-    modes, count, size = rows.shape
+    """Rows (modes, ..., rows, M) in groups of eight by columns, (modes, ... * groups, M, 8)."""
+    *outer, count, size = rows.shape
     groups = -(-count // 8)
-    padded = np.zeros((modes, groups * 8, size))
-    padded[:, :count] = rows
-    return np.ascontiguousarray(padded.reshape(modes, groups, 8, size).transpose(0, 1, 3, 2))
+    padded = np.zeros((*outer, groups * 8, size))
+    padded[..., :count, :] = rows
+    return np.ascontiguousarray(padded.reshape(outer[0], -1, 8, size).swapaxes(2, 3))
 
 
 def _shared(compliance: FloatArray) -> FloatArray:
