@@ -77,7 +77,7 @@ def transfer_functions(
     runs = broad(campaign.runs)
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
-    wrong = faults(campaign, reference=reference) if found is None else found
+    wrong = faults_in(campaign, reference) if found is None else found
     transfers = []
     for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (k[0] != "unlocked", -k[1])):
         same = broad(campaign.select(configuration=configuration, gain=gain))
@@ -93,6 +93,12 @@ def transfer_functions(
             left_out = tuple(run.id for run in same if run.id not in kept)
             transfers += _averaged(averaged, reference, group, resolution, estimator, left_out)
     return sorted(transfers, key=lambda item: item.frf.response)
+
+
+def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
+    """What is wrong with a campaign's records: driven by the head where it was measured, else by the reference."""
+    head = any("head" in run.channels for run in campaign.runs)
+    return faults(campaign, reference="head" if head else reference)
 
 
 def _averaged(

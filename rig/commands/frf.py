@@ -50,13 +50,12 @@ def frf(
         The recording is being made: estimate from what is there, again and again until it is finished.
     """
     from analysis.errors import DataError
-    from analysis.quality import faults
     from rig.acquire.follow import follow as followed
     from rig.recording import open_recording
-    from rig.transfer import transfer_functions
+    from rig.transfer import faults_in, transfer_functions
 
     def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[Fault]]:
-        wrong = faults(measured, reference=reference)
+        wrong = faults_in(measured, reference)
         return transfer_functions(
             measured, reference=reference, responses=response, resolution=resolution, estimator=estimator, found=wrong
         ), wrong

@@ -75,3 +75,10 @@ def test_a_spoilt_run_is_named_and_left_out(rubbing: Campaign, tmp_path: Path, c
     assert item["runs"] == ["m1", "m2", "m3"]
     assert any("table is dead" in text for text in answer["faults"])
     assert "table is dead" in capsys.readouterr().out
+
+
+def test_a_response_as_reference_is_no_drive_with_holes(rubbing: Campaign, tmp_path: Path) -> None:
+    write(tmp_path / "m.h5", rubbing)
+    call = ["frf", str(tmp_path / "m.h5"), "--reference", "table", "--response", "heatblock", "-o", str(tmp_path / "out")]
+    assert main(call) == 0
+    assert not [text for text in json.loads((tmp_path / "out" / "frf.json").read_text())["faults"] if "no content" in text]
