@@ -50,9 +50,9 @@ def least(work: Callable[[], object], repeats: int) -> float:
 
 
 def ours(model: RigModel, force: FloatArray) -> FloatArray:
-    """States of the exact engine, shape (6, n)."""
-    out = np.zeros((6, len(force)))
-    run_compiled(model, compile_rig(model, "unlocked", 1.0 / RATE), force, 1.0 / RATE, 0.0, np.eye(6), out)
+    """Speeds of the three bodies by the exact engine, shape (3, n); the rig is made ready each time."""
+    out = np.zeros((3, len(force)))
+    run_compiled(model, compile_rig(model, "unlocked", 1.0 / RATE), force, 1.0 / RATE, 0.0, np.eye(3, 6, 3), out)
     return out
 
 
@@ -113,8 +113,8 @@ def main() -> None:
     want = Reference(**TRUTH).run(short, 1.0 / RATE).T
     slip = want[5] - want[3]
 
-    def error(states: FloatArray) -> float:
-        return float(np.std(states[5] - states[3] - slip) / np.std(slip))
+    def error(speeds: FloatArray) -> float:
+        return float(np.std(speeds[-1] - speeds[-3] - slip) / np.std(slip))
 
     rows: list[tuple[str, float, float]] = []
     ours(model, short)
