@@ -38,6 +38,8 @@ PARTLY, CERTAIN = 2.0 / 3.0, 0.95
 #: Share of the excess that the first step must remove; a further one must lower the errors by it, and some error by more than
 #: the simulation itself may be wrong: whatever bends a little takes a little off what a first cause has left.
 WORTH = 0.15
+#: Fall of the errors' mean logarithm that is worth a first step which beats all rivals, whatever is left.
+ALONE = 0.4
 #: Largest errors over what is allowed, as a multiple of it, up to which the baseline's own rig is asked what it would get; and
 #: by how much the data must exceed that.
 DOUBTFUL, BEYOND = 4.0, 1.2
@@ -124,20 +126,22 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
             break
         step, better, best = found
         if not adequate(best, floors, enough):
-            longer = settled(better, trials)
+            longer = settled(better, guesses, trials)
             if longer is not better:
                 better, best = longer, score(longer.model, fine)
         # What the step is worth is measured against the model without it, from where the step has led the rest.
         bare = without(better, now.fit, trials)
         plain = score(bare.model, fine)
-        moved = excess(plain, floors) < excess(now.score, floors) - BETTER
-        if moved:
+        moved = excess(now.score, floors) - excess(plain, floors)
+        if moved > BETTER:
             progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
             now = stages[-1] = replace(now, fit=widened(bare), score=plain)
-        if not _worthwhile(now, best, floors):
-            if moved and tries < MOST_STEPS:
-                tries += 1
-                continue
+        gained = excess(now.score, floors) - excess(best, floors)
+        if moved > max(BETTER, gained) and tries < MOST_STEPS:
+            # The way there did more than the cause: it is looked for again from the better fit.
+            tries += 1
+            continue
+        if not _worthwhile(now, step, best, floors):
             break
         # A cause may make the rig sensitive: then noise on the drive alone does more.
         quiet = np.maximum(quiet, noise_floor(better.model, fine, drive_noise))
@@ -181,10 +185,11 @@ def _calibration(
     return calibrated(stage.fit, trials, floors, drive_noise)
 
 
-def _worthwhile(now: _Stage, best: Score, floors: FloatArray) -> bool:
+def _worthwhile(now: _Stage, step: Step, best: Score, floors: FloatArray) -> bool:
     gained = excess(now.score, floors) - excess(best, floors)
     if now.step is None:
-        return gained >= WORTH * excess(now.score, floors)
+        # One of two causes alone takes little off the logarithm; the verdict asks what they explain together.
+        return gained >= WORTH * excess(now.score, floors) or (gained >= ALONE and step.confidence >= CERTAIN)
     return gained >= WORTH and float(np.max(now.score.error - best.error)) >= SIMULATION_LIMIT
 
 

@@ -88,8 +88,22 @@ def _channel(name: str, values: FloatArray) -> Channel:
     return Channel(name=name, samples=values)
 
 
-def lines(pairs: Sequence[Double], response: str, reference: str) -> Lines | None:
-    """The response's transfer functions averaged over runs of one rate; None where no line speaks."""
+def halves(pairs: Sequence[Double]) -> tuple[list[Double], list[Double]]:
+    """The first and the second halves of runs: how far they disagree tells what chance does to an estimate."""
+
+    def cut(run: Run, part: slice) -> Run:
+        return replace(run, channels={name: _channel(name, run.read(name)[part]) for name in run.channels})
+
+    parts: tuple[list[Double], list[Double]] = [], []
+    for pair in pairs:
+        middle = len(pair.measured) // 2
+        for found, part in zip(parts, (slice(0, middle), slice(middle, 2 * middle)), strict=True):
+            found.append(replace(pair, measured=cut(pair.measured, part), simulated=cut(pair.simulated, part)))
+    return parts
+
+
+def lines(pairs: Sequence[Double], response: str, reference: str, *, coherence: float = SPEAKS) -> Lines | None:
+    """The response's transfer functions averaged over runs of one rate; None where no line has that much coherence."""
     resolution = max(RESOLUTION, *(SEGMENTS / p.measured.duration for p in pairs))
     measured, simulated = (
         estimate(runs, references=[reference], channels=[response], resolution=resolution).frf(response, reference)
@@ -98,7 +112,7 @@ def lines(pairs: Sequence[Double], response: str, reference: str) -> Lines | Non
     bands = [p.trial.run.band for p in pairs if p.trial.run.band is not None]
     low, high = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (1.0, pairs[0].trial.sample_rate / 2.56)
     f = measured.frequency
-    kept = (f >= max(low, resolution)) & (f <= high) & (measured.coherence > SPEAKS) & (np.abs(simulated.value) > 0.0)
+    kept = (f >= max(low, resolution)) & (f <= high) & (measured.coherence > coherence) & (np.abs(simulated.value) > 0.0)
     if kept.sum() < 3:
         return None
     return Lines(

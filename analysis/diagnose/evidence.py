@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.diagnose.doubles import BROAD, Double, Lines, alike, doubles, lines
+from analysis.diagnose.doubles import BROAD, Double, Lines, alike, doubles, halves, lines
 from analysis.diagnose.observe import flat_tops, mains, peaks_of
 from analysis.diagnose.surface import Surface, surface_of
 from analysis.errors import DataError
@@ -24,6 +24,8 @@ from analysis.trials import Trial
 
 #: Standard errors from which a figure is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
+#: How many times further apart than chance puts them two transfer functions must lie.
+APART = 2.0
 #: Causes that change with the amplitude at a link.
 CURVED = ("hardening_stiffness", "softening_stiffness", "backlash", "end_stop", "quadratic_damping")
 RUBBING = ("coulomb_friction", "stribeck_friction", "presliding_friction", "asymmetric_friction")
@@ -229,15 +231,23 @@ def _configurations(pairs: Sequence[Double]) -> list[Sign]:
     return [Sign(text=text + ": what is wrong is there in both.")]
 
 
-def _apart(one: Lines, other: Lines) -> tuple[float, float]:
-    # How far two ratios to the simulation lie apart on their common lines, and how far noise alone would put them.
+def _apart(one: Lines | None, other: Lines | None) -> float:
+    # How far two ratios to the simulation lie apart, rms over their common lines; NaN where they have none.
+    if one is None or other is None:
+        return np.nan
     f, i, j = np.intersect1d(np.round(one.frequency, 6), np.round(other.frequency, 6), return_indices=True)
     if len(f) < 3:
-        return 0.0, np.inf
-    std = np.hypot(one.std[i], other.std[j])
-    weight = 1.0 / np.maximum(std, SMALL) ** 2
-    square = np.abs(one.ratio[i] - other.ratio[j]) ** 2
-    return float(np.sqrt(np.average(square, weights=weight))), float(np.sqrt(np.average(2 * std**2, weights=weight)))
+        return np.nan
+    weight = 1.0 / np.maximum(np.hypot(one.std[i], other.std[j]), SMALL) ** 2
+    return float(np.sqrt(np.average(np.abs(one.ratio[i] - other.ratio[j]) ** 2, weights=weight)))
+
+
+def _disagree(one: Sequence[Double], other: Sequence[Double], response: str, reference: str) -> tuple[float, float] | None:
+    # How far two groups of runs lie apart beside the simulation, and what chance makes of it; None where they agree.
+    apart = _apart(lines(one, response, reference), lines(other, response, reference))
+    by_half = ([lines(half, response, reference) for half in halves(group)] for group in (one, other))
+    noise = float(np.linalg.norm([_apart(first, second) / 2.0 for first, second in by_half]))
+    return (apart, noise) if apart > max(APART * noise, 3 * SMALL) else None
 
 
 def _gains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
@@ -251,11 +261,10 @@ def _gains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
         same[name] = ", ".join(f"{g:g}" for g in gains)
         for high, low in pairwise(gains):
             for sensor in model.sensors:
-                one, other = (lines(groups[name, g], sensor.channel, model.drive.channel) for g in (high, low))
-                apart, noise = _apart(one, other) if one is not None and other is not None else (0.0, np.inf)
-                if apart > max(2.0 * noise, 3 * SMALL):
+                off = _disagree(groups[name, high], groups[name, low], sensor.channel, model.drive.channel)
+                if off is not None:
                     moved.setdefault(name, []).append(
-                        f"{sensor.channel} between gains {high:g} and {low:g} by {100 * apart:.2g} %"
+                        f"{sensor.channel} between gains {high:g} and {low:g} by {100 * off[0]:.2g} %"
                     )
     found = [
         Sign(
@@ -286,17 +295,15 @@ def _time(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
         minutes = (last.trial.start_time - first.trial.start_time) / 60.0
         told = []
         for sensor in model.sensors:
-            both = [lines([p], sensor.channel, model.drive.channel) for p in (first, last)]
-            if both[0] is not None and both[1] is not None:
-                apart, noise = _apart(both[0], both[1])
-                if apart > max(2.0 * noise, 3 * SMALL):
-                    told.append(f"{sensor.channel} {100 * apart:.2g} % (noise {100 * noise:.2g} %)")
+            off = _disagree([first], [last], sensor.channel, model.drive.channel)
+            if off is not None:
+                told.append(f"{sensor.channel} {100 * off[0]:.2g} % (chance {100 * off[1]:.2g} %)")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
         if told:
-            text = f"{where} disagree by more than noise: {', '.join(told)}: the rig has changed in between."
+            text = f"{where} disagree by more than chance: {', '.join(told)}: the rig has changed in between."
             found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
         else:
-            found.append(Sign(text=f"{where} agree to the noise: the rig has not changed."))
+            found.append(Sign(text=f"{where} agree: the rig has not changed."))
     return found
 
 
@@ -343,8 +350,8 @@ def _rubs(surface: Surface) -> list[Sign]:
     if abs(ways) > max(SURE * ways_std, least):
         found.append(
             Sign(
-                text=f"Friction force: at the {surface.link} it differs by {ways:.2g} ± {ways_std:.1g} N between the two ways of "
-                "sliding, beyond the baseline.",
+                text=f"Friction force: at the {surface.link} fast sliding one way takes {abs(ways):.2g} ± {ways_std:.1g} N more "
+                "than the other way, beyond the baseline.",
                 speaks_for=(("asymmetric_friction", surface.link),),
             )
         )

@@ -84,9 +84,23 @@ def widened(done: Fit) -> Fit:
     return replace(done, covariance=done.covariance + disagreement(done))
 
 
-def settled(done: Fit, trials: Sequence[Trial]) -> Fit:
-    """A fit that ended far from the data may have stopped on the way: it comes near again from where it is."""
-    return min(done, finished(_near(done.model, done.free, trials), trials), key=lambda f: f.cost)
+def settled(done: Fit, guesses: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
+    """A fit that ended far from the data may have stopped on the way: it comes near again, from where it is or from a guess.
+
+    A rig that was fitted without a cause is bent to it; with the cause in place the first guesses of its own parameters may lie
+    nearer.
+    """
+    problem = Problem(glanced(trials), gauge=Correlated, share=COARSE)
+    starts = [done.model, *(done.model.replace(_shared(guess, done)) for guess in guesses)]
+    looks = [fit(start, done.free, problem, iterations=4, tolerance=2e-2) for start in starts]
+    best = min(looks, key=lambda look: look.cost)
+    return min(done, finished(_near(best.model, done.free, trials), trials), key=lambda f: f.cost)
+
+
+def _shared(guess: RigModel, done: Fit) -> dict[str, float]:
+    # The guess's values of those parameters that the fit has too.
+    paths = {free.path for free in done.free}
+    return {path: guess.get(path) for path in guess.free if path in paths}
 
 
 def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:

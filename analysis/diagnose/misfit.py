@@ -20,6 +20,8 @@ ABOVE_NOISE, SURE = 4.0, 4.0
 MOVED = 2.0
 #: Differences of a coherence, and of the isolation ratio and a peak's frequency as a share, that are worth a word.
 COHERENCE, SHARE = 0.02, 0.002
+#: Neighbouring lines of a coherence that are taken together.
+SMOOTHED = 5
 #: Of the figures of each kind, those that are told.
 TOLD = 3
 
@@ -111,8 +113,15 @@ def _top(frequency: FloatArray, values: ComplexArray) -> tuple[int, float, float
     return k, float(frequency[k] + move * step), float(np.exp(middle - 0.25 * (left - right) * move))
 
 
-def _shift(seen: Lines) -> tuple[float, float, float, float]:
+def _shift(seen: Lines, around: float | None = None) -> tuple[float, float, float, float]:
     # How far the measured peak lies above the simulated one (Hz), its deviation, its frequency, its height over the simulated.
+    if around is not None:
+        kept = np.abs(seen.frequency - around) <= 0.25 * around
+        if kept.sum() < 5:
+            return np.nan, np.nan, np.nan, np.nan
+        seen = replace(
+            seen, frequency=seen.frequency[kept], measured=seen.measured[kept], simulated=seen.simulated[kept], std=seen.std[kept]
+        )
     k, measured, high = _top(seen.frequency, seen.measured)
     near = np.abs(seen.frequency - measured) <= max(0.25 * measured, 4 * float(np.diff(seen.frequency).min()))
     if k == 0 or near.sum() < 5:
@@ -141,8 +150,12 @@ def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
         trial = groups[key][0].trial
         band = (round(0.8 * at, 2), round(1.25 * at, 2))
         size, noise = _error_in(groups[key][0], sensor.channel, band)
-        # The same peak at other gains; theirs may be another one.
-        same = {g: s for (c, g), s in shifts.items() if c == configuration and g != gain and abs(s[2] - at) < 0.25 * at}
+        same = {
+            g: shift
+            for (c, g), group in groups.items()
+            if c == configuration and g != gain and (seen := lines(group, sensor.channel, model.drive.channel)) is not None
+            if np.isfinite((shift := _shift(seen, at))[0])
+        }
         moving = [g for g, s in same.items() if abs(s[0] - by) > MOVED * np.hypot(s[1], std) + SHARE * at]
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if not any(k[0] == c for k in clear)]
@@ -179,14 +192,14 @@ def _coherences(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
     found = []
     for (configuration, gain), group in alike(pairs).items():
         for sensor in model.sensors:
-            seen = lines(group, sensor.channel, model.drive.channel)
-            if seen is None:
+            seen = lines(group, sensor.channel, model.drive.channel, coherence=0.0)
+            if seen is None or len(seen.frequency) < 2 * SMOOTHED:
                 continue
-            off = seen.simulated_coherence - seen.coherence
+            off = np.convolve(seen.simulated_coherence - seen.coherence, np.ones(SMOOTHED) / SMOOTHED, mode="same")
             # Bendat and Piersol (2010), 9.2: std of a coherence is sqrt(2 / n) (1 - g2) sqrt(g2); both are estimates.
-            std = 2.0 / np.sqrt(seen.averages) * (1.0 - seen.coherence) * np.sqrt(seen.coherence)
+            std = 2.0 / np.sqrt(seen.averages) * (1.0 - seen.coherence) * np.sqrt(seen.coherence) / np.sqrt(SMOOTHED)
             bad = np.abs(off) > np.maximum(SURE * std, COHERENCE)
-            if bad.sum() < 3:
+            if bad.sum() < SMOOTHED:
                 continue
             low, high = seen.frequency[bad][[0, -1]]
             whole = float(np.sqrt(np.mean(seen.coherence[bad] ** 2)))

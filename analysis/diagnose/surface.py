@@ -17,7 +17,9 @@ from analysis.motion import motion_of
 
 #: Bins of the swing, and stretches of a run whose spread gives the deviations.
 BINS, STRETCHES = 6, 8
-#: Share of the force that a spring, a damper and friction must explain for the record to be clear enough of noise.
+#: Samples that a bin needs.
+FEWEST = 30
+#: Share of the force that a spring, a damper, curved ones and friction must explain for the record to be clear enough of noise.
 CLEAR = 0.8
 #: Slow sliding, what lies between, and fast: shares of the largest speed.
 PACES = ((0.05, 0.15), (0.25, 0.45), (0.6, 0.9))
@@ -45,7 +47,8 @@ class Surface:
         Mean of the force that reverses with the velocity, N.
     stiffening, direction, bending
         (value, deviation) beyond the simulated record's: growth of the stiffness from the middle to the ends as a share;
-        difference of the friction between the two ways, N; what slow and fast sliding have more of it than the speeds between, N.
+        difference of the damping between the two ways at full speed, N; what slow and fast sliding have more of friction
+        than the speeds between, N.
     """
 
     link: str
@@ -84,7 +87,7 @@ def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
     measured, simulated = parts(pair.measured), parts(pair.simulated)
     if len(measured[0]) < 64 * STRETCHES or float(np.std(measured[0])) == 0.0:
         return None
-    swing, speed = (float(np.quantile(np.abs(x), 0.995)) for x in measured[:2])
+    swing, speed = (float(np.quantile(np.abs(x), 0.98)) for x in measured[:2])
     n = len(measured[0])
     whole = [_figures(*part, swing, speed) for part in (measured, simulated)]
     if whole[0].explained < CLEAR:
@@ -95,7 +98,9 @@ def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
         told, said = ((d[part], v[part], force[part]) for d, v, force in (measured, simulated))
         stretches.append(_figures(*told, swing, speed).signs - _figures(*said, swing, speed).signs)
     value = whole[0].signs - whole[1].signs
-    error = np.std(stretches, axis=0, ddof=1) / np.sqrt(STRETCHES)
+    # A stretch that never reaches the ends of the swing has no say about them.
+    said = np.isfinite(stretches).sum(axis=0)
+    error = np.nanstd(stretches, axis=0, ddof=1) / np.sqrt(said) if said.min() > 1 else np.full(len(value), np.inf)
     pairs = [(float(v), float(e)) for v, e in zip(value, error, strict=True)]
     chosen = slice(None, None, max(1, n // SHOWN))
     return Surface(
@@ -118,23 +123,27 @@ class _Figures:
 def _figures(d: FloatArray, v: FloatArray, force: FloatArray, swing: float, speed: float) -> _Figures:
     basis = np.column_stack([d, v, np.sign(v)])
     k, c, rubbing = weights = np.linalg.lstsq(basis, force, rcond=None)[0]
-    explained = 1.0 - float(np.var(force - basis @ weights) / max(float(np.var(force)), 1e-300))
+    curved = np.column_stack([basis, d**3, v * np.abs(v)])
+    left = force - curved @ np.linalg.lstsq(curved, force, rcond=None)[0]
+    explained = 1.0 - float(np.var(left) / max(float(np.var(force)), 1e-300))
     spring = force - c * v - rubbing * np.sign(v)
     place = np.minimum((BINS * np.abs(d) / swing).astype(int), BINS - 1)
     power = np.bincount(place, d**2, minlength=BINS)
     stiffness = np.bincount(place, spring * d, minlength=BINS) / np.maximum(power, 1e-300)
     along = (force - k * d) * np.sign(v)
     pace = np.abs(v) / speed
-    forth, back = along[(v > 0.0) & (pace > 0.05)], along[(v < 0.0) & (pace > 0.05)]
     slow, between, fast = (along[(pace > low) & (pace <= high)] for low, high in PACES)
-    enough = min(len(forth), len(back), len(slow), len(between), len(fast)) > 0
-    direction = float(forth.mean() - back.mean()) if enough else np.nan
+    enough = min(len(slow), len(between), len(fast)) > 0
+    # An accelerometer does not see a constant force: of what differs between the two ways only what grows with the speed.
+    even = pace - pace.mean()
+    direction = float((force - basis @ weights) @ even / (even @ even))
     # Viscous damping lies on a straight line through the three.
     at = [np.mean([low, high]) for low, high in PACES]
     share = (at[1] - at[0]) / (at[2] - at[0])
     bending = float((1 - share) * slow.mean() + share * fast.mean() - between.mean()) if enough else np.nan
     # The innermost bin divides by next to nothing.
-    growth = float(stiffness[-1] / stiffness[1] - 1.0) if stiffness[1] else np.nan
+    enough = np.bincount(place, minlength=BINS)[[1, -1]].min() >= FEWEST
+    growth = float(stiffness[-1] / stiffness[1] - 1.0) if enough else np.nan
     return _Figures(
         stiffness=stiffness, friction=float(rubbing), signs=np.array([growth, direction, bending]), explained=explained
     )

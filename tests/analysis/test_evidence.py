@@ -1,0 +1,119 @@
+"""What the records say before any fit: each hidden effect leaves its sign beside the sound rig's simulation, a sound rig none."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from analysis import laws
+from analysis.diagnose.doubles import doubles
+from analysis.diagnose.evidence import Sign, signs, surfaces
+from analysis.diagnose.fits import refined
+from analysis.diagnose.judge import BLOCKS, Score, gain
+from analysis.diagnose.mechanisms.base import exchange
+from analysis.diagnose.mechanisms.springs import added
+from analysis.diagnose.misfit import discrepancies
+from analysis.measured import Campaign
+from analysis.model import Chain, RigModel
+from analysis.rigs import THESIS, wire_bonder
+from analysis.trials import Trial, prepare
+from rig.virtual import Take, virtual_campaign
+
+SOUND = wire_bonder({**THESIS, "friction_force": 10.0})
+TAKES = (
+    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=40.0, start=0.0),
+    Take(id="u35", configuration="unlocked", gain=35.0, seconds=40.0, start=60.0),
+    Take(id="l70", configuration="locked", gain=70.0, seconds=30.0, start=120.0),
+    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=40.0, start=600.0),
+)
+
+
+def chained(channel: str, chain: Chain) -> RigModel:
+    return msgspec.structs.replace(SOUND, sensors=exchange(SOUND.sensors, channel, chain=chain))
+
+
+def rubbing(law: laws.FrictionLaw) -> RigModel:
+    return msgspec.structs.replace(SOUND, contacts=exchange(SOUND.contacts, "isolation", law=law), free=())
+
+
+def linked(law: laws.LinkLaw) -> RigModel:
+    return added(SOUND, SOUND.link("isolation"), law)
+
+
+def played(model: RigModel) -> Campaign:
+    return virtual_campaign(model, TAKES, seed=5)
+
+
+def trials_of(campaign: Campaign) -> tuple[Trial, ...]:
+    return tuple(refined(trial) for trial in prepare(campaign, SOUND))
+
+
+def said(model: RigModel) -> tuple[Sign, ...]:
+    campaign = played(model)
+    return signs(campaign, SOUND, trials_of(campaign))
+
+
+HIDDEN = {
+    "sensor_gain": (chained("motor", Chain(gain=1.08)), "motor", ("Flat ratio", "Rigid bodies")),
+    "channel_delay": (chained("table", Chain(delay=5e-4)), "table", ("Phase line", "Rigid bodies")),
+    "clipping": (chained("table", Chain(limit=2.5)), "table", ("Flat tops",)),
+    "hardening_stiffness": (linked(laws.Cubic(cubic_stiffness=2e9)), "isolation", ("Restoring force", "Homogeneity")),
+    "stiffness_drift": (linked(laws.Drift(drift_rate=3e-4, until=690.0)), "isolation", ("Repeatability",)),
+    "asymmetric_friction": (
+        rubbing(laws.Asymmetric(forward_force=10.0, backward_force=10.0, forward_viscosity=80.0)),
+        "isolation", ("Friction force",),
+    ),
+    "stribeck_friction": (
+        rubbing(laws.Stribeck(friction_force=8.0, static_force=16.0, stribeck_velocity=0.01)), "isolation", ("Friction force",),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cause", HIDDEN)
+def test_effect_leaves_its_sign(cause: str) -> None:
+    model, place, kinds = HIDDEN[cause]
+    found = said(model)
+    for kind in kinds:
+        assert any(sign.text.startswith(kind) and sign.supports(cause, place) for sign in found), kind
+
+
+def test_sound_rig_leaves_none() -> None:
+    found = said(SOUND)
+    starts = {sign.text.split(":")[0] for sign in found}
+    assert starts == {"Rigid bodies", "Configurations", "Homogeneity", "Repeatability", "Periods"}
+    assert all("agree" in s.text for s in found if s.text.startswith(("Rigid", "Repeat")))
+    campaign = played(SOUND)
+    assert discrepancies(campaign, SOUND, trials_of(campaign)) == ()
+
+
+def test_surface_tells_the_stiffness_by_deflection() -> None:
+    """Secant stiffness of k d + k3 d^3 is k + k3 E[d^4] / E[d^2] in each bin: it lies between k and k + k3 d^2."""
+    k3 = 2e9
+    campaign = played(linked(laws.Cubic(cubic_stiffness=k3)))
+    (surface,) = (s for s in surfaces(SOUND, doubles(SOUND, trials_of(campaign))) if s.link == "isolation")
+    edges = surface.swing * np.arange(1, 7) / 6.0
+    k = SOUND.link("isolation").stiffness
+    middle = k + k3 * ((edges + edges - edges[0]) / 2.0) ** 2
+    assert surface.stiffness[2:5] == pytest.approx(middle[2:5], rel=0.05)
+
+
+def test_discrepancies_of_a_stiffer_spring() -> None:
+    campaign = played(linked(laws.Cubic(cubic_stiffness=2e9)))
+    found = discrepancies(campaign, SOUND, trials_of(campaign))
+    assert {"frf", "coherence", "ratio"} <= {d.what for d in found}
+    peak = next(d for d in found if "peak" in d.text and d.channel == "motor")
+    assert "higher than simulated" in peak.text
+    assert "moves with the gain" in peak.text
+    assert "locked runs fit" in peak.text
+
+
+def test_gain_has_its_interval() -> None:
+    """Errors of equal blocks have no spread; the removed share is that of the figures."""
+    before = Score(error=np.full((2, 3), 0.2), blocks=np.full((2, 3, BLOCKS), 400.0))
+    after = Score(error=np.full((2, 3), 0.02), blocks=np.full((2, 3, BLOCKS), 4.0))
+    brought = gain(before, after, 0.01)
+    assert brought.before == pytest.approx((0.2, 0.2))
+    assert brought.removed == pytest.approx(0.18 / 0.19)
+    generator = np.random.default_rng(3)
+    after = Score(error=np.full((2, 3), 0.02), blocks=4.0 * generator.chisquare(8, (2, 3, BLOCKS)) / 8)
+    low, high = gain(before, after, 0.01).after
+    assert 0.015 < low < 0.02 < high < 0.025
