@@ -28,6 +28,7 @@ bench: setup
 	$(BIN)/python bench/damping.py
 	$(BIN)/python bench/acquire.py
 	$(BIN)/python bench/design.py
+	$(BIN)/python bench/diagnose.py
 
 # The long tests, and the rates of the diagnosis: goes on where the last one ended, for docs/study.md.
 study: setup
