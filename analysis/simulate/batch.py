@@ -24,7 +24,7 @@ Singles = NDArray[np.float32]
 Records = Singles | FloatArray
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 #: Simulations that share a kernel's vector lanes.
-LANES = 64
+LANES = 128
 
 
 @dataclass(frozen=True, kw_only=True)
