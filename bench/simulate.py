@@ -150,7 +150,7 @@ def main() -> None:
 
     head = Excitation.prepare(force / THESIS["head_mass"], RATE, oversample=1)
     cores = len(side_by_side(lambda k: k, range(8))) and numba.config.NUMBA_DEFAULT_NUM_THREADS
-    rigs = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 8 * LANES)]
+    rigs = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 512)]
     simulate_many(rigs[:LANES], head)
     whole = []
     for _ in range(5):
