@@ -140,7 +140,7 @@ def prepare(
     campaign: Campaign,
     model: RigModel,
     *,
-    oversample: int = 8,
+    oversample: int = 4,
     share: float = FIT_SHARE,
     seconds: float | None = None,
     runs: Sequence[Run] | None = None,
