@@ -355,10 +355,14 @@ def positive(path: str, value: float, *, span: float = 1e3) -> Free:
 
 def base_parameters(model: RigModel) -> tuple[Free, ...]:
     """The parameters that the rig's description marks as free; an offset may have either sign."""
-    return tuple(
-        Free(path=path, low=-np.inf, log=False, step=1e-4) if path.endswith(".offset") else positive(path, model.get(path))
-        for path in model.free
-    )
+    return tuple(_described(path, model.get(path)) for path in model.free)
+
+
+def _described(path: str, value: float) -> Free:
+    if path.endswith(".offset"):
+        return Free(path=path, low=-np.inf, log=False, step=1e-4)
+    # A first guess may have lost the friction altogether.
+    return positive(path, value, span=1e6 if path.endswith("friction_force") else 1e3)
 
 
 def disagreement(fitted: Fit) -> FloatArray:
