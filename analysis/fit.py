@@ -102,6 +102,15 @@ class Fit:
         """Standard deviation by path."""
         return dict(zip((free.path for free in self.free), np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
+    def reachable(self, residuals: FloatArray) -> FloatArray:
+        """What is left of other residuals, shape (models, size), after a linear step of the fitted parameters, shape (models,).
+
+        Infinite where a residual is not finite.
+        """
+        span = np.linalg.qr(self.jacobian)[0]
+        left = (residuals**2).sum(axis=1) - ((residuals @ span) ** 2).sum(axis=1)
+        return np.where(np.isfinite(left), left, np.inf)
+
 
 class Waveform:
     """Every line of a record as it is: the sharpest measure, and too rough to descend on from far.

@@ -26,8 +26,8 @@ MISFIT = 10.0
 BEHIND = 6.0
 #: Where one explains all, others whose look was this many times worse need not run.
 HOPELESS = 30.0
-#: Fresh starts that are fitted; half of them are followed further.
-FRESH = 6
+#: Fresh starts that are fitted, the best of each candidate, and those that are followed further.
+FRESH, FOLLOWED = 12, 4
 #: Share of a channel's rms that counts as noise: to come near from far, and to finish.
 COARSE, NARROW = 0.02, 0.004
 
@@ -167,23 +167,32 @@ def afresh(candidates: Sequence[Candidate], refined: Running, current: Fit, shor
     starts = [(candidate, start) for candidate in candidates for start in candidate.fresh if _holds(start, current, candidate)]
     if not starts:
         return refined
-    costs = np.nan_to_num((coarse.residuals([start for _, start in starts]) ** 2).mean(axis=1), nan=np.inf)
     started = []
-    for k in np.argsort(costs)[:FRESH]:
-        candidate, start = starts[k]
+    for candidate, start in _promising(starts, current, coarse):
         free = parameters_of(current.model, candidate, current.free)
         try:
             started.append((candidate, fit(start, free, coarse, iterations=6, tolerance=2e-2)))
         except FitError:
             continue
     started.sort(key=lambda pair: pair[1].cost)
-    found = list(refined)
-    for candidate, near in started[: FRESH // 2]:
-        found.append((candidate, fit(near.model, near.free, problem, iterations=3, tolerance=5e-3)))
+    followed = [
+        (candidate, fit(near.model, near.free, problem, iterations=3, tolerance=5e-3)) for candidate, near in started[:FOLLOWED]
+    ]
     best: dict[tuple[str, str], tuple[Candidate, Fit]] = {}
-    for candidate, done in _to_the_end(found, problem):
+    for candidate, done in sorted([*refined, *_to_the_end(followed, problem)], key=lambda pair: pair[1].cost):
         best.setdefault(candidate.key, (candidate, done))
     return list(best.values())
+
+
+def _promising(starts: Sequence[tuple[Candidate, RigModel]], current: Fit, problem: Problem) -> list[tuple[Candidate, RigModel]]:
+    # The best start of each candidate after a linear step of the model's own parameters.
+    here = fit(current.model, current.free, problem, iterations=1)
+    costs = here.reachable(problem.residuals([start for _, start in starts]))
+    chosen: list[tuple[Candidate, RigModel]] = []
+    for k in np.argsort(costs):
+        if all(candidate.key != starts[k][0].key for candidate, _ in chosen):
+            chosen.append(starts[k])
+    return chosen[:FRESH]
 
 
 def _holds(start: RigModel, current: Fit, candidate: Candidate) -> bool:

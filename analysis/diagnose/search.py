@@ -65,7 +65,6 @@ class Screen:
     def __init__(self, current: Fit, problem: Problem) -> None:
         self.current = current
         self.problem = problem
-        self.cost = current.cost
 
     def ranked(self, candidates: Sequence[Candidate]) -> list[Look]:
         """All candidates, best first: one step for each, and some more for those that promise anything."""
@@ -83,8 +82,7 @@ class Screen:
         """One step from each of the candidate's most promising starts; the best of them."""
         starts = candidate.starts
         if len(starts) > MOST_STARTS:
-            costs = [float(r @ r) for r in self.problem.residuals(starts)]
-            order = np.argsort(np.nan_to_num(costs, nan=np.inf))
+            order = np.argsort(self.current.reachable(self.problem.residuals(starts)))
             starts = tuple(starts[k] for k in order[:MOST_STARTS])
         return min((self._descend(candidate, start, 1) for start in starts), key=lambda look: look.cost)
 

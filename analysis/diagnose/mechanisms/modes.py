@@ -11,6 +11,8 @@ from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exc
 from analysis.fit import Free
 from analysis.model import GROUND, Body, Link, RigModel
 
+#: Distance of a rider's starting frequencies, as a share.
+CLOSE = 0.035
 ROCKING_RADIUS = 0.1  # m: the motor's radius of gyration; only products with arms show, so any value serves
 
 
@@ -32,10 +34,13 @@ class ExtraMode:
             starts = tuple(
                 self._with_rider(model, name, body, share * body.mass, f)
                 for share in (0.04, 0.01)
-                for f in evidence.misfit_frequencies
+                for f in _around(evidence.misfit_frequencies)
             )
             if not starts:
                 continue
+            fresh = tuple(
+                self._with_rider(model, name, body, 0.02 * body.mass, f) for f in _around(evidence.misfit_frequencies[:2])
+            )
             mass_path, stiffness, damping = (
                 f"bodies.{name}.mass",
                 f"links.{name}.stiffness",
@@ -43,7 +48,7 @@ class ExtraMode:
             )
             found.append(
                 Candidate(
-                    cause="extra_mode", location=body.name, family="mode", starts=starts,
+                    cause="extra_mode", location=body.name, family="mode", starts=starts, fresh=fresh,
                     free=(
                         Free(path=mass_path, low=1e-4 * body.mass, high=body.mass),
                         Free(path=stiffness, low=mass * 2.0, high=mass * (2 * pi * evidence.sample_rate) ** 2),
@@ -68,6 +73,12 @@ class ExtraMode:
         if f"bodies.{body.name}.mass" in model.free:
             bodies = exchange(bodies, body.name, mass=body.mass - mass)
         return msgspec.structs.replace(model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*model.links, link))
+
+
+def _around(frequencies: tuple[float, ...]) -> list[float]:
+    # A band is wide beside a mode with little damping: where most is left, closer.
+    close = [f * (1.0 + CLOSE * k) for f in frequencies[:2] for k in range(-3, 4)]
+    return [*close, *frequencies[2:]]
 
 
 def _frequency(name: str, model: RigModel) -> float:
