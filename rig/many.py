@@ -15,6 +15,8 @@ import msgspec
 from rig.baseline import Baseline
 from rig.errors import REFUSALS, RigError
 
+LOOPBACK = "127.0.0.1:0"
+
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the summary; `refusal` says why a recording could not be used, and is empty where it could."""
@@ -76,8 +78,11 @@ def diagnose_files(
             left.append((file, folder))
     if not left:
         return
-    # Within the process nothing listens on a port.
-    own = {"processes": False, "n_workers": 1, "threads_per_worker": os.cpu_count() or 1, "dashboard_address": None}
+    # Within the process; what still listens, listens to this machine alone.
+    own = {
+        "processes": False, "n_workers": 1, "threads_per_worker": os.cpu_count() or 1,
+        "dashboard_address": LOOPBACK, "worker_dashboard_address": LOOPBACK,
+    }  # fmt: skip
     with Client(scheduler) if scheduler else Client(**own) as client:
         futures = client.map(_answer, [(str(f.resolve()), str(d.resolve()), baseline) for f, d in left], pure=False)
         for future in as_completed(futures):

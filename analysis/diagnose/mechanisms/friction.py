@@ -53,12 +53,14 @@ class CoulombFriction:
             force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
             path = f"contacts.{link.name}.law.friction_force"
             # A baseline without friction bends its spring and damper to it: start again from the equations of motion too.
-            fresh = _rubbing(evidence.guess, link, 0.1 * force)
-            fresh = evidence.restart(msgspec.structs.replace(fresh, free=(*fresh.free, path)))
+            fresh: tuple[RigModel, ...] = ()
+            if any(other.name == link.name for other in evidence.guess.links):
+                rubbing = _rubbing(evidence.guess, link, 0.1 * force)
+                fresh = (evidence.restart(msgspec.structs.replace(rubbing, free=(*rubbing.free, path))),)
             starts = tuple(_rubbing(model, link, share * force) for share in (0.02, 0.15))
             found.append(
                 Candidate(
-                    cause="coulomb_friction", location=link.name, family="friction", starts=starts, fresh=(fresh,),
+                    cause="coulomb_friction", location=link.name, family="friction", starts=starts, fresh=fresh,
                     free=(Free(path=path, low=1e-4 * force, high=3.0 * force),),
                     reported=(Reported(name="friction_force", path=path, unit="N"),), rank=0,
                 )
