@@ -79,6 +79,14 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
     return fit(rough.model, rough.free, Problem(trials, share=NARROW), iterations=4, tolerance=1e-3)
 
 
+def tried(start: RigModel, free: Sequence[Free], problem: Problem, *, iterations: int, tolerance: float) -> Fit | None:
+    """A fit, or None from a start whose motion grows without bound."""
+    try:
+        return fit(start, free, problem, iterations=iterations, tolerance=tolerance)
+    except FitError:
+        return None
+
+
 def widened(done: Fit) -> Fit:
     """A fit whose deviations include how far the runs disagree."""
     return replace(done, covariance=done.covariance + disagreement(done))
@@ -92,9 +100,12 @@ def settled(done: Fit, guesses: Sequence[RigModel], trials: Sequence[Trial]) -> 
     """
     problem = Problem(glanced(trials), gauge=Correlated, share=COARSE)
     starts = [done.model, *(done.model.replace(_shared(guess, done)) for guess in guesses)]
-    looks = [fit(start, done.free, problem, iterations=4, tolerance=2e-2) for start in starts]
-    best = min(looks, key=lambda look: look.cost)
-    return min(done, finished(_near(best.model, done.free, trials), trials), key=lambda f: f.cost)
+    looks = [tried(start, done.free, problem, iterations=4, tolerance=2e-2) for start in starts]
+    best = min((look for look in looks if look), key=lambda look: look.cost, default=done)
+    try:
+        return min(done, finished(_near(best.model, done.free, trials), trials), key=lambda f: f.cost)
+    except FitError:
+        return done
 
 
 def _shared(guess: RigModel, done: Fit) -> dict[str, float]:
@@ -106,7 +117,10 @@ def _shared(guess: RigModel, done: Fit) -> dict[str, float]:
 def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
     """The model as it was before a step, fitted from where the step has led its parameters."""
     values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
-    return finished(replace(current, model=current.model.replace(values)), trials)
+    try:
+        return finished(replace(current, model=current.model.replace(values)), trials)
+    except FitError:
+        return current
 
 
 def calibrated(done: Fit, trials: Sequence[Trial], floors: FloatArray, drive_noise: float) -> float:
@@ -149,14 +163,13 @@ def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running
         if least < 1.0 and len(running) > 1 and look.cost > HOPELESS * least:
             continue
         free = parameters_of(current.model, look.candidate, current.free)
-        try:
-            done = fit(look.model, free, problem, iterations=2, tolerance=1e-2)
-            if done.cost > MISFIT:
-                near = fit(look.model, free, coarse, iterations=5, tolerance=2e-2)
-                again = fit(near.model, free, problem, iterations=2, tolerance=1e-2)
-                done = min(done, again, key=lambda f: f.cost)
-        except FitError:
+        done = tried(look.model, free, problem, iterations=2, tolerance=1e-2)
+        if done is None:
             continue
+        if done.cost > MISFIT:
+            near = tried(look.model, free, coarse, iterations=5, tolerance=2e-2)
+            again = tried(near.model, free, problem, iterations=2, tolerance=1e-2) if near else None
+            done = again if again and again.cost < done.cost else done
         running.append((look.candidate, done))
     return _to_the_end(running, problem)
 
@@ -170,14 +183,15 @@ def afresh(candidates: Sequence[Candidate], refined: Running, current: Fit, shor
     started = []
     for candidate, start in _promising(starts, current, coarse):
         free = parameters_of(current.model, candidate, current.free)
-        try:
-            started.append((candidate, fit(start, free, coarse, iterations=6, tolerance=2e-2)))
-        except FitError:
-            continue
+        near = tried(start, free, coarse, iterations=6, tolerance=2e-2)
+        if near is not None:
+            started.append((candidate, near))
     started.sort(key=lambda pair: pair[1].cost)
-    followed = [
-        (candidate, fit(near.model, near.free, problem, iterations=3, tolerance=5e-3)) for candidate, near in started[:FOLLOWED]
-    ]
+    followed = []
+    for candidate, near in started[:FOLLOWED]:
+        done = tried(near.model, near.free, problem, iterations=3, tolerance=5e-3)
+        if done is not None:
+            followed.append((candidate, done))
     best: dict[tuple[str, str], tuple[Candidate, Fit]] = {}
     for candidate, done in sorted([*refined, *_to_the_end(followed, problem)], key=lambda pair: pair[1].cost):
         best.setdefault(candidate.key, (candidate, done))

@@ -15,7 +15,7 @@ from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.observe import observe
 from analysis.diagnose.search import Progress, Screen, glanced
-from analysis.errors import ModelError
+from analysis.errors import FitError, ModelError
 from analysis.fit import Fit, Problem, fit
 from analysis.measured import Campaign
 from analysis.model import RigModel
@@ -99,7 +99,10 @@ def next_step(
         if lost and len(finalists) > 1:
             break
         # One that is far behind is no contender: its rough fit serves to say by how much.
-        done = rough if lost else finished(rough, trials)
+        try:
+            done = rough if lost else finished(rough, trials)
+        except FitError:  # it holds out for the first seconds only
+            continue
         finalists.append((candidate, done, score(done.model, fine)))
         progress(f"{candidate.cause} ({candidate.location}): held-out error {finalists[-1][2].figure:.3g}")
     if not finalists:
