@@ -12,11 +12,8 @@ import numpy as np
 from analysis.errors import DataError
 from analysis.measured import ComplexArray, FloatArray
 from analysis.model import Body, Link, RigModel, Sensor, direction, matrices
-from analysis.simulate import Excitation, simulate, simulate_many
+from analysis.simulate import Excitation, scan, simulate
 from analysis.simulate.compiled import constraint_basis
-
-#: Designs that are simulated at a time: bounds the memory.
-CHUNK = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,11 +84,8 @@ def strokes(
     designs = [isolated(model, float(f), link=link) for model in watched for f in frequencies]
     # Samples are moments apart that are short beside a move: straight lines between them keep its momentum.
     excitation = Excitation.prepare(head, sample_rate, oversample=1)
-    largest = [
-        np.abs(simulate_many(designs[k : k + CHUNK], excitation).channels["stroke"]).max(axis=1)
-        for k in range(0, len(designs), CHUNK)
-    ]
-    return np.concatenate(largest).astype(np.float64).reshape(len(models), len(frequencies))
+    largest = scan(designs, excitation, lambda batch: np.abs(batch.channels["stroke"]).max(axis=1))
+    return largest.astype(np.float64).reshape(len(models), len(frequencies))
 
 
 def lowest_inside(frequency: FloatArray, stroke: FloatArray, allowed: float) -> float:

@@ -23,8 +23,7 @@ from analysis.measured import FloatArray
 from analysis.model import Drive, RigModel
 from analysis.parallel import side_by_side
 from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, simulate_many
-from analysis.simulate.batch import LANES
+from analysis.simulate import Excitation, scan, simulate_many
 from analysis.simulate.compiled import compile_rig
 from analysis.simulate.free_run import run_compiled
 
@@ -151,17 +150,22 @@ def main() -> None:
     head = Excitation.prepare(force / THESIS["head_mass"], RATE, oversample=1)
     cores = len(side_by_side(lambda k: k, range(8))) and numba.config.NUMBA_DEFAULT_NUM_THREADS
     rigs = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 512)]
-    simulate_many(rigs[:LANES], head)
-    whole = []
-    for _ in range(5):
-        began = time.process_time()
-        simulate_many(rigs, head)
-        whole.append(time.process_time() - began)
-    each = min(whole) * 1000.0 / 10.0 / len(rigs)
-    print(
-        f"batch of {len(rigs)}: {each:.4f} ms per simulated second, simulation and core ({cores} cores), "
-        f"{each / bare:.2f} of the bare recurrence"
-    )
+    ways = {
+        "a figure of each rig": lambda: scan(rigs, head, lambda batch: batch.channels["motor"].max(axis=1)),
+        "all records kept": lambda: simulate_many(rigs, head),
+    }
+    for told, call in ways.items():
+        call()
+        whole = []
+        for _ in range(5):
+            began = time.process_time()
+            call()
+            whole.append(time.process_time() - began)
+        each = min(whole) * 1000.0 / 10.0 / len(rigs)
+        print(
+            f"batch of {len(rigs)}, {told}: {each:.4f} ms per simulated second, simulation and core ({cores} cores), "
+            f"{each / bare:.2f} of the bare recurrence"
+        )
     light = [
         float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
         for code in ["import time; t = time.perf_counter(); import analysis; print(time.perf_counter() - t)"] * 3

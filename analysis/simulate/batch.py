@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from queue import Empty, SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,29 +102,88 @@ def simulate_many(models: Sequence[RigModel], excitation: Excitation, *, configu
     SimulationError
         Where a rig's motion grows without bound.
     """
-    rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
-    sensors = models[0].sensors
-    names = tuple(sensor.channel for sensor in sensors)
-    pattern = _structure(models[0], configuration)
-    if not _steppable(models[0], configuration) or any(_structure(model, configuration) != pattern for model in models[1:]):
+    names = tuple(sensor.channel for sensor in models[0].sensors)
+    if not _alike(models, configuration):
         found = side_by_side(lambda model: simulate(model, excitation, configuration=configuration), models)
         rows = [[response.channels[name] for response in found] for name in names]
-        return Batch(sample_rate=rate, names=names, parts=(np.array(rows).transpose(0, 2, 1),))
+        return Batch(sample_rate=excitation.sample_rate, names=names, parts=(np.array(rows).transpose(0, 2, 1),))
+    parts = side_by_side(
+        lambda first: _records(models[first : first + LANES], excitation, configuration, None), range(0, len(models), LANES)
+    )
+    return Batch(sample_rate=excitation.sample_rate, names=names, parts=tuple(parts))
 
-    def chunk(first: int) -> Records:
-        part = _lanes(models[first : first + LANES], excitation, configuration)
-        if not np.isfinite(part[:, -1]).all():
-            raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
-        if over == 1:
-            return part
-        out = np.empty((len(sensors), n, part.shape[2]))
-        for k, sensor in enumerate(sensors):
-            for lane in range(part.shape[2]):
-                fine = part[k, :, lane].astype(np.float64)
-                out[k, :, lane] = sampled(fine, over, n, 1.0 / (rate * over), differentiate=sensor.quantity == "acceleration")
-        return out
 
-    return Batch(sample_rate=rate, names=names, parts=tuple(side_by_side(chunk, range(0, len(models), LANES))))
+def scan(
+    models: Sequence[RigModel],
+    excitation: Excitation,
+    figure: Callable[[Batch], FloatArray],
+    *,
+    configuration: str = "unlocked",
+) -> FloatArray:
+    """A figure of many rigs under one drive, their records dropped as soon as it is taken.
+
+    Records that are kept are written to fresh memory, which costs more than the simulation; here they share some.
+
+    Parameters
+    ----------
+    models, excitation, configuration
+        As for `simulate_many`.
+    figure
+        What is wanted of some of the rigs, shape (rigs, ...); the records it is given are overwritten afterwards.
+
+    Returns
+    -------
+    FloatArray
+        The figures of all rigs, shape (models, ...).
+
+    Raises
+    ------
+    SimulationError
+        Where a rig's motion grows without bound.
+    """
+    if not _alike(models, configuration):
+        return np.asarray(figure(simulate_many(models, excitation, configuration=configuration)))
+    names = tuple(sensor.channel for sensor in models[0].sensors)
+    spare: SimpleQueue[Singles] = SimpleQueue()
+
+    def one(first: int) -> FloatArray:
+        part = models[first : first + LANES]
+        try:
+            room = spare.get_nowait()
+        except Empty:
+            room = _room(models[0], excitation, LANES)
+        records = _records(part, excitation, configuration, room if len(part) == LANES else None)
+        found = np.array(figure(Batch(sample_rate=excitation.sample_rate, names=names, parts=(records,))))
+        spare.put(room)
+        return found
+
+    return np.concatenate(side_by_side(one, range(0, len(models), LANES)))
+
+
+def _records(models: Sequence[RigModel], excitation: Excitation, configuration: str, room: Singles | None) -> Records:
+    rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
+    part = _lanes(models, excitation, configuration, _room(models[0], excitation, len(models)) if room is None else room)
+    if not np.isfinite(part[:, -1]).all():
+        raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
+    if over == 1:
+        return part
+    sensors = models[0].sensors
+    out = np.empty((len(sensors), n, part.shape[2]))
+    for k, sensor in enumerate(sensors):
+        for lane in range(part.shape[2]):
+            fine = part[k, :, lane].astype(np.float64)
+            out[k, :, lane] = sampled(fine, over, n, 1.0 / (rate * over), differentiate=sensor.quantity == "acceleration")
+    return out
+
+
+def _room(model: RigModel, excitation: Excitation, lanes: int) -> Singles:
+    return np.empty((len(model.sensors), len(excitation.fine), lanes), dtype=np.float32)
+
+
+def _alike(models: Sequence[RigModel], configuration: str) -> bool:
+    # Whether they can share lanes.
+    pattern = _structure(models[0], configuration)
+    return _steppable(models[0], configuration) and all(_structure(model, configuration) == pattern for model in models[1:])
 
 
 def _structure(model: RigModel, configuration: str) -> object:
@@ -150,8 +210,8 @@ def _steppable(model: RigModel, configuration: str) -> bool:
     )
 
 
-def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: str) -> Singles:
-    # Responses of one chunk, shape (sensors, n, models).
+def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: str, out: Singles) -> Singles:
+    # Responses of one chunk, written to `out`, shape (sensors, n, models).
     over = excitation.oversample
     h = 1.0 / (excitation.sample_rate * over)
     first = models[0]
@@ -195,7 +255,6 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
         place = slice(0, order) if sensor.quantity == "displacement" else slice(order, None)
         sense[k, place] = direction(first, sensor.body, sensor.relative_to, sensor.arms) @ basis
         central[k] = sensor.quantity == "acceleration" and over == 1
-    out = np.empty((len(first.sensors), len(excitation.fine), len(models)), dtype=np.float32)
     _step_many(
         _single(excitation.fine),
         np.float32(0.5 / h),

@@ -11,7 +11,7 @@ from analysis.errors import SimulationError
 from analysis.excitation import moves, random
 from analysis.model import Configuration
 from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, simulate, simulate_many
+from analysis.simulate import Excitation, scan, simulate, simulate_many
 from analysis.simulate.exponential import exponentials
 
 RATE = 2048.0
@@ -50,6 +50,17 @@ def test_rigs_that_share_no_structure_are_simulated_one_by_one() -> None:
     batch = simulate_many([plain, bent], excitation)
     for index, model in enumerate((plain, bent)):
         assert np.array_equal(batch[index].channels["motor"], simulate(model, excitation).channels["motor"])
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_scan_is_the_figure_of_the_records(bent: bool) -> None:
+    """Rooms are used again, the last one is not full, and rigs of different structure are taken too."""
+    excitation = Excitation.prepare(moves(samples=1024, sample_rate=RATE), RATE, oversample=1)
+    models = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 300)]
+    if bent:
+        models = [*models[:3], added(models[0], models[0].link("isolation"), laws.Cubic(cubic_stiffness=1e8))]
+    found = scan(models, excitation, lambda batch: np.ptp(batch.channels["motor"], axis=1))
+    assert np.array_equal(found, np.ptp(simulate_many(models, excitation).channels["motor"], axis=1))
 
 
 def test_exponentials_of_a_stack() -> None:
