@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from analysis.measured import Channel, Run
 
+#: Channels that stand beside one another in a line of the terminal.
+SIDE_BY_SIDE = 5
+
 
 def check(*files: Path) -> None:
     """List the runs of recordings, and refuse files that are not sound.
@@ -32,7 +35,16 @@ def check(*files: Path) -> None:
         with open_recording(file) as campaign:
             names = list(dict.fromkeys(name for run in campaign.runs for name in run.channels))
             rows = [_row(run, names) for run in campaign.runs]
-        show_table(f"{file}: rms of each channel", ("run", "set-up", "gain", "s", *names, "clipped", "lost"), rows)
+            ids = [run.id for run in campaign.runs]
+        about = ("run", "set-up", "gain", "s")
+        if len(names) <= SIDE_BY_SIDE:
+            show_table(f"{file}: rms of each channel", (*about, *names, "clipped", "lost"), rows)
+            continue
+        # Too many channels for a line: each gets one of its own.
+        first, last = len(about), len(about) + len(names)
+        show_table(str(file), (*about, "clipped", "lost"), [row[:first] + row[last:] for row in rows])
+        levels = [[name, *(row[first + k] for row in rows)] for k, name in enumerate(names)]
+        show_table("rms of each channel", ("channel", *ids), levels)
 
 
 def _row(run: Run, names: Sequence[str]) -> list[str]:

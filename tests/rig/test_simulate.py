@@ -217,3 +217,14 @@ def test_what_cannot_be_used_is_one_sentence_and_no_file(
     assert said in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_many_channels_are_listed_one_to_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    output = tmp_path / "out.h5"
+    assert main(["simulate", "--excitation", "moves", "--seconds", "1", "-o", str(output)]) == 0
+    assert main(["check", str(output)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.split()[0] == "isolation_friction" for line in lines if line.strip())
