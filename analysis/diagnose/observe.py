@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +24,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesse
     """What the fitted baseline and the data say."""
     deflection, speed = swings(model, trials)
     rate = trials[0].sample_rate
-    last = max(t.start_time + t.samples / t.sample_rate for t in trials)
+    last = session_end(trials)
     peaks = peaks_of(campaign)
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
@@ -32,6 +33,13 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesse
         restart=lambda rig: equation_start(rig, trials),
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
+
+
+def session_end(trials: Sequence[Trial]) -> float:
+    """Seconds from the campaign's first sample to its end: that of the last run, and the usual pause after it."""
+    spans = sorted((t.start_time, t.start_time + t.samples / t.sample_rate) for t in trials)
+    pauses = [start - end for (_, end), (start, _) in pairwise(spans) if start >= end]
+    return spans[-1][1] + (float(np.median(pauses)) if pauses else 0.0)
 
 
 def peaks_of(campaign: Campaign) -> dict[str, float]:

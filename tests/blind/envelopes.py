@@ -215,8 +215,8 @@ def _lock(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
 
 
 def _drift(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
-    rate = _sign(draw) * size * draw.uniform(0.1, 0.25) / 690.0
-    return Hidden(model=_linked(m, place, laws.Drift(drift_rate=rate, until=690.0)), parameters={"drift_rate": rate})
+    rate = _sign(draw) * size * draw.uniform(0.1, 0.25) / 720.0
+    return Hidden(model=_linked(m, place, laws.Drift(drift_rate=rate, until=720.0)), parameters={"drift_rate": rate})
 
 
 def _delay(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:

@@ -23,7 +23,7 @@ class Evidence:
     sample_rate
         Hz.
     end_time
-        Seconds from the campaign's first sample to its last.
+        Seconds from the campaign's first sample to its end, the last run's pause included.
     peak
         Largest recorded magnitude of each channel.
     flat_tops
