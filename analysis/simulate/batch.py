@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from queue import Empty, SimpleQueue
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from analysis.simulate.sampling import Excitation, sampled
 
 Singles = NDArray[np.float32]
 Records = Singles | FloatArray
+Engine = Literal["auto", "batch", "exact"]
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 #: Simulations that share a kernel's vector lanes.
 LANES = 128
@@ -70,7 +72,9 @@ class Batch:
         raise IndexError(index)
 
 
-def simulate_many(models: Sequence[RigModel], excitation: Excitation, *, configuration: str = "unlocked") -> Batch:
+def simulate_many(
+    models: Sequence[RigModel], excitation: Excitation, *, configuration: str = "unlocked", engine: Engine = "auto"
+) -> Batch:
     """Many rigs under one drive, from rest, for scans: score the final ones with `simulate`.
 
     Rigs of one structure (same parts, other numbers) that are linear but for at most one Coulomb contact take fixed
@@ -96,14 +100,22 @@ def simulate_many(models: Sequence[RigModel], excitation: Excitation, *, configu
         are low-passed as recordings are.
     configuration
         How the rigs are set up.
+    engine
+        "batch" steps side by side, "exact" simulates one by one, "auto" takes the batch where it can.
 
     Raises
     ------
     SimulationError
-        Where a rig's motion grows without bound.
+        Where a rig's motion grows without bound, or the batch was asked for and cannot take these rigs.
     """
     names = tuple(sensor.channel for sensor in models[0].sensors)
-    if not _alike(models, configuration):
+    alike = _alike(models, configuration)
+    if engine == "batch" and not alike:
+        raise SimulationError(
+            "the batch takes rigs of one structure that are linear but for at most one Coulomb contact, and these are not; "
+            "choose the exact engine"
+        )
+    if engine == "exact" or not alike:
         found = side_by_side(lambda model: simulate(model, excitation, configuration=configuration), models)
         rows = [[response.channels[name] for response in found] for name in names]
         return Batch(sample_rate=excitation.sample_rate, names=names, parts=(np.array(rows).transpose(0, 2, 1),))

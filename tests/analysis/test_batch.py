@@ -52,6 +52,17 @@ def test_rigs_that_share_no_structure_are_simulated_one_by_one() -> None:
         assert np.array_equal(batch[index].channels["motor"], simulate(model, excitation).channels["motor"])
 
 
+def test_the_engine_may_be_chosen() -> None:
+    plain = wire_bonder()
+    bent = added(plain, plain.link("isolation"), laws.Cubic(cubic_stiffness=1e8))
+    excitation = Excitation.prepare(moves(samples=1024, sample_rate=RATE), RATE, oversample=1)
+    batch = simulate_many([plain, plain], excitation, engine="exact")
+    assert np.array_equal(batch[1].channels["motor"], simulate(plain, excitation).channels["motor"])
+    assert not np.array_equal(simulate_many([plain], excitation, engine="batch")[0].channels["motor"], batch[0].channels["motor"])
+    with pytest.raises(SimulationError, match="choose the exact engine"):
+        simulate_many([bent], excitation, engine="batch")
+
+
 @pytest.mark.parametrize("bent", [False, True])
 def test_a_scan_is_the_figure_of_the_records(bent: bool) -> None:
     """Rooms are used again, the last one is not full, and rigs of different structure are taken too."""
