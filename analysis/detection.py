@@ -12,12 +12,7 @@ import numpy as np
 
 from analysis.errors import DataError
 from analysis.measured import FloatArray, Run
-from analysis.spectra import stretches
-
-#: Lines with less than this share of the strongest line's amplitude count as not driven.
-DRIVEN = 0.01
-#: First periods that are left out, for the motion to settle, and periods needed beyond them.
-SETTLING, NEEDED = 1, 2
+from analysis.periodic import driven_lines, settled_periods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,26 +44,12 @@ def detect(run: Run, *, response: str, reference: str) -> Detection:
     Raises
     ------
     DataError
-        Where the run has no period, too few of them, or drives every line.
+        Where the run has no period, too few of them, no drive, or one at every line.
     """
-    if run.period is None:
-        raise DataError(f"run {run.id!r} has no period; take it under a multisine")
-    start, stop = next(stretches(run))
-    count = (stop - start) // run.period - SETTLING
-    if count < NEEDED:
-        raise DataError(
-            f"run {run.id!r} holds {(stop - start) / run.period:.1f} periods, but needs {SETTLING + NEEDED} whole ones, the "
-            "first of which settles; measure longer"
-        )
-    begin = start + SETTLING * run.period
-    drive, answer = (
-        np.fft.rfft(run.channel(name).read(begin, begin + count * run.period).reshape(count, -1), axis=1)
-        for name in (reference, response)
-    )
-    size = np.abs(drive.mean(axis=0))
-    size[0] = 0.0
-    line = np.arange(len(size))
-    driven = size > DRIVEN * size.max()
+    drive, answer = settled_periods(run, (reference, response))
+    count = len(answer)
+    line = np.arange(drive.shape[1])
+    driven = np.isin(line, driven_lines([drive.mean(axis=0)], run.id))
     inside = (line >= line[driven][0]) & (line <= line[driven][-1])
     free = inside & ~driven
     if not free.any():

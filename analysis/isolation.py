@@ -26,6 +26,8 @@ STITCH = 15.0
 AROUND = 0.25
 #: Slower than this share of the body's own rms speed, the sliding is at rest.
 AT_REST = 1e-3
+#: Drives with power over a band: they show transfer functions line by line.
+BROAD = ("random", "multisine", "sweep", "other")
 
 
 class Peaks(NamedTuple):
@@ -149,7 +151,7 @@ def isolation_ratio(
 
 def broad(runs: Sequence[Run]) -> list[Run]:
     """The runs whose drive has power over a band: noise, multisines, sweeps."""
-    return [run for run in runs if run.excitation in ("random", "multisine", "sweep", "other")]
+    return [run for run in runs if run.excitation in BROAD]
 
 
 def _pieces(campaign: Campaign, response: str, reference: str, resolution: float) -> tuple[Piece, ...]:

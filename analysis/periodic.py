@@ -73,8 +73,14 @@ def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicF
     if not runs:
         raise DataError("no run was given; name at least one")
     first = runs[0]
-    spectra = [_periods(run, first, (reference, response)) for run in runs]
-    driven = _driven([x.mean(axis=0) for x, _ in spectra], first.id)
+    spectra = [settled_periods(run, (reference, response)) for run in runs]
+    for run in runs:
+        if (run.period, run.sample_rate) != (first.period, first.sample_rate):
+            raise DataError(
+                f"run {run.id!r} has periods of {run.period} samples at {run.sample_rate:g} Hz and run {first.id!r} "
+                f"{first.period} at {first.sample_rate:g} Hz; average runs of one period only"
+            )
+    driven = driven_lines([x.mean(axis=0) for x, _ in spectra], first.id)
     values, noises = [], []
     for drive, answer in spectra:
         x, y = drive[:, driven], answer[:, driven]
@@ -100,15 +106,16 @@ def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicF
     )  # fmt: skip
 
 
-def _periods(run: Run, first: Run, names: tuple[str, str]) -> tuple[ComplexArray, ComplexArray]:
-    # Spectra of each settled period, shape (periods, lines).
+def settled_periods(run: Run, names: Sequence[str]) -> tuple[ComplexArray, ...]:
+    """Spectra of channels in each period of a run after those in which the motion settles, each shape (periods, lines).
+
+    Raises
+    ------
+    DataError
+        Where the run has no period or too few of them.
+    """
     if run.period is None:
-        raise DataError(f"run {run.id!r} has no period; give runs under a periodic drive that say how long it is")
-    if (run.period, run.sample_rate) != (first.period, first.sample_rate):
-        raise DataError(
-            f"run {run.id!r} has periods of {run.period} samples at {run.sample_rate:g} Hz and run {first.id!r} {first.period} "
-            f"at {first.sample_rate:g} Hz; average runs of one period only"
-        )
+        raise DataError(f"run {run.id!r} has no period; give a run under a periodic drive that says how long it is")
     start, stop = next(stretches(run))
     count = (stop - start) // run.period - SETTLING
     if count < NEEDED:
@@ -118,11 +125,17 @@ def _periods(run: Run, first: Run, names: tuple[str, str]) -> tuple[ComplexArray
         )
     begin = start + SETTLING * run.period
     rows = (run.channel(name).read(begin, begin + count * run.period).reshape(count, -1) for name in names)
-    drive, answer = (np.asarray(np.fft.rfft(row, axis=1)) for row in rows)
-    return drive, answer
+    return tuple(np.asarray(np.fft.rfft(row, axis=1)) for row in rows)
 
 
-def _driven(drives: Sequence[ComplexArray], where: str) -> IntArray:
+def driven_lines(drives: Sequence[ComplexArray], where: str) -> IntArray:
+    """The lines that every one of the mean drives has power at.
+
+    Raises
+    ------
+    DataError
+        Where there is none.
+    """
     size = np.min([np.abs(drive) for drive in drives], axis=0)
     size[0] = 0.0
     kept: NDArray[np.bool_] = size > DRIVEN * size.max()

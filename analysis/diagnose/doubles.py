@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.isolation import BROAD
 from analysis.measured import Channel, ComplexArray, FloatArray, Run
 from analysis.model import RigModel
 from analysis.spectra import estimate
@@ -15,8 +16,6 @@ from analysis.trials import Trial, expected
 #: Distance of lines in Hz (short runs have fewer, of at least this many segments), and the coherence from which a line speaks.
 RESOLUTION, SEGMENTS = 0.5, 10
 SPEAKS = 0.5
-#: Noise, sweeps and multisines show transfer functions line by line.
-BROAD = ("random", "multisine", "sweep", "other")
 
 
 @dataclass(frozen=True, kw_only=True)

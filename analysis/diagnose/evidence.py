@@ -12,10 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.diagnose.doubles import BROAD, Double, Lines, alike, doubles, halves, lines
+from analysis.diagnose.doubles import Double, Lines, alike, doubles, halves, lines
 from analysis.diagnose.observe import flat_tops, mains, peaks_of
 from analysis.diagnose.surface import Surface, surface_of
 from analysis.errors import DataError
+from analysis.isolation import BROAD
 from analysis.measured import Campaign, FloatArray
 from analysis.model import GROUND, RigModel
 from analysis.periodic import periodic
