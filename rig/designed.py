@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from analysis.profile import Move, head_acceleration
 from analysis.rigs import THESIS, wire_bonder
 from rig.characterized import read_parameters
 from rig.errors import PlanError
+from rig.tomlfile import read_toml
 from rig.virtual import Take, virtual_campaign
 
 #: Samples per second: fifteen at least in a move of a hundredth of a second.
@@ -144,16 +144,7 @@ def read_design(path: Path) -> DesignPlan:
     PlanError
         In one sentence: which key, what was found, what is allowed.
     """
-    try:
-        plan = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), DesignPlan, strict=False)
-    except FileNotFoundError:
-        raise PlanError(f"{path} does not exist; give the path of a move profile") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"{path} cannot be read as text ({error}); give a move profile in TOML") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
-    except msgspec.ValidationError as error:
-        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
+    plan = read_toml(path, lambda tree: msgspec.convert(tree, DesignPlan, strict=False), "a move profile")
     low, high = plan.frequencies
     if not 0.05 <= low < high <= 100.0:
         raise PlanError(f"{path}: frequencies are {low:g} to {high:g} Hz; give low < high between 0.05 and 100 Hz")

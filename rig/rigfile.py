@@ -56,12 +56,24 @@ def read_rig(given: str | Path) -> GivenRig:
             )
         model, origin = read_model(path)
         return GivenRig(model=model, origin=origin)
+    model, text = read_description(path)
+    return GivenRig(model=model, description=text)
+
+
+def read_description(path: Path) -> tuple[RigModel, str]:
+    """A rig and its text from the TOML file that describes it.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise PlanError(f"{path} cannot be read ({error}); give the file of a rig's description") from None
     try:
-        return GivenRig(model=from_tree(tomllib.loads(text)), description=text)
+        return from_tree(tomllib.loads(text)), text
     except tomllib.TOMLDecodeError as error:
         raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
     except ModelError as error:

@@ -76,10 +76,9 @@ class SimulatedDataq:
 
     def step(self, data: bytes) -> bytes:
         """Bytes in, bytes out."""
-        self._waiting += data
+        *lines, self._waiting = (self._waiting + data).split(b"\r")
         answer = b""
-        while b"\r" in self._waiting:
-            line, _, self._waiting = self._waiting.partition(b"\r")
+        for line in lines:
             answer += self._command(line.decode("ascii", "replace").strip())
         return answer + self._scans() if self.scanning and not self.mishaps.late else answer
 
@@ -178,10 +177,9 @@ class SimulatedSlcan:
 
     def step(self, data: bytes) -> bytes:
         """Bytes in, bytes out."""
-        self._waiting += data
+        *lines, self._waiting = (self._waiting + data).split(b"\r")
         answer = b""
-        while b"\r" in self._waiting:
-            line, _, self._waiting = self._waiting.partition(b"\r")
+        for line in lines:
             command = line.decode("ascii", "replace")
             self.heard.append(command)
             # An adapter whose bus is open refuses to open it again.

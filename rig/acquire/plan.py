@@ -11,7 +11,7 @@ import msgspec
 
 from analysis.model import RigModel, from_tree
 from drivers.kinds import RecordsKind, StreamKind, kinds
-from rig.errors import PlanError
+from rig.tomlfile import read_toml
 
 #: What a channel tells beside what the recording's format asks for.
 SENSOR = ("sensor", "place", "direction")
@@ -138,18 +138,7 @@ def load_plan(path: Path) -> Plan:
     PlanError
         In one sentence: which key, what was found, what is allowed.
     """
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise PlanError(f"{path} does not exist; give the path of a plan") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"{path} cannot be read ({error}); give a text file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
-    try:
-        return plan_of(tree)
-    except msgspec.ValidationError as error:
-        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
+    return read_toml(path, plan_of, "a plan")
 
 
 def plan_of(tree: Mapping[str, Any]) -> Plan:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from analysis.errors import ModelError
 from analysis.measured import Campaign, Channel, FloatArray, Run, Samples
-from analysis.model import from_tree
 from rig.errors import PlanError, RecordingError
 from rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from rig.exchange.reading import read_foreign
@@ -18,6 +15,7 @@ from rig.exchange.table import Column, ForeignTable
 from rig.exchange.units import unit
 from rig.output import replaced
 from rig.recording import write
+from rig.rigfile import read_description
 
 #: A time column may stray so many samples from an even grid.
 JITTER = 0.1
@@ -48,25 +46,12 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
         if wanted.file not in tables:
             tables[wanted.file] = read_foreign(folder / wanted.file)
         runs.append(_run(wanted, mapping, tables[wanted.file]))
-    description = None if mapping.description is None else _description(mapping_path.parent / mapping.description)
+    description = None if mapping.description is None else read_description(mapping_path.parent / mapping.description)[1]
     campaign = Campaign(runs=tuple(runs), known=mapping.rig, description=description, source=str(output))
     with replaced(output) as temporary:
         write(temporary, campaign)
         _note_sensors(temporary, mapping)
     return campaign
-
-
-def _description(path: Path) -> str:
-    try:
-        text = path.read_text(encoding="utf-8")
-        from_tree(tomllib.loads(text))
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"{path} cannot be read ({error}); give the file of the rig's description") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
-    except ModelError as error:
-        raise PlanError(f"{path}: {error}") from None
-    return text
 
 
 def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:

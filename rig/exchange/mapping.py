@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
@@ -13,6 +12,7 @@ import msgspec
 from analysis.measured import Quantity
 from rig.errors import PlanError
 from rig.exchange.units import unit
+from rig.tomlfile import read_toml
 
 #: Names that the recording format keeps for itself.
 RESERVED = ("gain", "gaps", "timing", "spectra")
@@ -105,16 +105,12 @@ def read_mapping(path: Path) -> Mapping:
     PlanError
         In one sentence: which key, what was found, what is allowed.
     """
-    try:
-        mapping = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8-sig")), Mapping, strict=False)
-    except FileNotFoundError:
-        raise PlanError(f"{path} does not exist; give the path of a mapping, or let rig import --draft propose one") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"{path} cannot be read as text ({error}); give a mapping in TOML") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
-    except msgspec.ValidationError as error:
-        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None
+    mapping = read_toml(
+        path,
+        lambda tree: msgspec.convert(tree, Mapping, strict=False),
+        "a mapping",
+        hint=", or let rig import --draft propose one",
+    )
     _check(mapping, str(path))
     return mapping
 
