@@ -25,6 +25,8 @@ CACHED = 3
 FAINT = 1e-6
 #: Seconds of a segment over which residuals are correlated with the drive.
 SEGMENT = 2.0
+#: A step that lowers the cost by this share of what the derivatives foretold leaves them good for one more.
+FORETOLD = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,12 +284,16 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
     jacobian = np.zeros((problem.size, len(free)))
-    for iteration in range(iterations):
-        jacobian = jacobian_of(problem, build, theta, free, residual)
-        evaluations += len(free)
-        normal, gradient = jacobian.T @ jacobian, jacobian.T @ residual
-        before = cost
-        for _ in range(6):
+    taken, fresh = 0, True
+    while taken < iterations or not fresh:
+        if fresh:
+            jacobian = jacobian_of(problem, build, theta, free, residual)
+            normal = jacobian.T @ jacobian
+            evaluations += len(free)
+            taken += 1
+        gradient = jacobian.T @ residual
+        before = foretold = cost
+        for _ in range(6 if fresh else 1):
             scale = np.diag(normal)
             # What leaves no trace stays: its step would be rounding's, and shorten all others.
             live = np.flatnonzero(scale > FAINT)
@@ -297,15 +303,17 @@ def fit(
             candidate = misfit(trial)
             evaluations += 1
             new = float(candidate @ candidate)
+            linear = float(np.sum((residual + jacobian @ (trial - theta)) ** 2))
             if np.isfinite(new) and new < cost:
-                theta, residual, cost = trial, candidate, new
+                theta, residual, cost, foretold = trial, candidate, new, linear
                 damping = max(damping / 9.0, 1e-9)
                 break
             damping *= 8.0
         if progress is not None:
-            progress(f"step {iteration + 1}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
-        if before - cost <= tolerance * before:
+            progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
+        if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
+        fresh = not fresh or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
     bounds = tuple(
         f.path for f, c in zip(free, theta, strict=True)

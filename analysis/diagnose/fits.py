@@ -155,7 +155,10 @@ def diverse(looks: Sequence[Look]) -> list[Look]:
 
 
 def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running:
-    """Fits of candidates on the short data, best first; after a few steps only those go on that are not far behind."""
+    """Fits of candidates on the short data, best first; those that are not far behind go on to their end.
+
+    Once one explains the data, those whose look was hopeless need not start.
+    """
     problem, coarse = Problem(short), Problem(short, gauge=Correlated, share=COARSE)
     running: Running = []
     for look in looks:
@@ -170,6 +173,8 @@ def race(looks: Sequence[Look], current: Fit, short: Sequence[Trial]) -> Running
             near = tried(look.model, free, coarse, iterations=5, tolerance=2e-2)
             again = tried(near.model, free, problem, iterations=2, tolerance=1e-2) if near else None
             done = again if again and again.cost < done.cost else done
+        elif done.cost < least:
+            done = _ended(done, problem)
         running.append((look.candidate, done))
     return _to_the_end(running, problem)
 
@@ -217,11 +222,12 @@ def _holds(start: RigModel, current: Fit, candidate: Candidate) -> bool:
         return False
 
 
+def _ended(done: Fit, problem: Problem) -> Fit:
+    return fit(done.model, done.free, problem, iterations=8, tolerance=1e-2)
+
+
 def _to_the_end(running: Running, problem: Problem) -> Running:
     least = min((done.cost for _, done in running), default=0.0)
-    running = [
-        (candidate, fit(done.model, done.free, problem, iterations=8, tolerance=1e-2) if done.cost < BEHIND * least else done)
-        for candidate, done in running
-    ]
+    running = [(candidate, _ended(done, problem) if done.cost < BEHIND * least else done) for candidate, done in running]
     running = [(candidate, done) for candidate, done in running if candidate.plausible(done.model)]
     return sorted(running, key=lambda pair: pair[1].cost)

@@ -75,18 +75,20 @@ class Screen:
             family = look.candidate.family
             met[family] = met.get(family, 0) + 1
             close = place < CLOSER or met[family] <= CLOSER_OF_FAMILY
-            looks.append(self._descend(look.candidate, look.model, 2) if close and look.cost < np.inf else look)
+            looks.append(self._closer(look) if close and look.cost < np.inf else look)
         return sorted((look for look in looks if look.cost < np.inf), key=lambda look: look.cost)
 
     def look(self, candidate: Candidate) -> Look:
         """One step from each of the candidate's most promising starts; the best of them."""
         starts = candidate.starts
-        if len(starts) > MOST_STARTS:
-            order = np.argsort(self.current.reachable(self.problem.residuals(starts)))
-            starts = tuple(starts[k] for k in order[:MOST_STARTS])
-        return min((self._descend(candidate, start, 1) for start in starts), key=lambda look: look.cost)
+        residuals = self.problem.residuals(starts)
+        order = np.argsort(self.current.reachable(residuals))[:MOST_STARTS]
+        return min((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
 
-    def _descend(self, candidate: Candidate, start: RigModel, steps: int) -> Look:
+    def _closer(self, look: Look) -> Look:
+        return self._descend(look.candidate, look.model, self.problem.residuals([look.model])[0], 2)
+
+    def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> Look:
         free = parameters_of(self.current.model, candidate, self.current.free)
         base = [f for f in free if f not in candidate.free]
         columns = [self.current.free.index(f) for f in base]
@@ -104,10 +106,8 @@ class Screen:
             found = iter(self.problem.residuals(whole)) if whole else iter(())
             return [next(found) if model is not None else np.full(self.problem.size, np.nan) for model in models]
 
-        model = build(theta)
-        residual = cost_of([model])[0]
         best = float(residual @ residual)
-        if model is None or not np.isfinite(best):
+        if not np.isfinite(best):
             return Look(candidate=candidate, cost=np.inf, model=start)
         for _ in range(steps):
             moved = []
