@@ -20,6 +20,8 @@ GLANCE = 10.0
 GLANCE_OVERSAMPLE = 4
 #: Starts of a candidate that are followed; of more, those with the least misfit.
 MOST_STARTS = 4
+#: How far beyond a start the straight line to it is trusted, in distances to it.
+BEYOND = 3.0
 #: Candidates that are looked at more closely: the best of all, and the best of each family.
 CLOSER, CLOSER_OF_FAMILY = 8, 2
 
@@ -82,8 +84,17 @@ class Screen:
         """One step from each of the candidate's most promising starts; the best of them."""
         starts = candidate.starts
         residuals = self.problem.residuals(starts)
-        order = np.argsort(self.current.reachable(residuals))[:MOST_STARTS]
+        order = np.argsort(self._reached(residuals))[:MOST_STARTS]
         return min((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+
+    def _reached(self, residuals: FloatArray) -> FloatArray:
+        # What is left after a linear step of the current parameters and along the straight line to each start and on.
+        span = np.linalg.qr(self.current.jacobian)[0]
+        here, away = (r - (r @ span) @ span.T for r in (self.current.residual, residuals - self.current.residual))
+        length = (away**2).sum(axis=1)
+        far = np.clip(-(away @ here) / np.maximum(length, 1e-300), 0.0, BEYOND)
+        left = here @ here + 2.0 * far * (away @ here) + far**2 * length
+        return np.where(np.isfinite(left), left, np.inf)
 
     def _closer(self, look: Look) -> Look:
         return self._descend(look.candidate, look.model, self.problem.residuals([look.model])[0], 2)

@@ -80,8 +80,9 @@ class StribeckFriction:
             starts = tuple(
                 _exchanged(
                     model, contact,
-                    Stribeck(friction_force=0.8 * force, static_force=1.3 * force, stribeck_velocity=share * speed),
+                    Stribeck(friction_force=level * force, static_force=breakaway * force, stribeck_velocity=share * speed),
                 )
+                for level, breakaway in ((0.8, 1.3), (0.98, 1.08))
                 for share in (0.02, 0.1)
             )  # fmt: skip
             found.append(

@@ -76,7 +76,7 @@ class SofteningStiffness:
             deflection = evidence.deflection[link.name]
             share, scale = _path(link, "softening"), _path(link, "scale")
             starts = tuple(
-                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection)) for r, s in ((0.3, 0.3), (0.6, 0.1))
+                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection)) for r, s in ((0.3, 0.3), (0.6, 0.1), (0.05, 0.4), (0.05, 0.15))
             )
             found.append(
                 Candidate(
@@ -114,7 +114,7 @@ class Backlash:
         for link in _sliding(model, laws.Backlash):
             deflection = evidence.deflection[link.name]
             clearance, residual = _path(link, "clearance"), _path(link, "residual")
-            starts = tuple(_with_play(model, link, share, deflection) for share in (0.03, 0.12, 0.2))
+            starts = tuple(_with_play(model, link, share, deflection) for share in (0.008, 0.03, 0.12, 0.2))
             found.append(
                 Candidate(
                     cause="backlash", location=link.name, family="spring", starts=starts,
@@ -155,7 +155,7 @@ class EndStop:
             stroke, stiffness = _path(link, "stroke"), _path(link, "contact_stiffness")
             starts = tuple(
                 added(model, link, laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness))
-                for share, factor in ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0))
+                for share, factor in ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3))
             )
             found.append(
                 Candidate(
