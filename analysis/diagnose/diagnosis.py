@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.diagnose.evidence import Sign, signs
-from analysis.diagnose.fits import baseline_fit, calibrated, first_start, guesses_of, refined, settled, widened, without
+from analysis.diagnose.fits import baseline_fit, calibrated, guesses_of, refined, widened, without
 from analysis.diagnose.judge import (
     ENOUGH,
     SIMULATION_LIMIT,
@@ -109,8 +109,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     fine = tuple(refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     guesses = guesses_of(model, trials)
-    guesses = (first_start(guesses, trials), *guesses)
-    baseline = widened(baseline_fit(guesses[0], trials))
+    baseline = widened(baseline_fit(guesses, trials))
     stages = [_Stage(fit=baseline, score=score(baseline.model, fine))]
     drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
     quiet = noise_floor(baseline.model, fine, drive_noise)
@@ -125,10 +124,6 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         if found is None:
             break
         step, better, best = found
-        if not adequate(best, floors, enough):
-            longer = settled(better, guesses, trials)
-            if longer is not better:
-                better, best = longer, score(longer.model, fine)
         # What the step is worth is measured against the model without it, from where the step has led the rest.
         bare = without(better, now.fit, trials)
         plain = score(bare.model, fine)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 
 from analysis.diagnose.mechanisms.base import Evidence
 from analysis.hum import mains_in
-from analysis.measured import Campaign
-from analysis.model import GROUND, RigModel
+from analysis.measured import Campaign, Quantity
+from analysis.model import GROUND, Link, RigModel, Sensor
 from analysis.motion import motion_of
+from analysis.simulate import simulate
 from analysis.start import equation_start
 from analysis.trials import Trial, expected, true_motion
 
@@ -52,38 +54,60 @@ def peaks_of(campaign: Campaign) -> dict[str, float]:
 
 
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
-    """Largest relative displacement (m) and velocity (m/s) of each link, from what its ends' sensors measured.
+    """Largest relative displacement (m) and velocity (m/s) of each link.
 
-    Accelerations are integrated in the frequency domain above the drive's lowest frequency. A link whose ends are not measured
-    gets the values of the largest one.
+    Of what its ends' sensors measured, integrated in the frequency domain above the drive's lowest frequency, and what the model
+    does, the smaller: integrated noise is large beside a stiff link's swing, and a model may swing too far.
     """
-    sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}
     deflection: dict[str, float] = {}
     speed: dict[str, float] = {}
-    for link in model.links:
-        ends = [sensors.get(end) for end in (link.a, link.b) if end != GROUND]
-        for trial in trials:
-            if trial.motion is not None:
-                parts = [(trial.motion.velocity[end], trial.motion.position[end]) for end in (link.a, link.b) if end != GROUND]
-                v, d = (a - b for a, b in zip(*parts, strict=True)) if len(parts) == 2 else parts[0]
-                deflection[link.name] = max(deflection.get(link.name, 0.0), float(np.abs(d).max()))
-                speed[link.name] = max(speed.get(link.name, 0.0), float(np.abs(v).max()))
-                continue
-            if any(end is None for end in ends) or link.name in model.configurations[trial.run.configuration].rigid:
-                continue
-            moves = [
-                motion_of(trial.measured[trial.channels.index(s.channel)], s.quantity, trial.sample_rate, trial.run.band)
-                for s in ends
-                if s is not None
-            ]
-            v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
-            deflection[link.name] = max(deflection.get(link.name, 0.0), float(np.abs(d).max()))
-            speed[link.name] = max(speed.get(link.name, 0.0), float(np.abs(v).max()))
+    for trial in trials:
+        for link, simulated in _simulated_swings(model, trial).items():
+            measured = _measured_swing(model, model.link(link), trial) or simulated
+            speed[link] = max(speed.get(link, 0.0), min(simulated[0], measured[0]))
+            deflection[link] = max(deflection.get(link, 0.0), min(simulated[1], measured[1]))
     largest = max(deflection.values(), default=1e-3), max(speed.values(), default=1e-1)
-    for link in model.links:
-        deflection.setdefault(link.name, largest[0])
-        speed.setdefault(link.name, largest[1])
+    for link in (link.name for link in model.links):
+        deflection.setdefault(link, largest[0])
+        speed.setdefault(link, largest[1])
     return deflection, speed
+
+
+def _simulated_swings(model: RigModel, trial: Trial) -> dict[str, tuple[float, float]]:
+    # Largest velocity and displacement of each link that is free in this run; unbounded where the body's motion was measured.
+    free = [link for link in model.links if link.name not in model.configurations[trial.run.configuration].rigid]
+    if trial.motion is not None:
+        return {link.name: (np.inf, np.inf) for link in free}
+    quantities: tuple[Quantity, ...] = ("velocity", "displacement")
+    gauges = tuple(
+        Sensor(channel=f"{quantity} {link.name}", body=ends[0], relative_to=ends[1], quantity=quantity)
+        for link in free
+        for ends in [(link.a, link.b) if link.a != GROUND else (link.b, link.a)]
+        for quantity in quantities
+    )
+    seen = simulate(
+        msgspec.structs.replace(model, sensors=(*model.sensors, *gauges)), trial.excitation,
+        configuration=trial.run.configuration, start_time=trial.start_time,
+    ).channels  # fmt: skip
+    most = {gauge.channel: float(np.abs(seen[gauge.channel]).max()) for gauge in gauges}
+    return {link.name: (most[f"velocity {link.name}"], most[f"displacement {link.name}"]) for link in free}
+
+
+def _measured_swing(model: RigModel, link: Link, trial: Trial) -> tuple[float, float] | None:
+    # Largest velocity and displacement between a link's ends by their own sensors; None where one has none.
+    ends = [end for end in (link.a, link.b) if end != GROUND]
+    if trial.motion is not None:
+        moves = [(trial.motion.velocity[end], trial.motion.position[end]) for end in ends]
+    else:
+        sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}
+        if any(end not in sensors for end in ends):
+            return None
+        moves = [
+            motion_of(trial.measured[trial.channels.index(s.channel)], s.quantity, trial.sample_rate, trial.run.band)
+            for s in (sensors[end] for end in ends)
+        ]
+    v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
+    return float(np.abs(v).max()), float(np.abs(d).max())
 
 
 def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:

@@ -28,19 +28,20 @@ CLOSER, CLOSER_OF_FAMILY = 8, 2
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What a short fit made of a candidate: mean square weighted residual, and the model it reached."""
+    """What a short fit promises of a candidate: mean square weighted residual, the model it reached, and the next best."""
 
     candidate: Candidate
     cost: float
     model: RigModel
+    second: RigModel | None = None
 
 
-def glanced(trials: Sequence[Trial]) -> tuple[Trial, ...]:
+def glanced(trials: Sequence[Trial], seconds: float = GLANCE) -> tuple[Trial, ...]:
     """The same trials for a short look: fits see their first seconds only, on a coarser grid."""
     return tuple(
         replace(
             trial,
-            fitted=min(trial.fitted, round(GLANCE * trial.sample_rate)),
+            fitted=round(min(trial.fitted, seconds * trial.sample_rate)),
             excitation=trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE)),
         )
         for trial in trials
@@ -84,8 +85,12 @@ class Screen:
         """One step from each of the candidate's most promising starts; the best of them."""
         starts = candidate.starts
         residuals = self.problem.residuals(starts)
-        order = np.argsort(self._reached(residuals))[:MOST_STARTS]
-        return min((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+        reached = self._reached(residuals)
+        order = np.argsort(reached)[:MOST_STARTS]
+        looks = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+        # A start far from the current model promises what the straight line to it reaches; a step from there falls short.
+        promised = min(looks[0].cost, float(reached[order[0]]) / self.problem.size)
+        return replace(looks[0], cost=promised, second=looks[1].model if len(looks) > 1 else None)
 
     def _reached(self, residuals: FloatArray) -> FloatArray:
         # What is left after a linear step of the current parameters and along the straight line to each start and on.
@@ -97,7 +102,8 @@ class Screen:
         return np.where(np.isfinite(left), left, np.inf)
 
     def _closer(self, look: Look) -> Look:
-        return self._descend(look.candidate, look.model, self.problem.residuals([look.model])[0], 2)
+        closer = self._descend(look.candidate, look.model, self.problem.residuals([look.model])[0], 2)
+        return replace(closer, cost=min(closer.cost, look.cost), second=look.second)
 
     def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> Look:
         free = parameters_of(self.current.model, candidate, self.current.free)

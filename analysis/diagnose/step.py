@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from analysis.diagnose.evidence import Sign
-from analysis.diagnose.fits import BEHIND, MISFIT, afresh, diverse, finished, race
+from analysis.diagnose.fits import BEHIND, CLOSE, SCREENS, diverse, finished, horizon, ladder, race
 from analysis.diagnose.judge import Score, confidence, margin_in_errors, score
 from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.mechanisms.base import Reported
@@ -80,19 +80,17 @@ def next_step(
     progress: Progress,
 ) -> tuple[Step, Fit, Score] | None:
     """The best cause for what the current model leaves, its fit and its score; None where no candidate could be fitted."""
-    short = glanced(trials)
-    problem = Problem(short)
-    glance = fit(current.model, current.free, problem, iterations=1)
+    seconds = horizon(current.model, trials)
+    problem = Problem(glanced(trials, seconds))
+    glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
     screen = Screen(glance, problem)
-    evidence = observe(campaign, glance.model, trials, guesses)
+    evidence = observe(campaign, current.model, trials, guesses)
     looks = screen.ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
     if not looks:
         return None
     progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
-    ranked = race(diverse(looks), current, short)
-    if not ranked or ranked[0][1].cost > MISFIT:
-        progress("nothing explains it yet; starting again away from the baseline")
-        ranked = afresh([look.candidate for look in looks], ranked, current, short)
+    # Where a shorter stretch shows it too, fits may come near on that.
+    ranked = race(diverse(looks), current, ladder(trials, 0.0 if seconds == SCREENS[0] else seconds))
     finalists: list[tuple[Candidate, Fit, Score]] = []
     for candidate, rough in ranked[:FINALISTS]:
         lost = bool(finalists) and rough.cost > BEHIND * ranked[0][1].cost

@@ -84,7 +84,7 @@ class Candidate:
     cause, location
         Names of the findings' catalogue.
     family
-        Causes of one family are alike in kind: friction, spring, linear, chain.
+        Causes of one family are alike in kind: friction, spring, mass, delay.
     starts
         The extended model at one or more starting values.
     free

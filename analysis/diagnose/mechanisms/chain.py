@@ -42,7 +42,7 @@ class ChannelDelay:
             grid = tuple(evidence.guess.replace({path: 0.5 * k * sample}) for k in range(-8, 9) if k)
             found.append(
                 Candidate(
-                    cause="channel_delay", location=channel, family="chain",
+                    cause="channel_delay", location=channel, family="delay",
                     starts=(model, *(grid if evidence.guess.free == model.free else ())),
                     free=(Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample),),
                     reported=(Reported(name="delay", path=path, unit="s"),), rank=0,

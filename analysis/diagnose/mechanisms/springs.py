@@ -58,7 +58,7 @@ class HardeningStiffness:
             found.append(
                 Candidate(
                     cause="hardening_stiffness", location=link.name, family="spring",
-                    starts=tuple(_cubic(model, evidence, link, share) for share in (0.05, 0.6)),
+                    starts=tuple(_cubic(model, evidence, link, share) for share in (0.05, 0.6, 6.0)),
                     fresh=tuple(_cubic(rig, evidence, rig.link(link.name), 0.3) for rig in _first(model, evidence, link)),
                     free=(Free(path=path, low=1e-5 * scale, high=1e3 * scale),),
                     reported=(Reported(name="cubic_stiffness", path=path, unit="N/m^3"),),
@@ -76,7 +76,8 @@ class SofteningStiffness:
             deflection = evidence.deflection[link.name]
             share, scale = _path(link, "softening"), _path(link, "scale")
             starts = tuple(
-                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection)) for r, s in ((0.3, 0.3), (0.6, 0.1), (0.05, 0.4), (0.05, 0.15))
+                added(model, link, laws.BoundedSoftening(softening=r, scale=s * deflection))
+                for r, s in ((0.3, 0.3), (0.6, 0.1), (0.05, 0.4), (0.05, 0.15))
             )
             found.append(
                 Candidate(
