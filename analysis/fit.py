@@ -1,7 +1,6 @@
 """Fitting a rig's parameters to what was measured, on the simulation's own error.
 
-The model runs free from each run's first sample on, driven by the recorded drive alone. A sliding friction reverses in steps,
-which makes the cost of waveforms rough: fits come near on what goes along with the drive, and finish on the waveforms up to each
+The model runs free from each run's first sample on, driven by the recorded drive alone, and its waveforms are compared up to each
 run's ceiling. Levenberg-Marquardt (Moré 1978) with finite differences.
 """
 
@@ -14,7 +13,7 @@ import msgspec
 import numpy as np
 
 from analysis.errors import FitError, ModelError, SimulationError
-from analysis.measured import ComplexArray, FloatArray
+from analysis.measured import FloatArray
 from analysis.model import Chain, RigModel
 from analysis.parallel import side_by_side
 from analysis.trials import SIGNAL_SHARE, Trial, expected, true_motion
@@ -23,8 +22,6 @@ from analysis.trials import SIGNAL_SHARE, Trial, expected, true_motion
 CACHED = 3
 #: A parameter whose column of the Jacobian has no more than this square has no effect but rounding.
 FAINT = 1e-6
-#: Seconds of a segment over which residuals are correlated with the drive.
-SEGMENT = 2.0
 #: A step that lowers the cost by this share of what the derivatives foretold leaves them good for one more.
 FORETOLD = 0.8
 
@@ -115,7 +112,7 @@ class Fit:
 
 
 class Waveform:
-    """Every line of a record as it is: the sharpest measure, and too rough to descend on from far.
+    """Every line of a record as it is, weighted by what noise and the simulation's limit make of it.
 
     An orthonormal transform of the residual in time, so least squares is the same, up to the trial's ceiling.
     """
@@ -135,43 +132,6 @@ class Waveform:
         return np.concatenate([error.real.ravel(), error.imag.ravel()])
 
 
-class Correlated:
-    """What of the residual goes along with the drive, averaged over segments: the error of the transfer functions.
-
-    Averaging over a run's many slips makes it smooth where waveforms are not: a friction off by a quarter still shows the way.
-    """
-
-    def __init__(self, trial: Trial, share: float) -> None:
-        rate, n = trial.sample_rate, trial.fitted
-        length = min(round(SEGMENT * rate), n)
-        self._hop = max(length // 2, 1)
-        self._window = np.hanning(length + 1)[:-1]
-        frequency = np.fft.rfftfreq(length, 1.0 / rate)
-        low, high = trial.run.band or (0.0, rate / 2.56)
-        self._kept = (frequency >= low) & (frequency <= high)
-        drive = self._segments(trial.excitation.recorded[:n])
-        size = np.sqrt((np.abs(drive) ** 2).sum(axis=0))
-        self._along = np.conj(drive) / np.maximum(size, 1e-9 * size.max())
-        self._measured = trial.measured[:, :n]
-        sigma = np.sqrt(trial.noise**2 + (share * self._measured.std(axis=1)) ** 2)
-        self._weights = 1.0 / (sigma * np.sqrt((self._window**2).sum()))
-        self.size = 2 * int(self._kept.sum()) * len(self._measured)
-
-    def _segments(self, values: FloatArray) -> ComplexArray:
-        windows = np.lib.stride_tricks.sliding_window_view(values, len(self._window))[:: self._hop]
-        return np.asarray(np.fft.rfft(windows * self._window, axis=1)[:, self._kept])
-
-    def residual(self, predicted: FloatArray) -> FloatArray:
-        """Weighted residual of predicted channels, shape (size,)."""
-        error = np.stack(
-            [
-                (self._along * self._segments(row)).sum(axis=0) * w
-                for row, w in zip(predicted - self._measured, self._weights, strict=True)
-            ]
-        )
-        return np.concatenate([error.real.ravel(), error.imag.ravel()])
-
-
 class Problem:
     """The residuals of models over a set of trials, as one weighted vector.
 
@@ -179,24 +139,17 @@ class Problem:
     ----------
     trials
         The runs, made ready.
-    gauge
-        How a record is compared: `Waveform`, or `Correlated` to come near from far.
     share
         Share of a channel's rms that counts as noise in the weights.
     """
 
-    def __init__(
-        self, trials: Sequence[Trial], *, gauge: type[Waveform] | type[Correlated] = Waveform, share: float = SIGNAL_SHARE
-    ) -> None:
+    def __init__(self, trials: Sequence[Trial], *, share: float = SIGNAL_SHARE) -> None:
         fitted = [trial for trial in trials if trial.fitted > 0]
         if not fitted:
             raise FitError("every run is held out, so nothing is left to fit; mark at least one run for fitting")
-        if gauge is Correlated:
-            # A drive that comes in pulses says little line by line.
-            fitted = [trial for trial in fitted if trial.run.excitation != "moves"] or fitted
         self.trials = tuple(fitted)
         self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
-        self._gauges = [gauge(trial, share) for trial in self.trials]
+        self._gauges = [Waveform(trial, share) for trial in self.trials]
         self.sizes = tuple(gauge.size for gauge in self._gauges)
         self.size = sum(self.sizes)
 
@@ -242,6 +195,7 @@ def fit(
     *,
     iterations: int = 12,
     tolerance: float = 1e-4,
+    tether: float = 0.0,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit the free parameters by Levenberg-Marquardt.
@@ -258,6 +212,9 @@ def fit(
         Jacobians at most.
     tolerance
         The search ends when a step lowers the cost by less than this share.
+    tether
+        Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, beside residuals of 1: so
+        small that it holds only what the data do not show.
     progress
         Called with one line of text per step.
 
@@ -272,22 +229,26 @@ def fit(
     def build(coordinates: FloatArray) -> RigModel:
         return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
 
+    begun, hold = theta, np.diag([tether / (1.0 if f.log else 100.0 * f.step) for f in free])
+
     def misfit(coordinates: FloatArray) -> FloatArray:
         try:
-            return np.asarray(problem.residuals([build(coordinates)])[0])
+            seen = problem.residuals([build(coordinates)])[0]
         except ModelError:
-            return np.full(problem.size, np.nan)
+            seen = np.full(problem.size, np.nan)
+        return np.concatenate([seen, hold @ (coordinates - begun)])
 
-    residual = problem.residuals([build(theta)])[0]
+    residual = misfit(theta)
     cost = float(residual @ residual)
     if not np.isfinite(cost):
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
-    jacobian = np.zeros((problem.size, len(free)))
+    jacobian = np.zeros((len(residual), len(free)))
     taken, fresh = 0, True
     while taken < iterations or not fresh:
         if fresh:
-            jacobian = jacobian_of(problem, build, theta, free, residual)
+            jacobian = jacobian_of(problem, build, theta, free, residual[: problem.size])
+            jacobian = np.vstack([jacobian, hold])
             normal = jacobian.T @ jacobian
             evaluations += len(free)
             taken += 1
@@ -314,7 +275,7 @@ def fit(
         if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
         fresh = not fresh or before - cost < FORETOLD * (before - foretold)
-    fitted = build(theta)
+    fitted, jacobian, residual = build(theta), jacobian[: problem.size], residual[: problem.size]
     bounds = tuple(
         f.path for f, c in zip(free, theta, strict=True)
         if f.decode(c) <= f.low * (1 + 1e-9) + (0 if f.low else 1e-12) or f.decode(c) >= f.high * (1 - 1e-9)

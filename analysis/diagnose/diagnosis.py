@@ -120,7 +120,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         now, floors = stages[-1], _allowed(quiet)
         told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
         progress(f"{told}; looking for a cause")
-        found = next_step(campaign, guesses, now.fit, now.score, trials, fine, progress)
+        found = next_step(campaign, guesses[0], now.fit, now.score, trials, fine, progress)
         if found is None:
             break
         step, better, best = found

@@ -19,9 +19,11 @@ from analysis.start import equation_start
 from analysis.trials import FINEST, Trial, expected, prepare
 
 #: A fit sees the first seconds of each run, then more; steps that it may take at each, and the gain that ends them early.
-HORIZONS = (1.0, 2.0, 4.0, 10.0)
-STEPS = (8, 5, 5, 8)
+HORIZONS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
+STEPS = (8, 5, 5, 5, 5, 8)
 CLOSE = 1e-2
+#: What a short stretch does not show stays where it was.
+TETHER = 1.0
 #: Seconds of each run that a look at all candidates takes in, and the share of a model's misfit that must show in them.
 SCREENS = (4.0, 10.0)
 SHOWN = 0.3
@@ -65,7 +67,7 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
         raise FitError(f"the model {starts[0].name!r} cannot be simulated at its starting values; correct its parameters")
     done = min(begun, key=lambda fitted: fitted.cost)
     for rung in rungs[1:]:
-        done = fit(done.model, free, rung.problem, iterations=rung.steps, tolerance=CLOSE)
+        done = fit(done.model, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
     return finished(done, trials)
 
 
@@ -78,10 +80,10 @@ class Rung:
 
 
 def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
-    """Problems from a run's first second to its first ten, without those that see less than `shows` seconds.
+    """Problems from a run's first moments to its first ten seconds, without those that see less than `shows` seconds.
 
     Waveforms are a rough ground to descend on: once two motions have drifted apart by half a period, no slope leads back. From a
-    known rest they cannot have after a second, so a fit that sees more only once it agrees with less finds its way from far.
+    known rest they cannot have at first, so a fit that sees more only once it agrees with less finds its way from far.
     """
     if any(trial.motion for trial in trials):  # judged by the drive, moment by moment: nothing drifts
         shows = max(shows, HORIZONS[-1])
@@ -110,7 +112,7 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
 def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit | None:
     """A fit on a rung, or None from a start whose motion grows without bound."""
     try:
-        return fit(start, free, rung.problem, iterations=rung.steps, tolerance=CLOSE)
+        return fit(start, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
     except FitError:
         return None
 
@@ -160,20 +162,11 @@ def diverse(looks: Sequence[Look]) -> list[Look]:
 
 def race(looks: Sequence[Look], current: Fit, rungs: Sequence[Rung]) -> Running:
     """Fits of candidates up the ladder, best first; those that fall far behind on a rung are left there."""
-    starts = [
-        (look.candidate, parameters_of(current.model, look.candidate, current.free), start)
-        for look in looks
-        for start in (look.model, look.second)
-        if start is not None
-    ]
+    starts = [(x.candidate, parameters_of(current.model, x.candidate, current.free), x.model) for x in looks]
     running: Running = []
     for rung in rungs:
         climbed = [(c, done) for c, free, start in starts if (done := tried(start, free, rung)) and c.plausible(done.model)]
         climbed.sort(key=lambda pair: pair[1].cost)
-        running = []
-        for candidate, done in climbed:
-            met = any(candidate.key == other.key for other, _ in running)
-            if not met and (len(running) < 2 or done.cost < BEHIND * running[0][1].cost):
-                running.append((candidate, done))
+        running = [pair for place, pair in enumerate(climbed) if place < 2 or pair[1].cost < BEHIND * climbed[0][1].cost]
         starts = [(candidate, done.free, done.model) for candidate, done in running]
     return running

@@ -14,7 +14,6 @@ from analysis.measured import Campaign, Quantity
 from analysis.model import GROUND, Link, RigModel, Sensor
 from analysis.motion import motion_of
 from analysis.simulate import simulate
-from analysis.start import equation_start
 from analysis.trials import Trial, expected, true_motion
 
 #: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
@@ -22,8 +21,8 @@ FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
 
 
-def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesses: tuple[RigModel, ...]) -> Evidence:
-    """What the fitted baseline and the data say."""
+def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
+    """What the data say beside the fitted baseline, and beside the rig as it was before the fit."""
     deflection, speed = swings(model, trials)
     rate = trials[0].sample_rate
     last = session_end(trials)
@@ -31,9 +30,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guesse
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        guess=guesses[0], guesses=guesses,
-        restart=lambda rig: equation_start(rig, trials),
-        configurations=frozenset(t.run.configuration for t in trials),
+        guess=guess, configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 
 

@@ -15,8 +15,7 @@ from analysis.model import RigModel
 from analysis.trials import Trial
 
 Progress = Callable[[str], None]
-#: Seconds of each run in a short look, and its fine steps per sample at most.
-GLANCE = 10.0
+#: Fine steps per sample of a short look, at most.
 GLANCE_OVERSAMPLE = 4
 #: Starts of a candidate that are followed; of more, those with the least misfit.
 MOST_STARTS = 4
@@ -28,16 +27,15 @@ CLOSER, CLOSER_OF_FAMILY = 8, 2
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What a short fit promises of a candidate: mean square weighted residual, the model it reached, and the next best."""
+    """What a short fit promises of a candidate: mean square weighted residual, and the model it reached."""
 
     candidate: Candidate
     cost: float
     model: RigModel
-    second: RigModel | None = None
 
 
-def glanced(trials: Sequence[Trial], seconds: float = GLANCE) -> tuple[Trial, ...]:
-    """The same trials for a short look: fits see their first seconds only, on a coarser grid."""
+def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
+    """The same trials for a short look: fits see their first `seconds` only, on a coarser grid."""
     return tuple(
         replace(
             trial,
@@ -87,10 +85,9 @@ class Screen:
         residuals = self.problem.residuals(starts)
         reached = self._reached(residuals)
         order = np.argsort(reached)[:MOST_STARTS]
-        looks = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+        best = min((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
         # A start far from the current model promises what the straight line to it reaches; a step from there falls short.
-        promised = min(looks[0].cost, float(reached[order[0]]) / self.problem.size)
-        return replace(looks[0], cost=promised, second=looks[1].model if len(looks) > 1 else None)
+        return replace(best, cost=min(best.cost, float(reached[order[0]]) / self.problem.size))
 
     def _reached(self, residuals: FloatArray) -> FloatArray:
         # What is left after a linear step of the current parameters and along the straight line to each start and on.
@@ -103,7 +100,7 @@ class Screen:
 
     def _closer(self, look: Look) -> Look:
         closer = self._descend(look.candidate, look.model, self.problem.residuals([look.model])[0], 2)
-        return replace(closer, cost=min(closer.cost, look.cost), second=look.second)
+        return replace(closer, cost=min(closer.cost, look.cost))
 
     def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> Look:
         free = parameters_of(self.current.model, candidate, self.current.free)

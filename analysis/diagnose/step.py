@@ -72,7 +72,7 @@ class Step:
 
 def next_step(
     campaign: Campaign,
-    guesses: tuple[RigModel, ...],
+    guess: RigModel,
     current: Fit,
     now: Score,
     trials: Sequence[Trial],
@@ -84,7 +84,7 @@ def next_step(
     problem = Problem(glanced(trials, seconds))
     glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
     screen = Screen(glance, problem)
-    evidence = observe(campaign, current.model, trials, guesses)
+    evidence = observe(campaign, current.model, trials, guess)
     looks = screen.ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
     if not looks:
         return None

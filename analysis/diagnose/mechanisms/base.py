@@ -36,10 +36,6 @@ class Evidence:
         The configurations that were measured.
     guess
         The rig as it was before any fit on simulation error.
-    guesses
-        Several such, one with the rig's first guesses of friction, and the first guesses themselves.
-    restart
-        Values of a rig's free parameters straight from the equations of motion.
     """
 
     deflection: Mapping[str, float]
@@ -52,8 +48,6 @@ class Evidence:
     misfit_frequencies: tuple[float, ...]
     configurations: frozenset[str]
     guess: RigModel
-    guesses: tuple[RigModel, ...]
-    restart: Callable[[RigModel], RigModel]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,8 +89,6 @@ class Candidate:
         What is said of it in the findings.
     rank
         Simplicity: of two that fit alike the lower is kept.
-    fresh
-        Other starts, away from the current fit, for where the current fit is bent too far to help.
     plausible
         Whether a fitted model still is what the cause's name says.
     twin
@@ -111,7 +103,6 @@ class Candidate:
     reported: tuple[Reported, ...]
     dropped: tuple[str, ...] = ()
     rank: int = 1
-    fresh: tuple[RigModel, ...] = ()
     plausible: Callable[[RigModel], bool] = always
     twin: tuple[str, str] | None = None
 

@@ -36,12 +36,6 @@ def _force(model: RigModel, evidence: Evidence, contact: Contact, law: Coulomb) 
     return max(law.friction_force, least, 1e-6)
 
 
-def _own_force(model: RigModel, contact: Contact) -> float:
-    # The dry friction that a guess has at a contact; 0 where it has none.
-    law = next((other.law for other in model.contacts if other.name == contact.name), None)
-    return law.friction_force if isinstance(law, Coulomb) else 0.0
-
-
 class CoulombFriction:
     """Dry friction where the baseline has none."""
 
@@ -52,15 +46,10 @@ class CoulombFriction:
                 continue
             force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
             path = f"contacts.{link.name}.law.friction_force"
-            # A baseline without friction bends its spring and damper to it: start again from the equations of motion too.
-            fresh: tuple[RigModel, ...] = ()
-            if any(other.name == link.name for other in evidence.guess.links):
-                rubbing = _rubbing(evidence.guess, link, 0.1 * force)
-                fresh = (evidence.restart(msgspec.structs.replace(rubbing, free=(*rubbing.free, path))),)
             starts = tuple(_rubbing(model, link, share * force) for share in (0.02, 0.15))
             found.append(
                 Candidate(
-                    cause="coulomb_friction", location=link.name, family="friction", starts=starts, fresh=fresh,
+                    cause="coulomb_friction", location=link.name, family="friction", starts=starts,
                     free=(Free(path=path, low=1e-4 * force, high=3.0 * force),),
                     reported=(Reported(name="friction_force", path=path, unit="N"),), rank=0,
                 )
@@ -76,7 +65,7 @@ class StribeckFriction:
         for contact, law in _dry(model):
             speed = evidence.speed.get(contact.name, 0.1)
             path = f"contacts.{contact.name}.law"
-            force = law.friction_force
+            force = _force(model, evidence, contact, law)
             starts = tuple(
                 _exchanged(
                     model, contact,
@@ -113,15 +102,9 @@ class PreslidingFriction:
             path = f"contacts.{contact.name}.law.bristle_stiffness"
             force = _force(model, evidence, contact, law)
             starts = tuple(_bristled(model, contact, force, share * deflection) for share in (0.01, 0.05))
-            fresh = tuple(
-                _bristled(guess, contact, max(force, _own_force(guess, contact)), share * deflection)
-                for guess in evidence.guesses
-                if _own_force(guess, contact) > 0.0
-                for share in (0.01, 0.03, 0.1)
-            )
             found.append(
                 Candidate(
-                    cause="presliding_friction", location=contact.name, family="friction", starts=starts, fresh=fresh,
+                    cause="presliding_friction", location=contact.name, family="friction", starts=starts,
                     free=(Free(path=path, low=0.1 * force / deflection, high=3e3 * force / deflection),),
                     reported=(Reported(name="bristle_stiffness", path=path, unit="N/m"),),
                 )
@@ -140,7 +123,7 @@ class AsymmetricFriction:
         found = []
         for contact, law in _dry(model):
             path = f"contacts.{contact.name}.law"
-            force = law.friction_force
+            force = _force(model, evidence, contact, law)
             speed = max(evidence.speed.get(contact.name, 0.1), 1e-9)
             start = _exchanged(model, contact, Asymmetric(forward_force=force, backward_force=force))
             viscosity = force / speed

@@ -38,9 +38,6 @@ class ExtraMode:
             )
             if not starts:
                 continue
-            fresh = tuple(
-                self._with_rider(model, name, body, 0.02 * body.mass, f) for f in _around(evidence.misfit_frequencies[:2])
-            )
             mass_path, stiffness, damping = (
                 f"bodies.{name}.mass",
                 f"links.{name}.stiffness",
@@ -48,7 +45,7 @@ class ExtraMode:
             )
             found.append(
                 Candidate(
-                    cause="extra_mode", location=body.name, family="mode", starts=starts, fresh=fresh,
+                    cause="extra_mode", location=body.name, family="mode", starts=starts,
                     free=(
                         Free(path=mass_path, low=1e-4 * body.mass, high=body.mass),
                         Free(path=stiffness, low=mass * 2.0, high=mass * (2 * pi * evidence.sample_rate) ** 2),

@@ -34,15 +34,6 @@ def _sliding(model: RigModel, law: type) -> tuple[Link, ...]:
     return tuple(link for link in _springs(model, law) if link.name in blocked or not blocked)
 
 
-def _first(model: RigModel, evidence: Evidence, link: Link) -> tuple[RigModel, ...]:
-    # The rig before it was fitted, where it has the link in the same state.
-    return tuple(
-        guess
-        for guess in evidence.guesses
-        if any(other.name == link.name and len(other.laws) == len(link.laws) for other in guess.links)
-    )
-
-
 def _cubic(model: RigModel, evidence: Evidence, link: Link, share: float) -> RigModel:
     return added(model, link, laws.Cubic(cubic_stiffness=share * link.stiffness / evidence.deflection[link.name] ** 2))
 
@@ -59,7 +50,6 @@ class HardeningStiffness:
                 Candidate(
                     cause="hardening_stiffness", location=link.name, family="spring",
                     starts=tuple(_cubic(model, evidence, link, share) for share in (0.05, 0.6, 6.0)),
-                    fresh=tuple(_cubic(rig, evidence, rig.link(link.name), 0.3) for rig in _first(model, evidence, link)),
                     free=(Free(path=path, low=1e-5 * scale, high=1e3 * scale),),
                     reported=(Reported(name="cubic_stiffness", path=path, unit="N/m^3"),),
                 )
@@ -82,11 +72,6 @@ class SofteningStiffness:
             found.append(
                 Candidate(
                     cause="softening_stiffness", location=link.name, family="spring", starts=starts,
-                    fresh=tuple(
-                        _softened(rig, rig.link(link.name), r, s * deflection)
-                        for rig in _first(model, evidence, link)
-                        for r, s in ((0.3, 0.3), (0.5, 0.1))
-                    ),
                     free=(
                         Free(path=share, low=1e-3, high=0.99),
                         Free(path=scale, low=5e-3 * deflection, high=5.0 * deflection),
@@ -99,12 +84,6 @@ class SofteningStiffness:
                 )
             )  # fmt: skip
         return tuple(found)
-
-
-def _softened(model: RigModel, link: Link, softening: float, scale: float) -> RigModel:
-    # What was seen is the spring at large deflections, (1 - r) of the spring at rest.
-    stiffer = model.replace({f"links.{link.name}.stiffness": link.stiffness / (1.0 - 0.8 * softening)})
-    return added(stiffer, stiffer.link(link.name), laws.BoundedSoftening(softening=softening, scale=scale))
 
 
 class Backlash:
