@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnose.doubles import Doubles, doubles
 from analysis.diagnose.evidence import Sign, signs
 from analysis.diagnose.fits import baseline_fit, calibrated, guesses_of, refined, widened, without
 from analysis.diagnose.judge import (
@@ -74,6 +75,8 @@ class Diagnosis:
         What the extension brought, with intervals.
     trials
         The runs it rests on.
+    beside
+        The same beside the baseline's.
     """
 
     verdict: str
@@ -91,6 +94,7 @@ class Diagnosis:
     calibration: float | None
     gain: Gain
     trials: tuple[Trial, ...]
+    beside: Doubles
 
 
 def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda text: None) -> Diagnosis:
@@ -145,11 +149,12 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
     verdict, kept = _verdict(stages, _allowed(quiet), floor, enough)
     first, last = stages[0], stages[kept]
     progress("gathering the evidence")
-    said = [signs(campaign, stage.fit.model, fine) for stage in stages[: max(kept, 1)]]
+    beside = [doubles(stage.fit.model, fine) for stage in stages[: max(kept, 1)]]
+    said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, beside, strict=False)]
     steps = (stage.step for stage in stages[1 : kept + 1])
     return Diagnosis(
         verdict=verdict, baseline=first.fit, extended=last.fit,
-        discrepancies=discrepancies(campaign, first.fit.model, fine),
+        discrepancies=discrepancies(campaign, first.fit.model, fine, beside[0]), beside=beside[0],
         steps=tuple(with_evidence(updated(step, last.fit), each) for step, each in zip(steps, said, strict=False) if step),
         baseline_error=first.score.figure, extended_error=last.score.figure, floor=floor, scores=(first.score, last.score),
         signs=said[0], worst=worst(first.score, _allowed(quiet)), enough=enough,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from analysis.isolation import BROAD
 from analysis.measured import Channel, ComplexArray, FloatArray, Run
 from analysis.model import RigModel
-from analysis.spectra import estimate
+from analysis.spectra import Spectra, estimate
 from analysis.trials import Trial, expected
 
 #: Distance of lines in Hz (short runs have fewer, of at least this many segments), and the coherence from which a line speaks.
@@ -28,11 +29,14 @@ class Double:
         Where it comes from.
     measured, simulated
         Two runs with the same drive.
+    drive
+        The drive's channel.
     """
 
     trial: Trial
     measured: Run
     simulated: Run
+    drive: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,65 +71,91 @@ class Lines:
         return np.asarray(self.measured / self.simulated)
 
 
-def doubles(model: RigModel, trials: Sequence[Trial]) -> tuple[Double, ...]:
-    """Every run beside its simulation; none of a trial that is judged by its drive."""
-    return tuple(_double(model, trial) for trial in trials if trial.motion is None)
+@dataclass(frozen=True)
+class Group:
+    """Runs of one configuration and gain, in the order in which they were measured; their spectra are estimated once."""
+
+    pairs: tuple[Double, ...]
+
+    @cached_property
+    def spectra(self) -> tuple[Spectra, Spectra]:
+        """Measured and simulated, of all channels, averaged over the runs."""
+        reference = [self.pairs[0].drive]
+        return (
+            estimate([p.measured for p in self.pairs], references=reference, resolution=self.resolution),
+            estimate([p.simulated for p in self.pairs], references=reference, resolution=self.resolution),
+        )
+
+    @property
+    def resolution(self) -> float:
+        """Distance of lines, Hz."""
+        return max(RESOLUTION, *(SEGMENTS / p.measured.duration for p in self.pairs))
+
+    def lines(self, response: str, *, coherence: float = SPEAKS) -> Lines | None:
+        """The response's transfer functions to the drive; None where no line has that much coherence."""
+        measured, simulated = (spectra.frf(response, self.pairs[0].drive) for spectra in self.spectra)
+        bands = [p.trial.run.band for p in self.pairs if p.trial.run.band is not None]
+        top = self.pairs[0].trial.sample_rate / 2.56
+        low, high = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (1.0, top)
+        f = measured.frequency
+        kept = (f >= max(low, self.resolution)) & (f <= high) & (measured.coherence > coherence) & (np.abs(simulated.value) > 0.0)
+        if kept.sum() < 3:
+            return None
+        return Lines(
+            frequency=f[kept], measured=measured.value[kept], simulated=simulated.value[kept],
+            std=measured.magnitude_std[kept] / np.abs(measured.value[kept]), coherence=measured.coherence[kept],
+            simulated_coherence=simulated.coherence[kept], averages=measured.averages,
+        )  # fmt: skip
+
+    @cached_property
+    def halves(self) -> tuple[Group, Group]:
+        """The first and the second halves of the runs: how far they disagree tells what chance does to an estimate."""
+
+        def cut(pair: Double, second: bool) -> Double:
+            middle = len(pair.measured) // 2
+            part = slice(middle, 2 * middle) if second else slice(0, middle)
+            measured, simulated = (
+                replace(run, channels={name: Channel(name=name, samples=run.read(name)[part]) for name in run.channels})
+                for run in (pair.measured, pair.simulated)
+            )
+            return replace(pair, measured=measured, simulated=simulated)
+
+        first, second = (Group(tuple(cut(pair, last) for pair in self.pairs)) for last in (False, True))
+        return first, second
+
+
+@dataclass(frozen=True)
+class Doubles:
+    """Every run beside its double; none of a trial that is judged by its drive."""
+
+    pairs: tuple[Double, ...]
+
+    @cached_property
+    def groups(self) -> dict[tuple[str, float], Group]:
+        """Broad-band runs by configuration and gain, in the order in which they were measured."""
+        found: dict[tuple[str, float], list[Double]] = {}
+        for pair in self.pairs:
+            run = pair.trial.run
+            if run.excitation in BROAD:
+                found.setdefault((run.configuration, run.gain), []).append(pair)
+        return {key: Group(tuple(pairs)) for key, pairs in found.items()}
+
+
+def doubles(model: RigModel, trials: Sequence[Trial]) -> Doubles:
+    """Every run beside its simulation."""
+    return Doubles(tuple(_double(model, trial) for trial in trials if trial.motion is None))
 
 
 def _double(model: RigModel, trial: Trial) -> Double:
-    drive = _channel(model.drive.channel, trial.excitation.recorded)
-    predicted = expected(model, trial)
-    runs = (
-        replace(trial.run, channels={c.name: c for c in (drive, *map(_channel, trial.channels, rows))}, gaps=(), spectra=())
-        for rows in (trial.measured, predicted)
-    )
-    measured, simulated = runs
-    return Double(trial=trial, measured=measured, simulated=simulated)
-
-
-def _channel(name: str, values: FloatArray) -> Channel:
-    return Channel(name=name, samples=values)
-
-
-def halves(pairs: Sequence[Double]) -> tuple[list[Double], list[Double]]:
-    """The first and the second halves of runs: how far they disagree tells what chance does to an estimate."""
-
-    def cut(run: Run, part: slice) -> Run:
-        return replace(run, channels={name: _channel(name, run.read(name)[part]) for name in run.channels})
-
-    parts: tuple[list[Double], list[Double]] = [], []
-    for pair in pairs:
-        middle = len(pair.measured) // 2
-        for found, part in zip(parts, (slice(0, middle), slice(middle, 2 * middle)), strict=True):
-            found.append(replace(pair, measured=cut(pair.measured, part), simulated=cut(pair.simulated, part)))
-    return parts
-
-
-def lines(pairs: Sequence[Double], response: str, reference: str, *, coherence: float = SPEAKS) -> Lines | None:
-    """The response's transfer functions averaged over runs of one rate; None where no line has that much coherence."""
-    resolution = max(RESOLUTION, *(SEGMENTS / p.measured.duration for p in pairs))
+    drive = Channel(name=model.drive.channel, samples=trial.excitation.recorded)
     measured, simulated = (
-        estimate(runs, references=[reference], channels=[response], resolution=resolution).frf(response, reference)
-        for runs in ([p.measured for p in pairs], [p.simulated for p in pairs])
-    )
-    bands = [p.trial.run.band for p in pairs if p.trial.run.band is not None]
-    low, high = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (1.0, pairs[0].trial.sample_rate / 2.56)
-    f = measured.frequency
-    kept = (f >= max(low, resolution)) & (f <= high) & (measured.coherence > coherence) & (np.abs(simulated.value) > 0.0)
-    if kept.sum() < 3:
-        return None
-    return Lines(
-        frequency=f[kept], measured=measured.value[kept], simulated=simulated.value[kept],
-        std=measured.magnitude_std[kept] / np.abs(measured.value[kept]), coherence=measured.coherence[kept],
-        simulated_coherence=simulated.coherence[kept], averages=measured.averages,
+        replace(
+            trial.run, gaps=(), spectra=(),
+            channels={
+                drive.name: drive,
+                **{name: Channel(name=name, samples=row) for name, row in zip(trial.channels, rows, strict=True)},
+            },
+        )
+        for rows in (trial.measured, expected(model, trial))
     )  # fmt: skip
-
-
-def alike(pairs: Sequence[Double]) -> dict[tuple[str, float], list[Double]]:
-    """Broad-band runs by configuration and gain, in the order in which they were measured."""
-    groups: dict[tuple[str, float], list[Double]] = {}
-    for pair in pairs:
-        run = pair.trial.run
-        if run.excitation in BROAD:
-            groups.setdefault((run.configuration, run.gain), []).append(pair)
-    return groups
+    return Double(trial=trial, measured=measured, simulated=simulated, drive=drive.name)

@@ -6,13 +6,13 @@ does to it cancels, and only a difference is a sign.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from analysis.diagnose.doubles import Double, Lines, alike, doubles, halves, lines
+from analysis.diagnose.doubles import Double, Doubles, Group, Lines
 from analysis.diagnose.observe import flat_tops, mains, peaks_of
 from analysis.diagnose.surface import Surface, surface_of
 from analysis.errors import DataError
@@ -20,6 +20,7 @@ from analysis.isolation import BROAD
 from analysis.measured import Campaign, FloatArray
 from analysis.model import GROUND, RigModel
 from analysis.periodic import periodic
+from analysis.quality import faults
 from analysis.spectra import estimate
 from analysis.trials import Trial
 
@@ -33,6 +34,9 @@ RUBBING = ("coulomb_friction", "stribeck_friction", "presliding_friction", "asym
 STIFFER = ("hardening_stiffness", "end_stop", "backlash")
 SOFTER = ("softening_stiffness", "presliding_friction")
 LINEAR = ("extra_mode", "wrong_mass", "sensor_gain", "channel_delay", "crosstalk", "moment_coupling", "imperfect_lock")
+
+
+Groups = Mapping[tuple[str, float], Group]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +59,23 @@ class Sign:
         return any(name == cause and place in ("", location) for name, place in self.speaks_for)
 
 
-def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> tuple[Sign, ...]:
-    """All signs of a campaign beside a fitted model of it; of a rig that is judged by its drive, those of the records alone."""
-    pairs = doubles(model, trials)
+def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: Doubles) -> tuple[Sign, ...]:
+    """All signs of a campaign beside a fitted model of it; of a rig that is judged by its drive, those of the records alone.
+
+    Parameters
+    ----------
+    campaign, trials
+        What was measured, and its runs made ready.
+    model
+        The fitted model.
+    beside
+        The same runs beside the model's.
+    """
+    pairs, groups = beside.pairs, beside.groups
     return (
-        *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, pairs), *_poles(model, pairs),
-        *_configurations(pairs), *_gains(model, pairs), *_time(model, pairs), *_surfaces(model, pairs), *_periods(model, pairs),
+        *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *_poles(model, groups),
+        *_configurations(pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, beside),
+        *_periods(model, pairs),
     )  # fmt: skip
 
 
@@ -79,7 +94,8 @@ def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> li
         )
         for name, frequency in mains(model, trials).items()
     ]
-    return [*flat, *hums]
+    bad = [Sign(text=fault.text) for fault in faults(campaign, reference=model.drive.channel) if fault.kind != "clipped"]
+    return [*bad, *flat, *hums]
 
 
 def _mean(values: FloatArray, std: FloatArray) -> tuple[float, float]:
@@ -144,11 +160,11 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     return found
 
 
-def _chains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+def _chains(model: RigModel, groups: Groups) -> list[Sign]:
     # A sensor's own fault is the same in every run: a flat ratio, or a phase that is a straight line.
     found = []
     for sensor in model.sensors:
-        each = [x for group in alike(pairs).values() if (x := lines(group, sensor.channel, model.drive.channel))]
+        each = [x for group in groups.values() if (x := group.lines(sensor.channel))]
         if not each:
             continue
         levels = np.array([_mean(np.abs(x.ratio), np.hypot(x.std, SMALL)) for x in each])
@@ -177,14 +193,14 @@ def _chains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     return found
 
 
-def _poles(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+def _poles(model: RigModel, groups: Groups) -> list[Sign]:
     # A further mode shows as a narrow swing of measured over simulated, small away from it.
     found = []
     bodies = {s.channel: s.body for s in model.sensors}
     for sensor in model.sensors:
         best: tuple[float, float, float] | None = None
-        for group in alike(pairs).values():
-            seen = lines(group, sensor.channel, model.drive.channel)
+        for group in groups.values():
+            seen = group.lines(sensor.channel)
             if seen is None or len(seen.frequency) < 20:
                 continue
             off = np.abs(seen.ratio - 1.0) / np.hypot(seen.std, SMALL)
@@ -243,16 +259,15 @@ def _apart(one: Lines | None, other: Lines | None) -> float:
     return float(np.sqrt(np.average(np.abs(one.ratio[i] - other.ratio[j]) ** 2, weights=weight)))
 
 
-def _disagree(one: Sequence[Double], other: Sequence[Double], response: str, reference: str) -> tuple[float, float] | None:
+def _disagree(one: Group, other: Group, response: str) -> tuple[float, float] | None:
     # How far two groups of runs lie apart beside the simulation, and what chance makes of it; None where they agree.
-    apart = _apart(lines(one, response, reference), lines(other, response, reference))
-    by_half = ([lines(half, response, reference) for half in halves(group)] for group in (one, other))
+    apart = _apart(one.lines(response), other.lines(response))
+    by_half = ([half.lines(response) for half in group.halves] for group in (one, other))
     noise = float(np.linalg.norm([_apart(first, second) / 2.0 for first, second in by_half]))
     return (apart, noise) if apart > max(APART * noise, 3 * SMALL) else None
 
 
-def _gains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
-    groups = alike(pairs)
+def _gains(model: RigModel, groups: Groups) -> list[Sign]:
     moved: dict[str, list[str]] = {}
     same: dict[str, str] = {}
     for name in dict.fromkeys(configuration for configuration, _ in groups):
@@ -262,7 +277,7 @@ def _gains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
         same[name] = ", ".join(f"{g:g}" for g in gains)
         for high, low in pairwise(gains):
             for sensor in model.sensors:
-                off = _disagree(groups[name, high], groups[name, low], sensor.channel, model.drive.channel)
+                off = _disagree(groups[name, high], groups[name, low], sensor.channel)
                 if off is not None:
                     moved.setdefault(name, []).append(
                         f"{sensor.channel} between gains {high:g} and {low:g} by {100 * off[0]:.2g} %"
@@ -287,16 +302,16 @@ def _gains(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     return found
 
 
-def _time(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+def _time(model: RigModel, groups: Groups) -> list[Sign]:
     found = []
-    for (name, gain), group in alike(pairs).items():
-        if len(group) < 2:
+    for (name, gain), group in groups.items():
+        if len(group.pairs) < 2:
             continue
-        first, last = group[0], group[-1]
+        first, last = group.pairs[0], group.pairs[-1]
         minutes = (last.trial.start_time - first.trial.start_time) / 60.0
         told = []
         for sensor in model.sensors:
-            off = _disagree([first], [last], sensor.channel, model.drive.channel)
+            off = _disagree(Group((first,)), Group((last,)), sensor.channel)
             if off is not None:
                 told.append(f"{sensor.channel} {100 * off[0]:.2g} % (chance {100 * off[1]:.2g} %)")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
@@ -308,20 +323,20 @@ def _time(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     return found
 
 
-def _surfaces(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
-    return [sign for surface in surfaces(model, pairs) for sign in (*_bends(surface), *_rubs(surface))]
+def _surfaces(model: RigModel, beside: Doubles) -> list[Sign]:
+    return [sign for surface in surfaces(model, beside) for sign in (*_bends(surface), *_rubs(surface))]
 
 
-def surfaces(model: RigModel, pairs: Sequence[Double]) -> tuple[Surface, ...]:
+def surfaces(model: RigModel, beside: Doubles) -> tuple[Surface, ...]:
     """The surface of every link that can be seen: in the run at the highest gain that swings it about its own frequency."""
     found = []
     for link in model.links:
         mass = min(model.body(end).mass for end in (link.a, link.b) if end != GROUND)
         own = np.sqrt(max(link.stiffness, 0.0) / mass) / (2 * np.pi)
-        for (name, _), group in sorted(alike(pairs).items(), key=lambda item: -item[0][1]):
-            low, high = group[0].trial.run.band or (0.0, np.inf)
+        for (name, _), group in sorted(beside.groups.items(), key=lambda item: -item[0][1]):
+            low, high = group.pairs[0].trial.run.band or (0.0, np.inf)
             if link.name not in model.configurations[name].rigid and low <= own <= high:
-                surface = surface_of(model, link, group[0])
+                surface = surface_of(model, link, group.pairs[0])
                 if surface is not None:
                     found.append(surface)
                 break

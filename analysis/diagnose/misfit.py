@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnose.doubles import Double, Lines, alike, doubles, lines
+from analysis.diagnose.doubles import Double, Doubles, Lines
 from analysis.errors import DataError
 from analysis.isolation import isolation_ratio
 from analysis.measured import Campaign, ComplexArray, FloatArray
@@ -47,10 +47,13 @@ class Discrepancy:
     text: str
 
 
-def discrepancies(campaign: Campaign, model: RigModel, trials: Sequence[Trial], *, most: int = 8) -> tuple[Discrepancy, ...]:
+def discrepancies(
+    campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: Doubles, *, most: int = 8
+) -> tuple[Discrepancy, ...]:
     """Where the model's error stands above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
-    pairs = doubles(model, trials)
-    kinds = (_peaks(model, pairs), _bands(model, trials)[:most], _coherences(model, pairs)[:TOLD], _ratios(campaign, pairs))
+    kinds = (
+        _peaks(model, beside), _bands(model, trials)[:most], _coherences(model, beside)[:TOLD], _ratios(campaign, beside.pairs),
+    )  # fmt: skip
     found = [d for kind in kinds for d in kind]
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
     return tuple(found)
@@ -133,13 +136,13 @@ def _shift(seen: Lines, around: float | None = None) -> tuple[float, float, floa
     return (measured - simulated if j else np.nan), std, measured, high / low
 
 
-def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
+def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
     found = []
-    groups = alike(pairs)
+    groups = beside.groups
     for sensor in model.sensors:
         shifts = {}
         for key, group in groups.items():
-            seen = lines(group, sensor.channel, model.drive.channel)
+            seen = group.lines(sensor.channel)
             if seen is not None:
                 shifts[key] = _shift(seen)
         clear = {key: s for key, s in shifts.items() if np.isfinite(s[0]) and abs(s[0]) > max(MOVED * s[1], SHARE * s[2])}
@@ -147,13 +150,13 @@ def _peaks(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
             continue
         key = max(clear, key=lambda k: abs(clear[k][0]) / clear[k][2])
         (configuration, gain), (by, std, at, height) = key, clear[key]
-        trial = groups[key][0].trial
+        trial = groups[key].pairs[0].trial
         band = (round(0.8 * at, 2), round(1.25 * at, 2))
-        size, noise = _error_in(groups[key][0], sensor.channel, band)
+        size, noise = _error_in(groups[key].pairs[0], sensor.channel, band)
         same = {
             g: shift
             for (c, g), group in groups.items()
-            if c == configuration and g != gain and (seen := lines(group, sensor.channel, model.drive.channel)) is not None
+            if c == configuration and g != gain and (seen := group.lines(sensor.channel)) is not None
             if np.isfinite((shift := _shift(seen, at))[0])
         }
         moving = [g for g, s in same.items() if abs(s[0] - by) > MOVED * np.hypot(s[1], std) + SHARE * at]
@@ -188,11 +191,11 @@ def _error_in(pair: Double, channel: str, band: tuple[float, float]) -> tuple[fl
     return float(np.sqrt((np.abs(error) ** 2).sum() / signal)), float(np.sqrt(quiet / signal))
 
 
-def _coherences(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
+def _coherences(model: RigModel, beside: Doubles) -> list[Discrepancy]:
     found = []
-    for (configuration, gain), group in alike(pairs).items():
+    for (configuration, gain), group in beside.groups.items():
         for sensor in model.sensors:
-            seen = lines(group, sensor.channel, model.drive.channel, coherence=0.0)
+            seen = group.lines(sensor.channel, coherence=0.0)
             if seen is None or len(seen.frequency) < 2 * SMOOTHED:
                 continue
             off = np.convolve(seen.simulated_coherence - seen.coherence, np.ones(SMOOTHED) / SMOOTHED, mode="same")
@@ -211,7 +214,7 @@ def _coherences(model: RigModel, pairs: Sequence[Double]) -> list[Discrepancy]:
             )
             found.append(
                 Discrepancy(
-                    channel=sensor.channel, configuration=configuration, gain=gain, run=group[0].trial.run.id,
+                    channel=sensor.channel, configuration=configuration, gain=gain, run=group.pairs[0].trial.run.id,
                     band_hz=(float(low), float(high)), what="coherence", size=size, noise=noise, text=text,
                 )
             )  # fmt: skip

@@ -36,14 +36,13 @@ class Look:
 
 def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
     """The same trials for a short look: fits see their first `seconds` only, on a coarser grid."""
-    return tuple(
-        replace(
-            trial,
-            fitted=round(min(trial.fitted, seconds * trial.sample_rate)),
-            excitation=trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE)),
-        )
-        for trial in trials
-    )
+
+    def cut(trial: Trial) -> Trial:
+        fitted = round(min(trial.fitted, seconds * trial.sample_rate))
+        coarse = trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE))
+        return replace(trial, fitted=fitted, excitation=coarse.beginning(fitted))
+
+    return tuple(cut(trial) for trial in trials)
 
 
 def parameters_of(model: RigModel, candidate: Candidate, known: Sequence[Free] = ()) -> tuple[Free, ...]:

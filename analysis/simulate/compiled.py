@@ -6,10 +6,12 @@ A mode is one combination of its elements' states: which contacts hold, which wa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import product
 from math import prod
 
+import msgspec
 import numpy as np
 
 from analysis.errors import ModelError
@@ -90,13 +92,27 @@ class Compiled:
 
 
 def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
-    """Arrays of a rig for fine steps of `h` seconds.
+    """Arrays of a rig for fine steps of `h` seconds; those of the rigs seen last are kept.
 
     Raises
     ------
     ModelError
         Where the rig has no such configuration, more modes than the engine holds, or motions far too quick for the step.
     """
+    parts = (model.bodies, model.links, model.contacts, model.configurations, model.drive.pushes, model.drive.factor)
+    return _compiled(_Moving(model=model, parts=msgspec.msgpack.encode(parts, enc_hook=float)), configuration, h)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Moving:
+    # A rig by what moves: sensors and the faults of channels do not matter here.
+    model: RigModel = field(compare=False)
+    parts: bytes
+
+
+@lru_cache(maxsize=32)
+def _compiled(moving: _Moving, configuration: str, h: float) -> Compiled:
+    model = moving.model
     if configuration not in model.configurations:
         raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
     setup = model.configurations[configuration]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,6 +13,8 @@ from analysis.measured import FloatArray
 
 #: Half the length of the filters, in samples.
 TAPS = 16
+#: Samples kept beyond a beginning.
+AFTER = 256
 #: Straight lines between values dampen a line by sinc^2, which this undoes up to the fourth power of the step.
 STRAIGHTENED = np.array([-1.0, 14.0, -1.0]) / 12.0
 #: Central difference whose error is of the fourth power of the step, and the plain one where no filter follows.
@@ -84,6 +86,11 @@ class Excitation:
         if oversample == self.oversample:
             return self
         return Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample)
+
+    def beginning(self, samples: int) -> Excitation:
+        """The first samples of the same drive, and what filters and delays need beyond them."""
+        kept = samples + AFTER
+        return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample])
 
 
 @lru_cache(maxsize=16)

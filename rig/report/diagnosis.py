@@ -63,7 +63,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         Section(
             title="What the records say before a cause is fitted",
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
-            charts=surface_charts(diagnosis.baseline.model, diagnosis.trials),
+            charts=surface_charts(diagnosis.baseline.model, diagnosis.beside),
         ),
         *(_named(step) for step in diagnosis.steps),
         Section(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.characterize import Characterization
+from analysis.diagnose.doubles import doubles
 from analysis.diagnose.misfit import discrepancies
 from analysis.measured import Campaign
 from analysis.rigs import THESIS
@@ -25,7 +26,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
     """The report of a campaign as HTML, its parameters beside those found earlier."""
     model = found.fit.model
     models = {MODEL: simulated(model, found.trials)}
-    wrong = discrepancies(campaign, model, found.trials)
+    wrong = discrepancies(campaign, model, found.trials, doubles(model, found.trials))
     frf, *isolation = frequency_sections(campaign, model)
     sections = [
         runs_section(campaign),

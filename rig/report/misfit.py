@@ -87,7 +87,7 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
             Chart(
                 name=f"time-{trial.run.id}",
                 caption=f"{label(trial.run)}: {SECONDS:g} s that no fit has seen; the model ran free from the run's start.",
-                panels=[Panel(label=name) for name in trial.channels],
+                panels=[Panel(label=f"{name}, {trial.run.channel(name).unit}") for name in trial.channels],
                 traces=traces,
                 x_label="time, s",
                 x_log=False,

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from analysis.diagnose.doubles import doubles
+from analysis.diagnose.doubles import Doubles
 from analysis.diagnose.evidence import surfaces
 from analysis.measured import FloatArray
 from analysis.model import RigModel
-from analysis.trials import Trial
 from rig.report.charts import Chart, Panel, Trace
 
 
-def surface_charts(model: RigModel, trials: Sequence[Trial]) -> list[Chart]:
+def surface_charts(model: RigModel, beside: Doubles) -> list[Chart]:
     """Two charts of every link that can be seen: measured points over simulated ones."""
     charts = []
-    for seen in surfaces(model, doubles(model, trials)):
+    for seen in surfaces(model, beside):
         spring = model.link(seen.link).stiffness * seen.displacement
         where = f"{seen.run}: the force that the {seen.link} passed"
         charts += [

@@ -11,7 +11,7 @@ from analysis.diagnose.fits import refined
 from analysis.diagnose.judge import BLOCKS, Score, gain
 from analysis.diagnose.mechanisms.base import exchange
 from analysis.diagnose.mechanisms.springs import added
-from analysis.diagnose.misfit import discrepancies
+from analysis.diagnose.misfit import Discrepancy, discrepancies
 from analysis.measured import Campaign
 from analysis.model import Chain, RigModel
 from analysis.rigs import THESIS, wire_bonder
@@ -49,7 +49,14 @@ def trials_of(campaign: Campaign) -> tuple[Trial, ...]:
 
 def said(model: RigModel) -> tuple[Sign, ...]:
     campaign = played(model)
-    return signs(campaign, SOUND, trials_of(campaign))
+    trials = trials_of(campaign)
+    return signs(campaign, SOUND, trials, doubles(SOUND, trials))
+
+
+def wrong(model: RigModel) -> tuple[Discrepancy, ...]:
+    campaign = played(model)
+    trials = trials_of(campaign)
+    return discrepancies(campaign, SOUND, trials, doubles(SOUND, trials))
 
 
 HIDDEN = {
@@ -81,8 +88,7 @@ def test_sound_rig_leaves_none() -> None:
     starts = {sign.text.split(":")[0] for sign in found}
     assert starts == {"Rigid bodies", "Configurations", "Homogeneity", "Repeatability", "Periods"}
     assert all("agree" in s.text for s in found if s.text.startswith(("Rigid", "Repeat")))
-    campaign = played(SOUND)
-    assert discrepancies(campaign, SOUND, trials_of(campaign)) == ()
+    assert wrong(SOUND) == ()
 
 
 def test_surface_tells_the_stiffness_by_deflection() -> None:
@@ -97,8 +103,7 @@ def test_surface_tells_the_stiffness_by_deflection() -> None:
 
 
 def test_discrepancies_of_a_stiffer_spring() -> None:
-    campaign = played(linked(laws.Cubic(cubic_stiffness=2e9)))
-    found = discrepancies(campaign, SOUND, trials_of(campaign))
+    found = wrong(linked(laws.Cubic(cubic_stiffness=2e9)))
     assert {"frf", "coherence", "ratio"} <= {d.what for d in found}
     peak = next(d for d in found if "peak" in d.text and d.channel == "motor")
     assert "higher than simulated" in peak.text

@@ -76,7 +76,9 @@ def rates(table: pd.DataFrame) -> list[tuple[str, ...]]:
     none, outside = table[table["kind"] == "none"], table[table["kind"].str.startswith("outside")]
     named, two = table[table["named"] != ""], table[table["kind"] == "two"]
     gained = hidden[hidden["verdict"] == "explained"]
+    # Later runs have another mix of gains and so a floor of their own: what is below this campaign's counts as all.
     removed = (gained["later_baseline"] - gained["later_extended"]) / (gained["later_baseline"] - gained["floor"])
+    removed = removed.clip(upper=1.0)
     found = []
     for name, low, high in CLASSES:
         part = hidden[(above >= low) & (above < high)]
