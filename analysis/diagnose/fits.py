@@ -162,11 +162,17 @@ def diverse(looks: Sequence[Look]) -> list[Look]:
 
 def race(looks: Sequence[Look], current: Fit, rungs: Sequence[Rung]) -> Running:
     """Fits of candidates up the ladder, best first; those that fall far behind on a rung are left there."""
-    starts = [(x.candidate, parameters_of(current.model, x.candidate, current.free), x.model) for x in looks]
+    starts = [
+        (look.candidate, parameters_of(current.model, look.candidate, current.free), model)
+        for look in looks
+        for model in look.models
+    ]
     running: Running = []
     for rung in rungs:
         climbed = [(c, done) for c, free, start in starts if (done := tried(start, free, rung)) and c.plausible(done.model)]
         climbed.sort(key=lambda pair: pair[1].cost)
-        running = [pair for place, pair in enumerate(climbed) if place < 2 or pair[1].cost < BEHIND * climbed[0][1].cost]
+        # From several starts the best goes on.
+        first = [p for k, p in enumerate(climbed) if all(p[0] is not other for other, _ in climbed[:k])]
+        running = [pair for place, pair in enumerate(first) if place < 2 or pair[1].cost < BEHIND * first[0][1].cost]
         starts = [(candidate, done.free, done.model) for candidate, done in running]
-    return running
+    return [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]

@@ -17,8 +17,8 @@ from analysis.trials import Trial
 Progress = Callable[[str], None]
 #: Fine steps per sample of a short look, at most.
 GLANCE_OVERSAMPLE = 4
-#: Starts of a candidate that are followed; of more, those with the least misfit.
-MOST_STARTS = 4
+#: Starts of a candidate that are looked at, and from how many of them it races.
+MOST_STARTS, RACED = 4, 2
 #: How far beyond a start the straight line to it is trusted, in distances to it.
 BEYOND = 3.0
 #: Candidates that are looked at more closely: the best of all, and the best of each family.
@@ -27,11 +27,11 @@ CLOSER, CLOSER_OF_FAMILY = 8, 2
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What a short fit promises of a candidate: mean square weighted residual, and the model it reached."""
+    """What a short fit promises of a candidate: mean square weighted residual, and the models it reached, best first."""
 
     candidate: Candidate
     cost: float
-    model: RigModel
+    models: tuple[RigModel, ...]
 
 
 def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
@@ -79,14 +79,15 @@ class Screen:
         return sorted((look for look in looks if look.cost < np.inf), key=lambda look: look.cost)
 
     def look(self, candidate: Candidate) -> Look:
-        """One step from each of the candidate's most promising starts; the best of them."""
+        """One step from the candidate's first start, which is nearest to the current model, and from the most promising ones."""
         starts = candidate.starts
         residuals = self.problem.residuals(starts)
         reached = self._reached(residuals)
-        order = np.argsort(reached)[:MOST_STARTS]
-        best = min((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+        order = dict.fromkeys([0, *np.argsort(reached)[: MOST_STARTS - 1].tolist()])
+        looks = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
         # A start far from the current model promises what the straight line to it reaches; a step from there falls short.
-        return replace(best, cost=min(best.cost, float(reached[order[0]]) / self.problem.size))
+        promised = min(looks[0].cost, float(reached.min()) / self.problem.size)
+        return Look(candidate=candidate, cost=promised, models=tuple(look.models[0] for look in looks[:RACED]))
 
     def _reached(self, residuals: FloatArray) -> FloatArray:
         # What is left after a linear step of the current parameters and along the straight line to each start and on.
@@ -98,8 +99,9 @@ class Screen:
         return np.where(np.isfinite(left), left, np.inf)
 
     def _closer(self, look: Look) -> Look:
-        closer = self._descend(look.candidate, look.model, self.problem.residuals([look.model])[0], 2)
-        return replace(closer, cost=min(closer.cost, look.cost))
+        first, *others = look.models
+        closer = self._descend(look.candidate, first, self.problem.residuals([first])[0], 2)
+        return replace(look, cost=min(closer.cost, look.cost), models=(*closer.models, *others))
 
     def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> Look:
         free = parameters_of(self.current.model, candidate, self.current.free)
@@ -121,7 +123,7 @@ class Screen:
 
         best = float(residual @ residual)
         if not np.isfinite(best):
-            return Look(candidate=candidate, cost=np.inf, model=start)
+            return Look(candidate=candidate, cost=np.inf, models=(start,))
         for _ in range(steps):
             moved = []
             for i in range(len(base), len(free)):
@@ -151,5 +153,5 @@ class Screen:
         return Look(
             candidate=candidate,
             cost=best / self.problem.size,
-            model=reached if reached is not None else start,
+            models=(reached if reached is not None else start,),
         )
