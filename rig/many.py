@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import os
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
 
+from analysis.parallel import cores
 from rig.baseline import Baseline
 from rig.errors import REFUSALS, RigError
 
@@ -80,7 +80,7 @@ def diagnose_files(
         return
     # Within the process; what still listens, listens to this machine alone.
     own = {
-        "processes": False, "n_workers": 1, "threads_per_worker": os.cpu_count() or 1,
+        "processes": False, "n_workers": 1, "threads_per_worker": cores(),
         "dashboard_address": LOOPBACK, "worker_dashboard_address": LOOPBACK,
     }  # fmt: skip
     with Client(scheduler) if scheduler else Client(**own) as client:
