@@ -27,6 +27,8 @@ TETHER = 1.0
 #: Seconds of each run that a look at all candidates takes in, and the share of a model's misfit that must show in them.
 SCREENS = (4.0, 10.0)
 SHOWN = 0.3
+#: How many times a fit's misfit another's must be to be far worse.
+FAR_WORSE = 2.0
 #: Candidates that race, beside the best of each family.
 RACING = 6
 #: A candidate whose misfit is this many times the best's is out of the race.
@@ -59,13 +61,15 @@ def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]
 
 
 def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
-    """The rig's own free parameters fitted to all runs, from the best of several starts."""
+    """The rig's own free parameters fitted to all runs, from the best of several starts, the most trusted first."""
     rungs = ladder(trials)
     free = base_parameters(starts[0])
     begun = [done for start in starts if (done := tried(start, free, rungs[0]))]
     if not begun:
         raise FitError(f"the model {starts[0].name!r} cannot be simulated at its starting values; correct its parameters")
-    done = min(begun, key=lambda fitted: fitted.cost)
+    # Of starts that lead equally far the first is the most trusted: a rig that is not so may be bent to anything.
+    least = min(done.cost for done in begun)
+    done = next(done for done in begun if done.cost <= FAR_WORSE * least)
     for rung in rungs[1:]:
         done = fit(done.model, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
     return finished(done, trials)
