@@ -93,7 +93,7 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     if trial.motion is not None:
         return required_drive(model, trial.motion)[None, : trial.samples if motion is None else trial.fitted]
     if motion is None:
-        motion = true_motion(model, trial)
+        motion = true_motion(model, trial, trial.samples)
     recorded = record(model, motion, trial.sample_rate)
     predicted = np.stack([recorded[name] for name in trial.channels])
     for row, name in enumerate(trial.channels):

@@ -54,8 +54,7 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str]) -> dict[str, Any]:
             "removed": diagnosis.gain.removed if diagnosis.steps else 0.0,
             "removed_interval": list(diagnosis.gain.removed_interval),
             "interval": "95 % of 400 draws of held-out blocks (bootstrap)",
-            "how": "Median over runs and channels of rms(predicted - measured) / rms(measured) over the last 40 % of every run "
-            "(all of a run marked as held out), which no fit saw; the model runs free from the run's first sample.",
+            "how": f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
         },
     }  # fmt: skip
 

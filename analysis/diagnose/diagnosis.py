@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnose.division import Divide, Division, beginnings, ends, refined
 from analysis.diagnose.doubles import Doubles, doubles
 from analysis.diagnose.evidence import Sign, signs
-from analysis.diagnose.fits import baseline_fit, calibrated, guesses_of, refined, widened, without
+from analysis.diagnose.fits import baseline_fit, calibrated, finished, guesses_of, widened, without
 from analysis.diagnose.judge import (
     ENOUGH,
     SIMULATION_LIMIT,
@@ -22,7 +23,7 @@ from analysis.diagnose.judge import (
     score,
     worst,
 )
-from analysis.diagnose.misfit import Discrepancy, discrepancies
+from analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
 from analysis.diagnose.search import Progress
 from analysis.diagnose.step import Step, next_step, updated, with_evidence
 from analysis.fit import Fit
@@ -75,6 +76,8 @@ class Diagnosis:
         What the extension brought, with intervals.
     trials
         The runs it rests on.
+    division
+        What fits saw of them, and what judged the fits.
     beside
         The same beside the baseline's.
     """
@@ -94,6 +97,7 @@ class Diagnosis:
     calibration: float | None
     gain: Gain
     trials: tuple[Trial, ...]
+    division: Division
     beside: Doubles
 
 
@@ -110,55 +114,30 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         Called with one line per stage.
     """
     trials = prepare(campaign, model)
-    fine = tuple(refined(trial) for trial in trials)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     guesses = guesses_of(model, trials)
     baseline = widened(baseline_fit(guesses, trials))
-    stages = [_Stage(fit=baseline, score=score(baseline.model, fine))]
-    drive_noise = noise_levels(campaign).get(model.drive.channel, 0.0)
-    quiet = noise_floor(baseline.model, fine, drive_noise)
-    calibration = _calibration(stages[0], quiet, trials, drive_noise, progress)
-    enough = max(ENOUGH, BEYOND * (calibration or 0.0))
-    tries = 0
-    while len(stages) <= MOST_STEPS and not adequate(stages[-1].score, _allowed(quiet), enough):
-        now, floors = stages[-1], _allowed(quiet)
-        told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
-        progress(f"{told}; looking for a cause")
-        found = next_step(campaign, guesses[0], now.fit, now.score, trials, fine, progress)
-        if found is None:
-            break
-        step, better, best = found
-        # What the step is worth is measured against the model without it, from where the step has led the rest.
-        bare = without(better, now.fit, trials)
-        plain = score(bare.model, fine)
-        moved = excess(now.score, floors) - excess(plain, floors)
-        if moved > BETTER:
-            progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
-            now = stages[-1] = replace(now, fit=widened(bare), score=plain)
-        gained = excess(now.score, floors) - excess(best, floors)
-        if moved > max(BETTER, gained) and tries < MOST_STEPS:
-            # The way there did more than the cause: it is looked for again from the better fit.
-            tries += 1
-            continue
-        if not _worthwhile(now, step, best, floors):
-            break
-        # A cause may make the rig sensitive: then noise on the drive alone does more.
-        quiet = np.maximum(quiet, noise_floor(better.model, fine, drive_noise))
-        stages.append(_Stage(fit=widened(better), score=best, step=replace(step, before=now.score.figure, after=best.figure)))
-    floor = float(np.median(quiet))
-    verdict, kept = _verdict(stages, _allowed(quiet), floor, enough)
-    first, last = stages[0], stages[kept]
+    search = _Search(campaign, guesses[0], trials, progress)
+    found = search.causes(baseline, ends)
+    if found.verdict == "adequate" and search.begins_otherwise(baseline, found.enough):
+        progress("the runs' ends fit, but not their beginnings: those of some are kept from the fits")
+        again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
+        found = again if again.verdict != "adequate" else found
+    stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     progress("gathering the evidence")
-    beside = [doubles(stage.fit.model, fine) for stage in stages[: max(kept, 1)]]
+    fine = tuple(refined(trial) for trial in trials)
+    beside = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
     said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, beside, strict=False)]
-    steps = (stage.step for stage in stages[1 : kept + 1])
+    steps = (stage.step for stage in stages[1 : found.kept + 1])
+    floor = float(np.median(found.quiet))
+    shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
     return Diagnosis(
-        verdict=verdict, baseline=first.fit, extended=last.fit,
-        discrepancies=discrepancies(campaign, first.fit.model, fine, beside[0]), beside=beside[0],
+        verdict=found.verdict, baseline=first.fit, extended=last.fit,
+        discrepancies=(*shown, *discrepancies(campaign, first.fit.model, fine, beside[0])), beside=beside[0],
         steps=tuple(with_evidence(updated(step, last.fit), each) for step, each in zip(steps, said, strict=False) if step),
         baseline_error=first.score.figure, extended_error=last.score.figure, floor=floor, scores=(first.score, last.score),
-        signs=said[0], worst=worst(first.score, _allowed(quiet)), enough=enough,
-        calibration=calibration, gain=gain(first.score, last.score, floor), trials=fine,
+        signs=said[0], worst=worst(first.score, _allowed(found.quiet)), enough=found.enough,
+        calibration=found.calibration, gain=gain(first.score, last.score, floor), trials=fine, division=found.division,
     )  # fmt: skip
 
 
@@ -170,19 +149,80 @@ class _Stage:
     step: Step | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    # What a search came to: how runs were divided, the models on the way and how many of them count, and their allowance.
+    division: Division
+    stages: Sequence[_Stage]
+    verdict: str
+    kept: int
+    quiet: FloatArray
+    enough: float
+    calibration: float | None
+
+
+class _Search:
+    # The way from a fitted baseline to causes.
+
+    def __init__(self, campaign: Campaign, guess: RigModel, trials: Sequence[Trial], progress: Progress) -> None:
+        self._campaign, self._guess, self._trials, self._progress = campaign, guess, trials, progress
+        self._drive_noise = noise_levels(campaign).get(guess.drive.channel, 0.0)
+
+    def causes(self, baseline: Fit, divide: Divide) -> _Found:
+        division = divide(self._trials)
+        trials, judged, progress = division.fits, division.judged, self._progress
+        stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
+        quiet = noise_floor(baseline.model, judged, self._drive_noise)
+        calibration = self._calibration(stages[0], divide, quiet)
+        enough = max(ENOUGH, BEYOND * (calibration or 0.0))
+        tries = 0
+        while len(stages) <= MOST_STEPS and not adequate(stages[-1].score, _allowed(quiet), enough):
+            now, floors = stages[-1], _allowed(quiet)
+            told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
+            progress(f"{told}; looking for a cause")
+            found = next_step(self._campaign, self._guess, now.fit, now.score, trials, judged, progress)
+            if found is None:
+                break
+            step, better, best = found
+            # What the step is worth is measured against the model without it, from where the step has led the rest.
+            bare = without(better, now.fit, trials)
+            plain = score(bare.model, judged)
+            moved = excess(now.score, floors) - excess(plain, floors)
+            if moved > BETTER:
+                progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
+                now = stages[-1] = replace(now, fit=widened(bare), score=plain)
+            gained = excess(now.score, floors) - excess(best, floors)
+            if moved > max(BETTER, gained) and tries < MOST_STEPS:
+                # The way there did more than the cause: it is looked for again from the better fit.
+                tries += 1
+                continue
+            if not _worthwhile(now, step, best, floors):
+                break
+            # A cause may make the rig sensitive: then noise on the drive alone does more.
+            quiet = np.maximum(quiet, noise_floor(better.model, judged, self._drive_noise))
+            stages.append(_Stage(fit=widened(better), score=best, step=replace(step, before=now.score.figure, after=best.figure)))
+        verdict, kept = _verdict(stages, _allowed(quiet), float(np.median(quiet)), enough)
+        return _Found(
+            division=division, stages=stages, verdict=verdict, kept=kept, quiet=quiet, enough=enough, calibration=calibration
+        )
+
+    def begins_otherwise(self, fitted: Fit, enough: float) -> bool:
+        judged = beginnings(self._trials).judged
+        if not judged:
+            return False
+        return not adequate(score(fitted.model, judged), _allowed(noise_floor(fitted.model, judged, self._drive_noise)), enough)
+
+    def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
+        # Only near the noise is it worth asking; a rig judged by its drive has no motion of its own to ask.
+        floors = _allowed(quiet)
+        if not ENOUGH <= worst(stage.score, floors) < DOUBTFUL * ENOUGH or any(trial.motion for trial in self._trials):
+            return None
+        self._progress("not far above the noise; asking what the baseline's own rig would get")
+        return calibrated(stage.fit, self._trials, divide, floors, self._drive_noise)
+
+
 def _allowed(quiet: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(quiet, SIMULATION_LIMIT))
-
-
-def _calibration(
-    stage: _Stage, quiet: FloatArray, trials: Sequence[Trial], drive_noise: float, progress: Progress
-) -> float | None:
-    # Only near the noise is it worth asking; a rig judged by its drive has no motion of its own to ask.
-    floors = _allowed(quiet)
-    if not ENOUGH <= worst(stage.score, floors) < DOUBTFUL * ENOUGH or any(trial.motion for trial in trials):
-        return None
-    progress("not far above the noise; asking what the baseline's own rig would get")
-    return calibrated(stage.fit, trials, floors, drive_noise)
 
 
 def _worthwhile(now: _Stage, step: Step, best: Score, floors: FloatArray) -> bool:

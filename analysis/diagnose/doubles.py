@@ -52,7 +52,7 @@ class Lines:
     std
         Relative standard deviation of the measured one's magnitude, shape (lines,).
     coherence, simulated_coherence
-        Shape (lines,).
+        Shape (lines,); the simulated one with the sensor's noise.
     averages
         Effective number of averages.
     """
@@ -104,8 +104,15 @@ class Group:
         return Lines(
             frequency=f[kept], measured=measured.value[kept], simulated=simulated.value[kept],
             std=measured.magnitude_std[kept] / np.abs(measured.value[kept]), coherence=measured.coherence[kept],
-            simulated_coherence=simulated.coherence[kept], averages=measured.averages,
+            simulated_coherence=simulated.coherence[kept] * self._clean_share(response)[kept], averages=measured.averages,
         )  # fmt: skip
+
+    def _clean_share(self, response: str) -> FloatArray:
+        # What of a recorded power would be the simulated motion's: the sensor's noise lowers the coherence by as much.
+        trial = self.pairs[0].trial
+        density = 2.0 * trial.noise[trial.channels.index(response)] ** 2 / trial.sample_rate
+        power = self.spectra[1].density(response)
+        return np.asarray(power / np.maximum(power + density, 1e-300))
 
     @cached_property
     def halves(self) -> tuple[Group, Group]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnose.division import Divide, refined
 from analysis.diagnose.judge import score, worst
 from analysis.diagnose.mechanisms import Candidate
 from analysis.diagnose.search import Look, glanced, parameters_of
@@ -16,7 +17,7 @@ from analysis.measured import Campaign, FloatArray
 from analysis.model import RigModel
 from analysis.simulate import Excitation
 from analysis.start import equation_start
-from analysis.trials import FINEST, Trial, expected, prepare
+from analysis.trials import Trial, expected, prepare
 
 #: A fit sees the first seconds of each run, then more; steps that it may take at each, and the gain that ends them early.
 HORIZONS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
@@ -45,11 +46,6 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
     fine = tuple(refined(trial) for trial in trials)
     rough = baseline_fit(guesses_of(model, trials), trials)
     return finished(rough, fine), fine
-
-
-def refined(trial: Trial) -> Trial:
-    """The trial on the grid that models are judged on."""
-    return replace(trial, excitation=trial.excitation.resampled(FINEST))
 
 
 def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]:
@@ -135,7 +131,7 @@ def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
         return current
 
 
-def calibrated(done: Fit, trials: Sequence[Trial], floors: FloatArray, drive_noise: float) -> float:
+def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float) -> float:
     """What a rig that is the model itself would get for its largest error over what is allowed.
 
     The fitted model is simulated with the data's own noise on responses and drive, fitted anew, and judged as data are.
@@ -150,9 +146,9 @@ def calibrated(done: Fit, trials: Sequence[Trial], floors: FloatArray, drive_noi
         excitation = Excitation.prepare(drive, trial.sample_rate, oversample=trial.excitation.oversample)
         return replace(trial, measured=clean + noise, excitation=excitation)
 
-    twins = [twin(trial) for trial in trials]
-    again = fit(done.model, done.free, Problem(twins, share=NARROW), iterations=3, tolerance=1e-3)
-    return worst(score(again.model, [refined(trial) for trial in twins]), floors)
+    twins = divide([twin(trial) for trial in trials])
+    again = fit(done.model, done.free, Problem(twins.fits, share=NARROW), iterations=3, tolerance=1e-3)
+    return worst(score(again.model, twins.judged), floors)
 
 
 def diverse(looks: Sequence[Look]) -> list[Look]:

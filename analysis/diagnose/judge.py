@@ -104,7 +104,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
         measured = trial.measured[:, held_out(trial)]
         return np.asarray(np.sqrt((trial.noise**2 + power.max(axis=0)) / np.maximum(np.mean(measured**2, axis=1), 1e-30)))
 
-    noises = [generator.normal(0.0, drive_noise, (DRAWS, trial.samples)) for trial in trials]
+    noises = [generator.normal(0.0, drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
     return np.stack(side_by_side(one, list(zip(trials, noises, strict=True))))
 
 

@@ -59,6 +59,36 @@ def discrepancies(
     return tuple(found)
 
 
+def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> tuple[Discrepancy, ...]:
+    """Where the beginnings of runs err whose ends fit, largest first.
+
+    Parameters
+    ----------
+    judged
+        The beginnings.
+    error, quiet
+        rms of the misfit and of the noise over that of the signal, shape (runs, channels).
+    """
+    found = []
+    for trial, errors, noises in zip(judged, error, quiet, strict=True):
+        run, seconds = trial.run, trial.samples / trial.sample_rate
+        for name, size, noise in zip(trial.channels, errors.tolist(), noises.tolist(), strict=True):
+            if size**2 < ABOVE_NOISE * noise**2:
+                continue
+            text = (
+                f"{run.configuration.capitalize()} at gain {run.gain:g} ({run.id}) the first {seconds:g} s of the {name} are "
+                f"simulated with an error of {100 * size:.2g} % of the signal, where noise alone would be {100 * noise:.2g} %; "
+                "the end of the run fits."
+            )
+            found.append(
+                Discrepancy(
+                    channel=name, configuration=run.configuration, gain=run.gain, run=run.id, what="time", size=size, noise=noise,
+                    band_hz=(0.0, trial.sample_rate / 2.0), text=text,
+                )
+            )  # fmt: skip
+    return tuple(sorted(found, key=lambda d: -d.size / max(d.noise, 1e-6)))
+
+
 def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
     found = []
     for trial in trials:

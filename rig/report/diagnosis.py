@@ -69,7 +69,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         Section(
             title="Gain on held-out data",
             text=[_gained(diagnosis), content["holdout"]["how"]],
-            charts=[scores_chart(scores, diagnosis.trials)],
+            charts=[scores_chart(scores, diagnosis.division.judged)],
         ),
         Section(title="Advice for the next measurement", text=advice(diagnosis)),
         provenance_section(campaign),

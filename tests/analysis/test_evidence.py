@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from analysis import laws
+from analysis.diagnose.division import refined
 from analysis.diagnose.doubles import doubles
 from analysis.diagnose.evidence import Sign, signs, surfaces
-from analysis.diagnose.fits import refined
 from analysis.diagnose.judge import BLOCKS, Score, gain
 from analysis.diagnose.mechanisms.base import exchange
 from analysis.diagnose.mechanisms.springs import added

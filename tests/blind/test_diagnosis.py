@@ -15,7 +15,7 @@ from rig.recording import write
 
 #: Kind, size and seed; what is hidden where is drawn.
 DRAWN = (
-    ("none", 1.0, 11), ("hardening_stiffness", 0.33, 12), ("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14),
+    ("none", 1.0, 11), ("asymmetric_friction", 0.33, 12), ("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14),
     ("outside: hose", 1.0, 15),
 )  # fmt: skip
 
@@ -25,6 +25,7 @@ def judge(envelope: Envelope, findings: dict) -> None:
     if not envelope.truth:
         assert named == []
         assert findings["verdict"] == ("adequate" if envelope.kind == "none" else "unexplained")
+        assert (findings["discrepancies"] == []) == (envelope.kind == "none")
         return
     assert findings["verdict"] == "explained"
     same = {(x["cause"], x["location"]) for group in findings["indistinguishable"] for x in group}
@@ -33,7 +34,9 @@ def judge(envelope: Envelope, findings: dict) -> None:
     held = findings["holdout"]
     assert held["extended"] < held["baseline"]
     low, high = held["removed_interval"]
-    assert 0.8 < low <= held["removed"] <= high <= 1.01
+    assert max(0.8, low) < held["removed"] <= high <= 1.01
+    # Over a run's first seconds all gain is in the first of its blocks, which a draw of blocks may miss.
+    assert low > (0.5 if held["how"].count("the first 5 s") else 0.8)
 
 
 @pytest.mark.timeout(900)
