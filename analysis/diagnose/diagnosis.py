@@ -29,6 +29,7 @@ from analysis.diagnose.step import Step, next_step, updated, with_evidence
 from analysis.fit import Fit
 from analysis.measured import Campaign, FloatArray
 from analysis.model import RigModel
+from analysis.quality import faults
 from analysis.trials import Trial, noise_levels, prepare
 
 #: Steps at most.
@@ -210,7 +211,12 @@ class _Search:
         judged = beginnings(self._trials).judged
         if not judged:
             return False
-        return not adequate(score(fitted.model, judged), _allowed(noise_floor(fitted.model, judged, self._drive_noise)), enough)
+        floors = _allowed(noise_floor(fitted.model, judged, self._drive_noise))
+        if adequate(score(fitted.model, judged), floors, enough):
+            return False
+        # A rig that moved before its record began says nothing by beginning otherwise.
+        bad = {f.run for f in faults(self._campaign, reference=fitted.model.drive.channel) if f.kind == "not at rest"}
+        return all(trial.run.id not in bad for trial in judged)
 
     def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only near the noise is it worth asking; a rig judged by its drive has no motion of its own to ask.
