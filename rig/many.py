@@ -68,6 +68,7 @@ def diagnose_files(
     again
         Whether to diagnose what has an answer already.
     """
+    import dask
     from dask.distributed import Client, as_completed
 
     left = []
@@ -83,7 +84,11 @@ def diagnose_files(
         "processes": False, "n_workers": 1, "threads_per_worker": cores(),
         "dashboard_address": LOOPBACK, "worker_dashboard_address": LOOPBACK,
     }  # fmt: skip
-    with Client(scheduler) if scheduler else Client(**own) as client:
+    # Its worker cannot die alone; a computer that sleeps must not make it look dead.
+    with (
+        dask.config.set({"distributed.scheduler.worker-ttl": None}),
+        Client(scheduler) if scheduler else Client(**own) as client,
+    ):
         futures = client.map(_answer, [(str(f.resolve()), str(d.resolve()), baseline) for f, d in left], pure=False)
         for future in as_completed(futures):
             yield future.result()
