@@ -1,11 +1,18 @@
 """Many campaigns at once: what the pool does beside its work."""
 
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import psutil
 
+from analysis.rigs import THESIS, wire_bonder
 from rig.cli import main
 from rig.many import diagnose_files
+from rig.recording import write
+from rig.virtual import Take, virtual_campaign
 
 
 def test_nothing_listens_to_other_machines(tmp_path: Path) -> None:
@@ -32,3 +39,23 @@ def test_names_must_differ(tmp_path: Path, capsys) -> None:
 def test_empty_folder(tmp_path: Path, capsys) -> None:
     assert main(["diagnose", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
     assert "no recording was given" in capsys.readouterr().err
+
+
+def test_a_computer_that_sleeps_ends_nothing(tmp_path: Path) -> None:
+    """A process that stood still for longer than a worker may be silent goes on."""
+    take = Take(id="u70", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0)
+    recordings, out = tmp_path / "recordings", tmp_path / "out"
+    recordings.mkdir()
+    for k in range(2):
+        write(recordings / f"{k}.h5", virtual_campaign(wire_bonder({**THESIS, "friction_force": 10.0}), [take], seed=k))
+    command = [sys.executable, "-m", "rig", "diagnose", str(recordings), "-o", str(out)]
+    with subprocess.Popen(command, env={**os.environ, "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "1s"}) as running:
+        process = psutil.Process(running.pid)
+        while running.poll() is None and not any(c.status == psutil.CONN_LISTEN for c in process.net_connections()):
+            time.sleep(0.1)
+        time.sleep(0.5)
+        process.suspend()
+        time.sleep(3.0)
+        process.resume()
+        assert running.wait(timeout=120.0) == 0
+    assert all((out / str(k) / "findings.json").exists() for k in range(2))
