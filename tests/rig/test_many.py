@@ -55,7 +55,7 @@ def test_a_computer_that_sleeps_ends_nothing(tmp_path: Path) -> None:
             time.sleep(0.1)
         time.sleep(0.5)
         process.suspend()
-        time.sleep(3.0)
+        time.sleep(7.0)
         process.resume()
         assert running.wait(timeout=120.0) == 0
     assert all((out / str(k) / "findings.json").exists() for k in range(2))
