@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import pi, sqrt
+from math import copysign, pi, sqrt
 
 import msgspec
 
@@ -13,6 +13,8 @@ from analysis.model import GROUND, Body, Link, RigModel
 
 #: Distance of a rider's starting frequencies, as a share.
 CLOSE = 0.035
+#: A rider nearer than this share to the resonance of what it rides on is not made up for any further.
+NEAR = 0.3
 ROCKING_RADIUS = 0.1  # m: the motor's radius of gyration; only products with arms show, so any value serves
 
 
@@ -65,11 +67,17 @@ class ExtraMode:
     def _with_rider(model: RigModel, name: str, body: Body, mass: float, frequency: float) -> RigModel:
         omega = 2.0 * pi * frequency
         link = Link(name=name, a=name, b=body.name, stiffness=mass * omega**2, damping=2 * 0.03 * mass * omega)
-        # Below its own frequency the rider moves along: a mass that was fitted held the rider's too.
-        bodies = model.bodies
-        if f"bodies.{body.name}.mass" in model.free:
-            bodies = exchange(bodies, body.name, mass=body.mass - mass)
-        return msgspec.structs.replace(model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*model.links, link))
+        # At the resonance of what it rides on a rider weighs m / (1 - (f / f_rider)^2); what was fitted without it, the mass
+        # there or else the spring, made up for that.
+        bodies, links = model.bodies, model.links
+        for own in (link for link in model.links if link.a == body.name):
+            below = 1.0 - own.stiffness / (body.mass * omega**2)
+            share = mass / body.mass / copysign(max(abs(below), NEAR), below)
+            if f"bodies.{body.name}.mass" in model.free:
+                bodies = exchange(bodies, body.name, mass=(1.0 - share) * body.mass)
+            else:
+                links = exchange(links, own.name, stiffness=(1.0 + share) * own.stiffness, damping=(1.0 + share) * own.damping)
+        return msgspec.structs.replace(model, bodies=(*bodies, Body(name=name, mass=mass)), links=(*links, link))
 
 
 def _around(frequencies: tuple[float, ...]) -> list[float]:
