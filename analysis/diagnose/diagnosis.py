@@ -181,7 +181,7 @@ class _Search:
             now, floors = stages[-1], _allowed(quiet)
             told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
             progress(f"{told}; looking for a cause")
-            found = next_step(self._campaign, self._guess, now.fit, now.score, trials, judged, progress)
+            found = next_step(self._campaign, self._guess, now.fit, now.score, trials, judged, floors, progress)
             if found is None:
                 break
             step, better, best = found

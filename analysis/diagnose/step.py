@@ -10,19 +10,21 @@ import numpy as np
 
 from analysis.diagnose.evidence import Sign
 from analysis.diagnose.fits import BEHIND, CLOSE, SCREENS, diverse, finished, horizon, ladder, race
-from analysis.diagnose.judge import Score, confidence, margin_in_errors, score
+from analysis.diagnose.judge import ENOUGH, Score, adequate, confidence, margin_in_errors, score
 from analysis.diagnose.mechanisms import CATALOGUE, Candidate
 from analysis.diagnose.mechanisms.base import Reported
 from analysis.diagnose.observe import observe
 from analysis.diagnose.search import Progress, Screen, glanced
 from analysis.errors import FitError, ModelError
 from analysis.fit import Fit, Problem, fit
-from analysis.measured import Campaign
+from analysis.measured import Campaign, FloatArray
 from analysis.model import RigModel
 from analysis.trials import Trial
 
 #: Candidates that get a full fit.
 FINALISTS = 4
+#: A rival that errs by this much more than what explains the data may is not like one that does.
+PLAIN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,9 +79,24 @@ def next_step(
     now: Score,
     trials: Sequence[Trial],
     fine: Sequence[Trial],
+    floors: FloatArray,
     progress: Progress,
 ) -> tuple[Step, Fit, Score] | None:
-    """The best cause for what the current model leaves, its fit and its score; None where no candidate could be fitted."""
+    """The best cause for what the current model leaves, its fit and its score; None where no candidate could be fitted.
+
+    Parameters
+    ----------
+    campaign, guess
+        What was measured, and the rig before any fit.
+    current, now
+        The model that is to be extended and its score.
+    trials, fine
+        What fits may see, and what judges them.
+    floors
+        The error allowed in each run and channel that judges, shape (runs, channels).
+    progress
+        Called with one line per stage.
+    """
     seconds = horizon(current.model, trials)
     problem = Problem(glanced(trials, seconds))
     glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
@@ -106,12 +123,18 @@ def next_step(
     if not finalists:
         return None
     finalists.sort(key=lambda item: float(np.mean(np.log(item[2].blocks))))
-    return _choice(finalists, now)
+    return _choice(finalists, now, floors)
 
 
-def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score) -> tuple[Step, Fit, Score] | None:
+def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score, floors: FloatArray) -> tuple[Step, Fit, Score] | None:
     candidate, fitted, best = finalists[0]
-    close = [item for item in finalists if item[2] is best or margin_in_errors(best, item[2]) < 2.0]
+
+    def alike_to(rival: Score) -> bool:
+        # What shows for a moment only shows in few blocks, whose spread then hides it; not in the largest error.
+        plain = adequate(best, floors) and not adequate(rival, floors, PLAIN * ENOUGH)
+        return not plain and margin_in_errors(best, rival) < 2.0
+
+    close = [item for item in finalists if item[2] is best or alike_to(item[2])]
     # Of those that the data cannot tell apart, the simplest is carried.
     candidate, fitted, carried = min(close, key=lambda item: item[0].rank)
     others = [item for item in finalists if item[2] is not carried]
