@@ -46,7 +46,7 @@ class Free:
     low: float = 0.0
     high: float = np.inf
     log: bool = True
-    step: float = 1e-4
+    step: float = 1e-5
 
     def encode(self, value: float) -> float:
         """The search coordinate of a value."""

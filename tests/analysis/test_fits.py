@@ -1,0 +1,84 @@
+"""Fits of causes: what they are kept from, where they start, and narrow valleys that they must run along."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.diagnose.division import BEGINNING, beginnings, ends
+from analysis.diagnose.mechanisms.modes import ExtraMode
+from analysis.diagnose.observe import observe
+from analysis.fit import Problem, base_parameters, jacobian_of, positive
+from analysis.measured import FloatArray
+from analysis.model import RigModel
+from analysis.rigs import THESIS, wire_bonder
+from analysis.trials import expected, prepare
+from rig.baseline import baseline_model
+from rig.virtual import Take, virtual_campaign
+
+RIG = wire_bonder({**THESIS, "friction_force": 9.0})
+TAKES = (
+    Take(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=0.0),
+    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=20.0, start=30.0),
+    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=20.0, start=60.0),
+    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=90.0),
+)
+
+
+def test_what_judges_is_kept_from_fits() -> None:
+    campaign = virtual_campaign(RIG, TAKES, seed=3)
+    trials = prepare(campaign, RIG)
+    by_ends = ends(trials)
+    assert [t.run.id for t in by_ends.judged] == [t.run.id for t in by_ends.fits]
+    assert all(t.fitted == round(0.6 * t.samples) for t in by_ends.fits)
+
+    by_beginnings = beginnings(trials)
+    assert [t.run.id for t in by_beginnings.judged] == ["u70b"]  # the second strongest; of locked runs there is but one
+    assert [t.run.id for t in by_beginnings.fits] == ["u7", "u70a", "l70"]
+    (judged,) = by_beginnings.judged
+    assert judged.fitted == 0
+    assert judged.samples == BEGINNING * judged.sample_rate
+    # What is cut off the record changes nothing of what is left.
+    whole = next(t for t in ends(trials).judged if t.run.id == "u70b")
+    np.testing.assert_allclose(expected(RIG, judged), expected(RIG, whole)[:, : judged.samples], rtol=0.0, atol=1e-12)
+
+
+def test_one_run_of_a_configuration_judges_no_beginning() -> None:
+    trials = prepare(virtual_campaign(RIG, [TAKES[1], TAKES[3]], seed=3), RIG)
+    assert beginnings(trials).judged == ()
+
+
+def test_a_rider_starts_near_the_model_without_it() -> None:
+    """A light rider far from a body's resonance must hardly show, or no slope leads from there."""
+    campaign = virtual_campaign(RIG, TAKES, seed=3)
+    trials = prepare(campaign, RIG)
+    riders = ExtraMode().candidates(RIG, replace(observe(campaign, RIG, trials, RIG), misfit_frequencies=(230.0,)))
+    for rider in riders:
+        light = next(s for s in rider.starts if s.bodies[-1].mass == 0.01 * RIG.body(rider.location).mass)
+        for trial in (trials[1], trials[3]):
+            here, there = (expected(model, trial) for model in (RIG, light))
+            error = np.sqrt(np.mean((there - here) ** 2, axis=1) / np.mean(here**2, axis=1))
+            assert error.max() < 0.12, (rider.location, trial.run.id, error)
+
+
+def test_derivatives_hold_along_a_narrow_valley() -> None:
+    """The heatblock's mass, its spring and the table's mass make up for each other; what is left must be right."""
+    model = baseline_model(virtual_campaign(RIG, TAKES, seed=3))
+    path, weighed = "bodies.heatblock.mass", RIG.body("heatblock").mass
+    problem = Problem(prepare(virtual_campaign(RIG, TAKES, seed=3), model))
+    free = (*base_parameters(model), positive(path, weighed))
+    along = {
+        path: 1.0, "links.heatblock.stiffness": 1.0, "links.heatblock.damping": 1.0,
+        "bodies.table.mass": -weighed / RIG.body("table").mass,
+    }  # fmt: skip
+    valley = np.array([along.get(f.path, 0.0) for f in free])
+    here = np.array([f.encode(RIG.get(f.path)) for f in free])
+
+    def at(coordinates: FloatArray) -> RigModel:
+        return RIG.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+
+    step = 3e-3
+    ahead, behind, middle = problem.residuals([at(here + step * valley), at(here - step * valley), at(here)])
+    central = (ahead - behind) / (2.0 * step)
+    jacobian = jacobian_of(problem, at, here, free, middle)
+    assert np.linalg.norm(central) < np.linalg.norm(jacobian, axis=0).max() / 3000.0
+    assert np.linalg.norm(jacobian @ valley - central) < 0.1 * np.linalg.norm(central)
