@@ -104,7 +104,12 @@ def test_what_the_runs_do_not_show_is_not_told() -> None:
             assert entry.std is not None
             assert abs(entry.value - truths(model)[name]) <= 4.0 * entry.std, (name, silent)
     narrow = characterize(replace(campaign, runs=campaign.runs[::2]), baseline_model(campaign))
-    assert narrow.table["heatblock_damping"].value is None
+    # Far below its resonance the heatblock's damping is a matter of milliradians: known far worse, and said to be.
+    damping = narrow.table["heatblock_damping"]
+    assert damping.value is not None
+    assert damping.std is not None
+    assert abs(damping.value - truths(model)["heatblock_damping"]) <= 3.0 * damping.std
+    assert damping.std > 0.01 * damping.value
     assert narrow.table["motor_frequency"].value == pytest.approx(5.06, rel=1e-4)
 
 
