@@ -134,10 +134,10 @@ def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
     return {name: float(np.median(f)) for name, f in found.items() if 2 * len(f) >= len(seen[name])}
 
 
-def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 4) -> tuple[float, ...]:
-    """Centres of the third-octave bands where the misfit stands highest above the noise, strongest first."""
+def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 6) -> tuple[float, ...]:
+    """Centres of the sixth-octave bands where a channel's misfit peaks above the noise: each channel's highest, then the next."""
     edges = 2.0 ** np.arange(np.log2(2.0), np.log2(trials[0].sample_rate / 2.2), 1.0 / 6.0)
-    excess = np.zeros(len(edges) - 1)
+    excess = np.zeros((len(trials[0].channels), len(edges) - 1))
     for trial in trials:
         n = trial.fitted
         if n == 0:
@@ -147,17 +147,20 @@ def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 4) 
         for row in range(len(trial.channels)):
             error = np.abs(np.fft.rfft(predicted[row] - trial.measured[row, :n])) ** 2 / n
             signal = np.abs(np.fft.rfft(trial.measured[row, :n])) ** 2 / n
-            for k in range(len(excess)):
+            for k in range(excess.shape[1]):
                 inside = (frequency >= edges[k]) & (frequency < edges[k + 1])
                 if inside.sum() >= 4:
                     allowed = trial.noise[row] ** 2 + (0.02**2) * signal[inside].mean()
-                    excess[k] = max(excess[k], float(error[inside].mean() / allowed))
-    order = np.argsort(excess)[::-1]
+                    excess[row, k] = max(excess[row, k], float(error[inside].mean() / allowed))
+    # What a channel misses most it misses over octaves; a mode elsewhere is a peak beside it, in that channel or in another.
+    padded = np.pad(excess, ((0, 0), (1, 1)))
+    peaks = np.where((excess >= padded[:, :-2]) & (excess >= padded[:, 2:]), excess, 0.0)
+    highest = np.argsort(-peaks, axis=1)
     chosen: list[float] = []
-    for k in order:
-        centre = float(np.sqrt(edges[k] * edges[k + 1]))
-        if all(abs(np.log2(centre / other)) > 0.3 for other in chosen):
-            chosen.append(centre)
-        if len(chosen) == most:
-            break
-    return tuple(chosen)
+    for place in range(excess.shape[1]):
+        for row in np.argsort([-peaks[r, highest[r, place]] for r in range(len(peaks))]):
+            k = highest[row, place]
+            centre = float(np.sqrt(edges[k] * edges[k + 1]))
+            if peaks[row, k] > 0.0 and all(abs(np.log2(centre / other)) > 0.3 for other in chosen):
+                chosen.append(centre)
+    return tuple(chosen[:most])

@@ -15,6 +15,8 @@ from analysis.model import GROUND, Body, Link, RigModel
 CLOSE = 0.035
 #: A rider nearer than this share to the resonance of what it rides on is not made up for any further.
 NEAR = 0.3
+#: Arms (m) from which a rocking motor's are sought.
+ARMS = (0.02, 0.06)
 ROCKING_RADIUS = 0.1  # m: the motor's radius of gyration; only products with arms show, so any value serves
 
 
@@ -105,10 +107,13 @@ class MomentCoupling:
             if not sensors or not links or any(body.name == "rocking" for body in model.bodies):
                 continue
             starts = tuple(
-                self._rocking(model, pushed, weight, sensors, links[0], frequency) for frequency in evidence.misfit_frequencies
+                self._rocking(model, pushed, weight, sensors, links[0], frequency, arm, height)
+                for frequency in evidence.misfit_frequencies
+                for arm in ARMS
+                for height in (arm, -arm)
             )
             inertia = model.body(pushed).mass * ROCKING_RADIUS**2
-            arm = "drive.pushes.rocking"
+            push = "drive.pushes.rocking"
             height = f"sensors.{sensors[0]}.arms.rocking"
             bearing = f"links.{links[0]}.arms.rocking"
             stiffness, damping = "links.bearing.stiffness", "links.bearing.damping"
@@ -116,14 +121,14 @@ class MomentCoupling:
                 Candidate(
                     cause="moment_coupling", location=pushed, family="mode", starts=starts,
                     free=(
-                        Free(path=arm, low=-1.0, high=1.0, log=False, step=1e-3),
+                        Free(path=push, low=-1.0, high=1.0, log=False, step=1e-3),
                         Free(path=height, low=-1.0, high=1.0, log=False, step=1e-3),
                         Free(path=bearing, low=-1.0, high=1.0, log=False, step=1e-3),
                         Free(path=stiffness, low=inertia, high=inertia * (2 * pi * evidence.sample_rate) ** 2),
                         Free(path=damping, low=1e-8, high=inertia * 2 * pi * evidence.sample_rate),
                     ),
                     reported=(
-                        Reported(name="drive_arm", path=arm, unit="m"),
+                        Reported(name="drive_arm", path=push, unit="m"),
                         Reported(name="sensor_height", path=height, unit="m"),
                         Reported(name="bearing_height", path=bearing, unit="m"),
                         Reported(name="rocking_stiffness", path=stiffness, unit="N m/rad"),
@@ -134,7 +139,9 @@ class MomentCoupling:
         return tuple(found)
 
     @staticmethod
-    def _rocking(model: RigModel, pushed: str, weight: float, sensors: list[str], link: str, frequency: float) -> RigModel:
+    def _rocking(
+        model: RigModel, pushed: str, weight: float, sensors: list[str], link: str, frequency: float, arm: float, height: float
+    ) -> RigModel:
         inertia = model.body(pushed).mass * ROCKING_RADIUS**2
         omega = 2.0 * pi * frequency
         bearing = Link(
@@ -144,7 +151,6 @@ class MomentCoupling:
             stiffness=inertia * omega**2,
             damping=2 * 0.03 * inertia * omega,
         )
-        arms = {"rocking": 0.02}
         locked = {
             name: msgspec.structs.replace(c, rigid=(*c.rigid, "bearing")) if link in c.rigid else c
             for name, c in model.configurations.items()
@@ -152,9 +158,9 @@ class MomentCoupling:
         return msgspec.structs.replace(
             model,
             bodies=(*model.bodies, Body(name="rocking", mass=inertia)),
-            links=(*exchange(model.links, link, arms=arms), bearing),
-            sensors=exchange(model.sensors, sensors[0], arms=arms),
-            drive=msgspec.structs.replace(model.drive, pushes={**model.drive.pushes, "rocking": 0.02 * weight}),
+            links=(*exchange(model.links, link, arms={"rocking": arm}), bearing),
+            sensors=exchange(model.sensors, sensors[0], arms={"rocking": height}),
+            drive=msgspec.structs.replace(model.drive, pushes={**model.drive.pushes, "rocking": arm * weight}),
             configurations=locked,
         )
 
