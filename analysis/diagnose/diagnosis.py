@@ -197,7 +197,7 @@ class _Search:
                 # The way there did more than the cause: it is looked for again from the better fit.
                 tries += 1
                 continue
-            if not _worthwhile(now, step, best, floors):
+            if not (_worthwhile(now, step, best, floors) and _told_by_itself(now, step, best, floors, judged[0].channels)):
                 break
             # A cause may make the rig sensitive: then noise on the drive alone does more.
             quiet = np.maximum(quiet, noise_floor(better.model, judged, self._drive_noise))
@@ -237,6 +237,13 @@ def _worthwhile(now: _Stage, step: Step, best: Score, floors: FloatArray) -> boo
         # One of two causes alone takes little off the logarithm; the verdict asks what they explain together.
         return gained >= WORTH * excess(now.score, floors) or (gained >= ALONE and step.confidence >= CERTAIN)
     return gained >= WORTH and float(np.max(now.score.error - best.error)) >= SIMULATION_LIMIT
+
+
+def _told_by_itself(now: _Stage, step: Step, best: Score, floors: FloatArray, channels: Sequence[str]) -> bool:
+    # A sensor's fault explains its own channel. One that only frees the rest of a fit from a spoilt channel is not the fault.
+    own = [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]
+    before, after = (np.log(np.maximum(score_.error[:, own] / floors[:, own], 1.0)).sum() for score_ in (now.score, best))
+    return bool(before - after >= WORTH * before)
 
 
 def _verdict(stages: Sequence[_Stage], floors: FloatArray, floor: float, enough: float) -> tuple[str, int]:
