@@ -18,9 +18,9 @@ setup: .venv/ready
 demo: setup
 	$(BIN)/rig demo -o demo-out
 
-# On two cores: many tests wait for a wire, or for one core.
+# Files side by side on two cores (tests of a file may follow from each other): many wait for a wire, or for one core.
 test: setup
-	$(BIN)/python -m pytest -q -m "not study" -n 2 --dist worksteal
+	$(BIN)/python -m pytest -q -m "not study" -n 2 --dist loadfile
 
 # Speed and accuracy beside peers, each in one run.
 bench: setup
