@@ -77,10 +77,10 @@ class Diagnosis:
         What the extension brought, with intervals.
     trials
         The runs it rests on.
-    division
-        What fits saw of them, and what judged the fits.
     beside
         The same beside the baseline's.
+    division
+        What fits saw of them, and what judged the fits.
     """
 
     verdict: str
@@ -98,8 +98,8 @@ class Diagnosis:
     calibration: float | None
     gain: Gain
     trials: tuple[Trial, ...]
-    division: Division
     beside: Doubles
+    division: Division
 
 
 def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda text: None) -> Diagnosis:
@@ -242,8 +242,10 @@ def _worthwhile(now: _Stage, step: Step, best: Score, floors: FloatArray) -> boo
 def _told_by_itself(now: _Stage, step: Step, best: Score, floors: FloatArray, channels: Sequence[str]) -> bool:
     # A sensor's fault explains its own channel. One that only frees the rest of a fit from a spoilt channel is not the fault.
     own = [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]
-    before, after = (np.log(np.maximum(score_.error[:, own] / floors[:, own], 1.0)).sum() for score_ in (now.score, best))
-    return bool(before - after >= WORTH * before)
+    if not own:
+        return True
+    before, after = (excess(replace(x, error=x.error[:, own]), floors[:, own]) for x in (now.score, best))
+    return before - after >= WORTH * before
 
 
 def _verdict(stages: Sequence[_Stage], floors: FloatArray, floor: float, enough: float) -> tuple[str, int]:
