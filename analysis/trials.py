@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.errors import DataError, SimulationError
+from analysis.errors import DataError
 from analysis.hum import hum
 from analysis.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
 from analysis.measured import Campaign, FloatArray, Run
 from analysis.model import GROUND, RigModel
-from analysis.simulate import Excitation, Response, record, simulate, true_drive
+from analysis.simulate import Excitation, record, simulate, true_drive
 
 #: Share of every run that a fit may see; the rest takes part in no fit.
 FIT_SHARE = 0.6
@@ -109,18 +109,10 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
     """The true values of drive and sensors in a trial by channel, each shape (samples,); none of a trial judged by its drive."""
     if trial.motion is not None:
         return {}
-    response = _played(model, trial, trial.excitation, samples)
+    response = simulate(
+        model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
+    )
     return {model.drive.channel: true_drive(model, trial.excitation)[:samples], **response.channels}
-
-
-def _played(model: RigModel, trial: Trial, excitation: Excitation, samples: int | None) -> Response:
-    # A spring that bends a lot can be too much for a coarse grid, and only for that.
-    try:
-        return simulate(model, excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples)
-    except SimulationError:
-        if excitation.oversample >= FINEST:
-            raise
-        return _played(model, trial, excitation.resampled(FINEST), samples)
 
 
 def noise_levels(campaign: Campaign) -> dict[str, float]:

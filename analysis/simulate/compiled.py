@@ -91,8 +91,10 @@ class Compiled:
     rubs: tuple[bool, ...]
 
 
-def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
-    """Arrays of a rig for fine steps of `h` seconds; those of the rigs seen last are kept.
+def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -> Compiled:
+    """Arrays of a rig for fine steps of `h` seconds, cut into `finer` times as many parts as they must be.
+
+    Those of the rigs seen last are kept.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def compile_rig(model: RigModel, configuration: str, h: float) -> Compiled:
         Where the rig has no such configuration, more modes than the engine holds, or motions far too quick for the step.
     """
     parts = (model.bodies, model.links, model.contacts, model.configurations, model.drive.pushes, model.drive.factor)
-    return _compiled(_Moving(model=model, parts=msgspec.msgpack.encode(parts, enc_hook=float)), configuration, h)
+    return _compiled(_Moving(model=model, parts=msgspec.msgpack.encode(parts, enc_hook=float)), configuration, h, finer)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +113,7 @@ class _Moving:
 
 
 @lru_cache(maxsize=32)
-def _compiled(moving: _Moving, configuration: str, h: float) -> Compiled:
+def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Compiled:
     model = moving.model
     if configuration not in model.configurations:
         raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
@@ -142,6 +144,7 @@ def _compiled(moving: _Moving, configuration: str, h: float) -> Compiled:
             f"the rig {model.name!r} moves at up to {quickest:.3g} rad/s, too quick for steps of {h:.3g} s; "
             "lower its stiffest spring or damper, or raise the masses it acts on"
         )
+    cuts *= finer
     return systems.compiled(basis, cuts, h / cuts, quickest * h / cuts)
 
 

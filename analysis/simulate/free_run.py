@@ -14,6 +14,11 @@ from analysis.simulate.compiled import Compiled, compile_rig
 from analysis.simulate.kernel import run
 from analysis.simulate.sampling import TAPS, Excitation, sampled, shift
 
+#: Times as many steps that a run takes where curved forces bend too much within one, in turn.
+FINER = (1, 4, 16)
+#: Share of the steps that may bend so much: cut into pieces one takes as long as two dozen others.
+SPLIT = 0.1
+
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
@@ -82,10 +87,9 @@ def simulate(
     n = len(excitation.recorded) if samples is None else samples
     total = min((n + 2 * TAPS) * over, len(excitation.fine))
     h = 1.0 / (rate * over)
-    compiled = compile_rig(model, configuration, h)
+    sense = sense_of(model, compile_rig(model, configuration, h))
     motion = np.zeros((len(model.sensors), total))
-    drive = true_fine(model, excitation)[:total]
-    run_compiled(model, compiled, drive, h, start_time, sense_of(model, compiled), motion)
+    run_rig(model, configuration, true_fine(model, excitation)[:total], h, start_time, sense, motion)
     return response_of(model, excitation, motion, n, as_recorded=as_recorded)
 
 
@@ -112,9 +116,9 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
     return Response(sample_rate=rate, channels=channels)
 
 
-def run_compiled(
+def run_rig(
     model: RigModel,
-    compiled: Compiled,
+    configuration: str,
     drive: FloatArray,
     h: float,
     start_time: float,
@@ -124,8 +128,8 @@ def run_compiled(
     curved: FloatArray | None = None,
     modes: IntArray | None = None,
     log: FloatArray | None = None,
-) -> int:
-    """Run a compiled rig through a true drive on steps of `h` seconds and give the number of changes of state.
+) -> tuple[int, Compiled]:
+    """Run a rig through a true drive on steps of `h` seconds; give the number of changes of state, and what was run.
 
     Parameters
     ----------
@@ -139,20 +143,25 @@ def run_compiled(
     SimulationError
         Where the motion grows without bound.
     """
-    order, step = compiled.basis.shape[1], h / compiled.cuts
-    rows = sense.copy()
-    rows[:, order:] /= step
-    changes = run(
-        np.ascontiguousarray(drive), compiled.cuts, step, start_time, order, compiled.whole, compiled.blocks,
-        compiled.series, compiled.terms, compiled.exits, compiled.settle, compiled.strides, compiled.counts,
-        compiled.curve_of, compiled.codes, compiled.params, compiled.directions, compiled.gates, rows, out,
-        np.zeros((len(compiled.codes), 0)) if curved is None else curved,
-        np.zeros(0, dtype=np.int64) if modes is None else modes,
-        np.zeros((0, 3)) if log is None else log,
-    )  # fmt: skip
-    if changes < 0:
-        raise SimulationError(f"the rig {model.name!r} grows without bound; correct its stiffness and damping")
-    return changes
+    for finer in FINER:
+        compiled = compile_rig(model, configuration, h, finer)
+        order, step = compiled.basis.shape[1], h / compiled.cuts
+        rows = sense.copy()
+        rows[:, order:] /= step
+        changes = run(
+            np.ascontiguousarray(drive), compiled.cuts, step, start_time, order, compiled.whole, compiled.blocks,
+            compiled.series, compiled.terms, compiled.exits, compiled.settle, compiled.strides, compiled.counts,
+            compiled.curve_of, compiled.codes, compiled.params, compiled.directions, compiled.gates, rows, out,
+            np.zeros((len(compiled.codes), 0)) if curved is None else curved,
+            np.zeros(0, dtype=np.int64) if modes is None else modes,
+            np.zeros((0, 3)) if log is None else log,
+            SPLIT if finer < FINER[-1] else np.inf,
+        )  # fmt: skip
+        if changes >= 0:
+            return changes, compiled
+        if len(compiled.codes) == 0:
+            break
+    raise SimulationError(f"the rig {model.name!r} grows without bound; correct its stiffness and damping")
 
 
 def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:

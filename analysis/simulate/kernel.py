@@ -12,6 +12,8 @@ from analysis.measured import FloatArray, IntArray
 from analysis.simulate.curves import advance, resist
 from analysis.simulate.step import first_exit, point
 
+#: Steps of a run that may bend too much for one parabola before their share counts.
+PATIENCE = 64
 #: Changes of mode that one step may see; beyond it the step is taken as it is.
 TRIPS = 60
 #: Passes of the curved forces over a step, and the share of a force that may be left unsettled when they end.
@@ -159,6 +161,17 @@ def along(direction: FloatArray, y: FloatArray, n: int, step: float) -> tuple[fl
 
 
 @kernel
+def stop(settle: FloatArray, y: FloatArray, n: int, work: FloatArray) -> None:
+    """Take the speeds of settled contacts to zero."""
+    for i in range(n):
+        work[i] = 0.0
+        for j in range(n):
+            work[i] += settle[i, j] * y[n + j]
+    for i in range(n):
+        y[n + i] = work[i]
+
+
+@kernel
 def bend(y: FloatArray, f: int, f0: float, fm: float, f1: float, left: float) -> None:
     """Make the curved force at y[f] a parabola through its values at start, middle and end of `left` of a step."""
     y[f + 1] = (-3.0 * f0 + 4.0 * fm - f1) / left
@@ -190,6 +203,7 @@ def run(
     curved: FloatArray,
     modes: IntArray,
     log: FloatArray,
+    split_share: float,
 ) -> int:
     """Run a rig from rest through a drive on a fine grid.
 
@@ -208,11 +222,13 @@ def run(
         where `modes` is not empty.
     log
         Filled with (time, element, state) of every change of state as far as there is room.
+    split_share
+        Share of the steps up to which curved forces may bend too much for one parabola.
 
     Returns
     -------
     int
-        Number of changes of state; -1 where the motion grows without bound.
+        Number of changes of state; -1 where the motion grows without bound, -2 where more steps bend too much.
     """
     m, size, curves = 2 * n, whole.shape[2], len(codes)
     bent, looks, groups = 2 * curves, -(-2 * curves // 8), series.shape[1] // terms
@@ -235,7 +251,7 @@ def run(
     # How far a pass leaves the curved forces from where the next one takes them, as last seen.
     ratio = np.ones(1)
     y[m] = 1.0
-    mode, fresh, events, q = 0, -1, 0, 0
+    mode, fresh, events, q, splits = 0, -1, 0, 0, 0
     share = 1.0 / cuts
     peak = np.abs(u).max()
     for c in range(curves):
@@ -266,7 +282,7 @@ def run(
             return events
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
-        now, left, part, trips = t0 + q * step, 1.0, 1.0, 0
+        now, left, part, trips, split = t0 + q * step, 1.0, 1.0, 0, False
         while left > 1e-13:
             part = min(part, left)
             for c in range(curves):
@@ -312,6 +328,7 @@ def run(
                 missed = max(missed, abs(fq - drawn) / largest[c])
             if missed > FINE and part > SHORTEST:
                 part *= 0.5
+                split = split or trips == 0
                 continue
             best, which = 2.0, -1
             for g in range(exits.shape[1] if trips < TRIPS else 0):
@@ -362,13 +379,10 @@ def run(
             ratio[0] = 1.0
             for _ in range(exits.shape[1] + 1):
                 e, state = exits[mode, which, 0], exits[mode, which, 1]
+                # What held has drifted by rounding: it leaves without speed, as it came.
+                stop(settle[mode], y, n, work)
                 mode += (state - (mode // strides[e]) % counts[e]) * strides[e]
-                for i in range(n):
-                    work[i] = 0.0
-                    for j in range(n):
-                        work[i] += settle[mode, i, j] * y[n + j]
-                for i in range(n):
-                    y[n + i] = work[i]
+                stop(settle[mode], y, n, work)
                 for c in range(curves):
                     gate[c] = gates[c, (mode // strides[curve_of[c]]) % counts[curve_of[c]]]
                     d, v = along(directions[c], y, n, step)
@@ -389,3 +403,7 @@ def run(
                 if which < 0:
                     break
         q += 1
+        if split and trips == 0:
+            splits += 1
+            if splits > PATIENCE + split_share * q:
+                return -2

@@ -9,7 +9,7 @@ import numpy as np
 from analysis.measured import FloatArray
 from analysis.model import RigModel, direction
 from analysis.simulate.compiled import compile_rig
-from analysis.simulate.free_run import Response, response_of, run_compiled, sense_of, true_fine
+from analysis.simulate.free_run import Response, response_of, run_rig, sense_of, true_fine
 from analysis.simulate.sampling import Excitation, sampled
 
 #: Changes of state that are kept per second at least; the room for them grows as needed.
@@ -80,8 +80,8 @@ def trace(
     modes = np.zeros(len(u), dtype=np.int64)
     log = np.zeros((0, 3))
     while True:
-        changes = run_compiled(
-            model, compiled, u, h, start_time, np.eye(2 * order), states, curved=curved, modes=modes, log=log
+        changes, compiled = run_rig(
+            model, configuration, u, h, start_time, np.eye(2 * order), states, curved=curved, modes=modes, log=log
         )  # fmt: skip
         if changes <= len(log):
             break

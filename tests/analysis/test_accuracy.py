@@ -16,7 +16,7 @@ from analysis.model import Body, Contact, Drive, Link, RigModel, Sensor, matrice
 from analysis.rigs import THESIS, wire_bonder
 from analysis.simulate import Excitation, simulate
 from analysis.simulate.compiled import compile_rig
-from analysis.simulate.free_run import run_compiled
+from analysis.simulate.free_run import run_rig
 
 RATE = 2048.0
 K3 = (2 * np.pi * 5.06) ** 2 * 16.4
@@ -35,10 +35,9 @@ def rubbing(law: laws.FrictionLaw, spring: laws.LinkLaw | None = None) -> RigMod
 
 
 def states(model: RigModel, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    compiled = compile_rig(model, "unlocked", 1.0 / RATE)
     width = 2 * len(model.bodies)
     out, log = np.zeros((width, len(force))), np.zeros((100_000, 3))
-    changes = run_compiled(model, compiled, force, 1.0 / RATE, 0.0, np.eye(width), out, log=log)
+    changes, compiled = run_rig(model, "unlocked", force, 1.0 / RATE, 0.0, np.eye(width), out, log=log)
     return out, log[:changes], compiled.elements
 
 
