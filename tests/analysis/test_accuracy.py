@@ -201,6 +201,24 @@ def test_an_undriven_rig_never_gains_energy(data: st.DataObject) -> None:
     assert np.all(np.diff(energy) <= 1e-12 * max(energy.max(), 1e-30))
 
 
+@pytest.mark.parametrize("cubic_stiffness", [1e9, 1e12, 1e14, 1e16])
+def test_a_spring_that_bends_much_within_a_step_keeps_its_energy(cubic_stiffness: float) -> None:
+    """v^2 / 2 + k d^2 / 2 + k3 d^4 / 4 of a kilogram, at up to a quarter of a period per step."""
+    model = RigModel(
+        name="hardening",
+        bodies=(Body(name="m", mass=1.0),),
+        links=(Link(name="s", a="m", stiffness=100.0, laws=(laws.Cubic(cubic_stiffness=cubic_stiffness),)),),
+        drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}, quantity="force"),
+        sensors=(Sensor(channel="x", body="m", quantity="displacement"),),
+    )
+    drive = np.zeros(4096)
+    drive[:40] = 20.0
+    got, _, _ = states(model, drive)
+    d, v = got[0, 41:], got[1, 41:]
+    energy = 0.5 * v**2 + 50.0 * d**2 + 0.25 * cubic_stiffness * d**4
+    assert np.abs(energy / energy[0] - 1.0).max() < 5e-6
+
+
 def test_stiff_stop_is_cut_into_safe_steps() -> None:
     """A stop far stiffer than the step allows bounces back with the energy it came with."""
     model = RigModel(
