@@ -1,4 +1,4 @@
-"""Bad data by name: clipped, dead, swapped and noisy channels, records too short, motion before the start, a drive with holes.
+"""Bad data by name: clipped, dead, stuck, swapped, noisy channels, short records, motion before the start, a drive with holes.
 
 Each is told from the records alone, by comparison within a run, with the other runs, and with what three masses in a line must
 do. What is found is said, and what would spoil an average is left out of it (`sound`).
@@ -17,15 +17,18 @@ from analysis.isolation import broad
 from analysis.measured import Campaign, Channel, FloatArray, Run
 from analysis.spectra import Spectra, estimate, stretches
 
-Kind = Literal["clipped", "dead", "swapped", "noisy", "too short", "not at rest", "no drive"]
+Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only what runs free from the start.
-SPOILING: tuple[Kind, ...] = ("clipped", "dead", "swapped", "noisy")
+SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
 #: Samples that are looked at in one go: records may be longer than memory.
 LONGEST = 1 << 20
 #: Share of full scale that counts as its end; equal samples in a row at a record's extreme that show a limit, and how many such.
 FULL, ROW, ROWS = 0.999, 3, 3
 #: A channel below this share of the loudest of its kind is dead.
 DEAD = 1e-4
+#: Equal samples in a row that no acceleration has, and how many times longer than usual (its longest of a hundred rows) they must
+#: be where a coarse converter repeats values; share of its rms that another channel must move by meanwhile.
+STUCK, LONGER, MOVING = 8, 8.0, 0.01
 #: Noise this many times what is usual, and this share of the channel's own rms, is too much.
 NOISY, NOISE_SHARE = 10.0, 0.1
 #: Resolution that runs are looked at with, Hz, and averages that a transfer function needs.
@@ -62,6 +65,7 @@ def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
     """
     found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run), *_short(run))]
     hurt = {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
+    found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
     found += _noisy(campaign, hurt)
     looks = {run.id: _look(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}
     for run in broad(campaign.runs):
@@ -127,6 +131,32 @@ def _dead(run: Run) -> Iterator[Fault]:
                 run=run.id, channel=name, kind="dead",
                 text=f"run {run.id!r}: {name} is dead ({size:.2g} {run.channels[name].unit} rms, the loudest {loudest:.2g}); "
                 "check its cable and its power.",
+            )  # fmt: skip
+
+
+def _stuck(run: Run, reference: str) -> Iterator[Fault]:
+    # A drive may pause; a sensor on a rig that moves may not. What stays at the record's end is clipped.
+    names = _accelerations(run)
+    sizes = {name: max(float(block.std()) for block in _blocks(run.channels[name])) for name in names}
+    for name in names:
+        if name == reference:
+            continue
+        ends = [(float(block.min()), float(block.max())) for block in _blocks(run.channels[name])]
+        extremes = (min(low for low, _ in ends), max(high for _, high in ends))
+        lasting = []
+        for start, block in zip(range(0, len(run), LONGEST), _blocks(run.channels[name]), strict=True):
+            edges = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1, [len(block)]])
+            rows = np.diff(edges)
+            for k in np.flatnonzero(rows >= max(STUCK, LONGER * float(np.quantile(rows, 0.99)))):
+                first, last = start + edges[k], start + edges[k + 1]
+                others = (float(run.channels[other].read(first, last).std()) / max(sizes[other], 1e-300) for other in names)
+                if block[edges[k]] not in extremes and max(others) > MOVING:
+                    lasting.append(int(rows[k]))
+        if lasting:
+            yield Fault(
+                run=run.id, channel=name, kind="stuck",
+                text=f"run {run.id!r}: {name} says the same value {len(lasting)} times for up to "
+                f"{max(lasting) / run.sample_rate:.2g} s while others move; check its plug and its cable and measure again.",
             )  # fmt: skip
 
 

@@ -57,6 +57,29 @@ def test_a_sound_session_has_none(friction: float) -> None:
     assert not faults(virtual_campaign(wire_bonder({**THESIS, "friction_force": friction}), TAKES, seed=3))
 
 
+def test_a_plug_that_loses_the_signal(session: Campaign) -> None:
+    def lost(values: FloatArray) -> FloatArray:
+        out = values.copy()
+        out[4000:4040] = out[9000:9200] = 0.0
+        return out
+
+    (fault,) = faults(changed(session, "u70b", "table", lost))
+    assert (fault.run, fault.channel, fault.kind) == ("u70b", "table", "stuck")
+    assert "2 times for up to 0.2 s" in fault.text
+
+
+def test_a_coarse_converter_and_a_pause_are_not_stuck(session: Campaign) -> None:
+    def coarse(values: FloatArray) -> FloatArray:
+        step = values.std()
+        return step * np.round(values / step)
+
+    assert "stuck" not in {kind for _, _, kind in named(changed(session, "l7", "heatblock", coarse))}
+    paused = session
+    for name in session.runs[0].channels:
+        paused = changed(paused, "u70a", name, lambda x: np.where(np.arange(len(x)) < 3000, 0.0, x))
+    assert "stuck" not in {kind for _, _, kind in named(paused)}
+
+
 def test_clipped(session: Campaign) -> None:
     at_range = changed(session, "u70a", "motor", lambda x: np.clip(40.0 * x, -50.0, 50.0))
     assert ("u70a", "motor", "clipped") in named(at_range)
