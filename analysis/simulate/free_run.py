@@ -15,7 +15,7 @@ from analysis.simulate.kernel import run
 from analysis.simulate.sampling import TAPS, Excitation, sampled, shift
 
 #: Times as many steps that a run takes where curved forces bend too much within one, in turn.
-FINER = (1, 4, 16)
+FINER = (1, 2, 4, 8, 16)
 #: Share of the steps that may bend so much: cut into pieces one takes as long as two dozen others.
 SPLIT = 0.1
 
