@@ -34,6 +34,8 @@ FAR_WORSE = 2.0
 RACING = 6
 #: A candidate whose misfit is this many times the best's is out of the race.
 BEHIND = 6.0
+#: A fit whose misfit over a run's first moments is more than this times its allowance has been bent by what it lacks.
+BENT = 10.0
 #: Share of a channel's rms that counts as noise where a fit ends.
 NARROW = 0.004
 
@@ -160,13 +162,22 @@ def diverse(looks: Sequence[Look]) -> list[Look]:
     return chosen
 
 
-def race(looks: Sequence[Look], current: Fit, rungs: Sequence[Rung]) -> Running:
-    """Fits of candidates up the ladder, best first; those that fall far behind on a rung are left there."""
-    starts = [
-        (look.candidate, parameters_of(current.model, look.candidate, current.free), model)
-        for look in looks
-        for model in look.models
-    ]
+def _entered(looks: Sequence[Look]) -> list[tuple[Candidate, RigModel]]:
+    return [(look.candidate, model) for look in looks for model in look.models]
+
+
+def race(looks: Sequence[Look], current: Fit, rungs: Sequence[Rung], guess: RigModel) -> Running:
+    """Fits of candidates up the ladder, best first; those that fall far behind on a rung are left there.
+
+    They start from the current fit; the most promising also from the rig's first guess, where the current fit is so far off that
+    what is missing has bent all its parameters.
+    """
+    starts = [(c, parameters_of(current.model, c, current.free), model) for c, model in _entered(looks)]
+    if float(np.mean(rungs[0].problem.residuals([current.model])[0] ** 2)) > BENT:
+        for c, model in _entered(looks[:RACING]):
+            free = parameters_of(current.model, c, current.free)
+            unbent = {f.path: guess.get(f.path) for f in free if f not in c.free and f.path in guess.free}
+            starts.append((c, free, model.replace(unbent)))
     running: Running = []
     for rung in rungs:
         climbed = [(c, done) for c, free, start in starts if (done := tried(start, free, rung)) and c.plausible(done.model)]

@@ -107,7 +107,7 @@ def next_step(
         return None
     progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
     # Where a shorter stretch shows it too, fits may come near on that.
-    ranked = race(diverse(looks), current, ladder(trials, 0.0 if seconds == SCREENS[0] else seconds))
+    ranked = race(diverse(looks), current, ladder(trials, 0.0 if seconds == SCREENS[0] else seconds), guess)
     finalists: list[tuple[Candidate, Fit, Score]] = []
     for candidate, rough in ranked[:FINALISTS]:
         lost = bool(finalists) and rough.cost > BEHIND * ranked[0][1].cost
