@@ -123,6 +123,8 @@ def _check_run(run: RunPlan, rate: float, here: str) -> None:
         raise PlanError(f"{here} lasts {run.seconds:g} s; give at least 16 samples and at most a day")
     if not 1 <= run.repeats <= 1000:
         raise PlanError(f"{here} has repeats {run.repeats}; give 1 to 1000")
+    if run.seed < 0:
+        raise PlanError(f"{here} has seed {run.seed}; give 0 or more")
     if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
         raise PlanError(f"{here} has a period of {run.period:g} s; give one of 16 samples at least and no longer than the run")
     if run.band is not None and not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:

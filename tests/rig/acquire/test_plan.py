@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -62,3 +63,10 @@ def _play(plan: Plan) -> None:
     if run.ticks(plan.instrument.sample_rate) < 1_000_000:
         drive, _ = drive_of(run, 0, plan.instrument.sample_rate)
         assert len(drive) == run.ticks(plan.instrument.sample_rate)
+
+
+def test_a_negative_seed_is_refused() -> None:
+    tree = copy.deepcopy(TREE)
+    tree["runs"][0]["seed"] = -1
+    with pytest.raises(PlanError, match=r"has seed -1; give 0 or more"):
+        check_plan(plan_of(tree), "plan.toml")
