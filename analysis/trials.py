@@ -16,8 +16,6 @@ from analysis.simulate import Excitation, record, simulate, true_drive
 
 #: Share of every run that a fit may see; the rest takes part in no fit.
 FIT_SHARE = 0.6
-#: Fine steps per sample of the finest grid, on which models are judged.
-FINEST = 8
 #: Samples that a run must have before its first gap.
 SHORTEST = 256
 #: Errors below this share of a channel's rms are not worth a parameter: weights add it to the noise.

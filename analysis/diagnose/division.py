@@ -6,8 +6,10 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from analysis.trials import FINEST, Trial
+from analysis.trials import Trial
 
+#: Fine steps per sample of the finest grid, on which models are judged.
+FINEST = 8
 #: Seconds that the beginning of a run takes.
 BEGINNING = 5.0
 
