@@ -2,7 +2,8 @@
 
     python bench/acquire.py [seconds]
 
-Prints the share of one core that the recording process used, and what was lost, for frames of several lengths.
+Prints the share of one core that the recording process used, and what was lost, for frames of several lengths and for several
+times between two syncs of the working file (`rig acquire --sync`).
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from drivers.simulated.framed import SimulatedFramed
-from drivers.simulated.wire import PtyWire
-from rig.acquire.plan import plan_of
-from rig.acquire.session import Operator, acquire
+from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.drivers.simulated.wire import PtyWire
+from isorig.rig.acquire.plan import plan_of
+from isorig.rig.acquire.session import Operator, acquire
 
 RATE, CHANNELS = 51200.0, 8
-ROWS = (64, 256, 1024)
+#: Rows of a frame and seconds between syncs; without end there is none while the run lasts, with 0 one after every block.
+CASES = ((64, 1.0), (256, 1.0), (1024, 1.0), (256, 1e9), (256, 0.1), (256, 0.0))
 
 
 class Noise:
@@ -44,7 +46,7 @@ def instrument(pipe: Connection, rows: int) -> None:
     SimulatedFramed(wire, Noise(), speed=1.0, rows=rows).serve(600.0)
 
 
-def measure(seconds: float, rows: int) -> tuple[float, float, int, int]:
+def measure(seconds: float, rows: int, sync: float) -> tuple[float, float, int, int]:
     """Seconds looked at, CPU share in them, samples stored and lost."""
     ours, theirs = multiprocessing.Pipe()
     process = multiprocessing.Process(target=instrument, args=(theirs, rows), daemon=True)
@@ -68,7 +70,7 @@ def measure(seconds: float, rows: int) -> tuple[float, float, int, int]:
         lock=lambda _: None, watch=lambda live: looks.append((time.process_time(), time.monotonic())), taken=taken.append
     )
     with tempfile.TemporaryDirectory() as folder:
-        acquire(plan, ours.recv(), Path(folder) / "c.h5", operator, force=True)
+        acquire(plan, ours.recv(), Path(folder) / "c.h5", operator, force=True, sync=sync)
     process.terminate()
     (cpu0, wall0), (cpu1, wall1) = looks[2], looks[-2]
     return wall1 - wall0, (cpu1 - cpu0) / (wall1 - wall0), taken[0].tally.stored, taken[0].tally.lost
@@ -77,10 +79,11 @@ def measure(seconds: float, rows: int) -> tuple[float, float, int, int]:
 def main(seconds: float) -> None:
     """A row for each length of frame."""
     print(f"{CHANNELS} channels at {RATE:g} Hz, 32 bits")
-    print(f"{'rows of a frame':>15} {'seconds':>8} {'% of a core':>12} {'stored':>9} {'lost':>5}")
-    for rows in ROWS:
-        length, share, stored, lost = measure(seconds, rows)
-        print(f"{rows:>15} {length:>8.1f} {100.0 * share:>12.1f} {stored:>9} {lost:>5}")
+    print(f"{'rows of a frame':>15} {'sync, s':>8} {'seconds':>8} {'% of a core':>12} {'stored':>9} {'lost':>5}")
+    for rows, sync in CASES:
+        length, share, stored, lost = measure(seconds, rows, sync)
+        shown = "none" if sync > seconds else f"{sync:g}"
+        print(f"{rows:>15} {shown:>8} {length:>8.1f} {100.0 * share:>12.1f} {stored:>9} {lost:>5}")
 
 
 if __name__ == "__main__":

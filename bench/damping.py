@@ -14,11 +14,11 @@ import warnings
 
 import numpy as np
 
-from analysis.errors import AnalysisError
-from analysis.half_power import half_power
-from analysis.measured import Channel, Run
-from analysis.modes import Kind, fit_modes
-from analysis.spectra import Frf, estimate
+from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.errors import AnalysisError
+from isorig.analysis.spectra.half_power import half_power
+from isorig.analysis.spectra.modes import Kind, fit_modes
+from isorig.analysis.spectra.welch import Frf, estimate
 
 SECONDS, NOISE = 300.0, 0.02
 CASES = ((164.5, 0.009, 1024.0), (5.06, 0.073, 64.0))

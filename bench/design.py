@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 
-from analysis.design import frictionless, stroke_study
-from analysis.profile import Move, head_acceleration
-from analysis.rigs import THESIS, wire_bonder
+from isorig.analysis.isolation.design import frictionless, stroke_study
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.simulate.move_profile import Move, head_acceleration
 
 RATE = 2048.0
 

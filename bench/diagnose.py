@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "blind"))
 
 from envelopes import draw_envelope
 
-from analysis.diagnose.diagnosis import diagnose
-from rig.baseline import baseline_model
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.rig.baseline import baseline_model
 
 SEED = 101
 KINDS = ("none", "hardening_stiffness", "stribeck_friction", "extra_mode", "sensor_gain", "outside: hose")

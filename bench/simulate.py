@@ -17,15 +17,16 @@ import numba
 import numpy as np
 from msgspec.structs import replace
 
-from analysis.excitation import random
-from analysis.literal import literal_run
-from analysis.measured import FloatArray
-from analysis.model import Drive, RigModel
-from analysis.parallel import side_by_side
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, scan, simulate_many
-from analysis.simulate.compiled import compile_rig
-from analysis.simulate.free_run import run_rig
+from isorig.analysis import laws
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.parallel import side_by_side
+from isorig.analysis.simulate import Excitation, scan, simulate_many
+from isorig.analysis.simulate.compiled import compile_rig
+from isorig.analysis.simulate.excitation import random
+from isorig.analysis.simulate.free_run import run_rig
+from isorig.analysis.simulate.literal import literal_run
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "analysis"))
 RATE, RMS, FRICTION = 2048.0, 60.0, 20.0
@@ -78,7 +79,7 @@ def diffrax_run(force: FloatArray) -> Callable[[], FloatArray] | None:
     except ImportError:
         return None
     jax.config.update("jax_enable_x64", True)
-    from analysis.model import matrices
+    from isorig.analysis.model.rig_model import matrices
 
     mass, damping, stiffness = (jnp.asarray(m) for m in matrices(rig()))
     u, weights, last = jnp.asarray(force), jnp.diag(mass), len(force) - 2
@@ -101,6 +102,34 @@ def diffrax_run(force: FloatArray) -> Callable[[], FloatArray] | None:
         ).ys  # fmt: skip
 
     return lambda: np.asarray(solved()).T
+
+
+def with_laws() -> dict[str, RigModel]:
+    """The rig with one law at a time, of those that differ in how they are computed, at its contact or its motor's spring."""
+    base = replace(rig(), contacts=())
+
+    def rubbing(law: laws.ContactLaw) -> RigModel:
+        return replace(base, contacts=(replace(rig().contacts[0], law=law),))
+
+    def sprung(law: laws.SpringLaw) -> RigModel:
+        return replace(base, links=(*base.links[:-1], replace(base.links[-1], laws=(law,))))
+
+    return {
+        "linear": base,
+        "coulomb": rubbing(laws.Coulomb(friction_force=20.0)),
+        "coulomb with breakaway": rubbing(laws.Coulomb(friction_force=20.0, static_force=26.0)),
+        "karnopp": rubbing(laws.Karnopp(friction_force=10.0, static_force=13.0, band=0.01)),
+        "stribeck": rubbing(laws.Stribeck(friction_force=20.0, static_force=26.0, stribeck_velocity=0.05)),
+        "dahl": rubbing(laws.Dahl(friction_force=10.0, bristle_stiffness=1e4)),
+        "lugre": rubbing(
+            laws.LuGre(
+                bristle_stiffness=1e4, friction_force=10.0, static_force=13.0, stribeck_velocity=0.05, bristle_damping=10.0
+            )
+        ),
+        "cubic": sprung(laws.Cubic(cubic_stiffness=1e6)),
+        "elasto-slip": sprung(laws.ElastoSlip(spring_stiffness=3e3, slip_force=5.0, clearance=1e-3)),
+        "maxwell": sprung(laws.Maxwell(series_stiffness=3e3, series_damping=30.0)),
+    }
 
 
 def main() -> None:
@@ -136,6 +165,11 @@ def main() -> None:
     print(f"{'method':44s} {'ms per s':>9s} {'error':>9s} {'times as long':>14s} {'times the error':>16s}")
     for name, spent, wrong in rows:
         print(f"{name:44s} {spent:9.3f} {wrong:9.1e} {spent / rows[0][1]:14.0f} {wrong / rows[0][2]:16.1e}")
+
+    print(f"{'the exact engine with one law':44s} {'ms per s':>9s}")
+    for name, one in with_laws().items():
+        ours(one, short)
+        print(f"{name:44s} {least(lambda o=one: ours(o, force), 15) * 100.0:9.3f}")
 
     compiled = compile_rig(replace(model, contacts=()), "unlocked", 1.0 / RATE)
     columns, out = compiled.whole[0, 0], np.zeros(len(force))

@@ -21,9 +21,10 @@ import numpy as np
 import scipy.fft
 import scipy.signal
 
-from analysis.measured import Channel, FloatArray, Run
-from analysis.spectra import estimate, hann
-from rig.recording import open_recording
+from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.spectra.welch import estimate
+from isorig.analysis.spectra.windows import HANN
+from isorig.rig.files.recording import open_recording
 
 RATE, LENGTH, SECONDS = 25600.0, 8192, 600
 NAMES = ("head", "a", "b", "c", "d")
@@ -53,7 +54,7 @@ def ours(data: FloatArray) -> float:
 
 def transform_alone(data: FloatArray) -> float:
     """rfft of the windowed segments and nothing else: what no method can go below."""
-    window, block, spent = hann(LENGTH), np.empty((8, LENGTH)), 0.0
+    window, block, spent = HANN.samples(LENGTH), np.empty((8, LENGTH)), 0.0
     for row in data:
         segments = np.lib.stride_tricks.sliding_window_view(row, LENGTH)[:: LENGTH // 2]
         for first in range(0, len(segments), len(block)):
