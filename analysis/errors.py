@@ -6,14 +6,25 @@
     ├── ModelError        (ValueError)    a rig's description contradicts itself or physics
     ├── DataError         (ValueError)    measured data that cannot carry the question asked of it
     ├── SimulationError   (ArithmeticError)  a simulation that grew without bound or lost its accuracy
-    └── FitError          (ArithmeticError)  a fit that did not come to a usable end
+    ├── FitError          (ArithmeticError)  a fit that did not come to a usable end
+    └── OutOfTimeError    (TimeoutError)  the time that the caller gave is over
 
 Every message is one sentence: what was found, what is allowed, what to do.
 """
 
 
 class AnalysisError(Exception):
-    """Anything that the science layer refuses."""
+    """Anything that the science layer refuses.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> try:
+    ...     iso.wire_bonder().get("bodies.motor.colour")
+    ... except iso.AnalysisError as refusal:
+    ...     print(type(refusal).__name__)
+    ModelError
+    """
 
 
 class ModelError(AnalysisError, ValueError):
@@ -30,3 +41,7 @@ class SimulationError(AnalysisError, ArithmeticError):
 
 class FitError(AnalysisError, ArithmeticError):
     """A fit that did not come to a usable end."""
+
+
+class OutOfTimeError(AnalysisError, TimeoutError):
+    """The time that the caller gave is over; raised by the caller's own progress callback."""

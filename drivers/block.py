@@ -14,12 +14,22 @@ FloatArray = NDArray[np.float64]
 
 
 class Status(IntFlag):
-    """What an instrument says of a block, or a record, beside its samples."""
+    """What is to be told of a block, or a record, beside its samples.
+
+    The first three are the instrument's own words, the others the driver's. DISAGREES: counter, sequence and clock did not agree,
+    and the block stands where most of them, or this machine's clock, put it. CLOCKED: this machine's clock alone told how many
+    samples were lost before it. RESYNCED: bytes were lost before it, and the stream was aligned anew. UNSURE: its bytes could be
+    aligned otherwise, and nothing in them tells.
+    """
 
     GOOD = 0
     OVERLOAD = 1
     LOST = 2
     FAULT = 4
+    DISAGREES = 8
+    CLOCKED = 16
+    RESYNCED = 32
+    UNSURE = 64
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,27 +1,37 @@
 """DATAQ DI-1100 family: a stream over a serial port, without header, counter or checksum.
 
 Commands end in CR and are echoed while it does not scan. The stream is int16, little-endian, the inputs in turn; the two lowest
-bits of the first input are the digital inputs. Nothing is numbered: loss shows only against a clock, within two seconds.
+bits of the first input are the digital inputs, and a converter of 12 bits leaves the next ones at zero. Those bits show where
+bytes were lost (`alignment`); whole scans are numbered by nothing, so that their loss shows against this machine's clock
+(`isorig.drivers.arrivals`), or where a counter is wired to the digital inputs (`isorig.drivers.marks`).
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
+from isorig.drivers.alignment import DIGITAL, Alignment, Stretch
+from isorig.drivers.arrivals import Arrivals
+from isorig.drivers.block import Block, Input, Raw, Status
+from isorig.drivers.errors import ProtocolError, SettingError
+from isorig.drivers.kinds import Settings, Shaken, Simulation, StreamKind
+from isorig.drivers.marks import Marks
+from isorig.drivers.port import Port
 
-from drivers.arrivals import Arrivals
-from drivers.block import Block, Input, Status
-from drivers.errors import ProtocolError, SettingError
-from drivers.kinds import Settings, StreamKind
-from drivers.port import Port
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.served import Peer
 
 CLOCK = 60e6
 END = b"\r"
 DIVIDER = 65535
-DIGITAL = 3
+#: Inputs that a member of the family can scan at most.
+MOST = 16
+#: Bits of the converters of the family.
+BITS = (12, 14, 16)
 #: Lines that may stand before the echo of a command.
 STALE = 50
 
@@ -33,21 +43,43 @@ class DataqInstrument:
     ----------
     port
         Path or URL.
-    full_scale
-        Largest voltage of its inputs, V, from its data sheet.
+    settings
+        What is known of it.
     """
 
-    def __init__(self, port: str, *, full_scale: float) -> None:
+    def __init__(self, port: str, settings: DataqSettings) -> None:
         self._port = Port(port, baud_rate=115200)
-        self._full_scale = full_scale
+        self._settings = settings
         self.identity = "DATAQ DI-1100"
         self.inputs: Sequence[Input] = ()
-        self._rest = b""
-        self._tick = 0
+        self._rate = math.nan
+        self._asked: list[str] = []
         self._scanning = False
-        self._port.write(b"stop" + END)
-        self._port.drop_input()
-        self._command("encode 0")
+        self._ready: deque[Block] = deque()
+        self._tick = 0
+        self._warnings: list[str] = []
+        try:
+            self._quiet()
+        except BaseException:
+            self._port.close()
+            raise
+
+    @property
+    def held(self) -> int:
+        """Scans that have come and wait for those behind them to show whether any was lost."""
+        return self._alignment.held + self._arrivals.held if self._scanning else 0
+
+    @property
+    def unseen(self) -> float:
+        """Seconds of loss that nothing would show: scans have no numbers, and their bits show lost bytes only."""
+        if self._marks is not None:
+            return 0.0
+        return self._arrivals.unseen
+
+    @property
+    def noticed(self) -> Sequence[str]:
+        """What was odd since the last start, each in a clause."""
+        return tuple(self._warnings)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the rate to the nearest 60 MHz / n and scan the inputs from 0 to the last one wanted; the rate it really has."""
@@ -57,56 +89,108 @@ class DataqInstrument:
                 f"{sample_rate:g} Hz is no rate of this instrument; give {CLOCK / DIVIDER:.0f} Hz or more in the plan"
             )
         count = max(channels) + 1
-        for place in range(count):
-            self._command(f"slist {place} {place}")
-        self._command(f"srate {divider}")
-        for command in ("dec 1", "deca 1", "ps 0"):
-            self._command(command)
-        one = Input(unit="V", per_count=self._full_scale / 32768.0, full_scale=self._full_scale, dtype="int16")
-        self.inputs = (one,) * count
+        if count > MOST:
+            raise SettingError(f"input {count - 1} is none of this instrument; it has 0 to {MOST - 1} at most, correct the plan")
+        self._asked = [f"slist {place} {place}" for place in range(count)]
+        self._asked += [f"srate {divider}", "dec 1", "deca 1", "ps 0"]
+        self._configure()
+        full = self._settings.full_scale
+        self.inputs = (Input(unit="V", per_count=full / 32768.0, full_scale=full, dtype="int16"),) * count
         self._rate = CLOCK / divider
         return self._rate
 
     def start(self) -> None:
         """Begin to scan; the first scan has tick 0."""
-        self._rest, self._tick = b"", 0
-        self._arrivals = Arrivals(self._rate)
-        self._port.write(b"start" + END)
-        self._scanning = True
+        self._ready.clear()
+        self._tick, self._warnings = 0, []
+        self._began = time.monotonic()
+        self._begin()
 
     def read(self, timeout: float) -> Block | None:
-        """The scans that arrived, or None."""
+        """The scans that are sure by now, two seconds late, or None."""
         end = time.monotonic() + timeout
-        width = 2 * len(self.inputs)
-        while self._scanning:
-            data = self._rest + self._port.read()
-            scans = len(data) // width
-            if scans:
-                now = time.monotonic()
-                self._rest = data[scans * width :]
-                samples = np.frombuffer(data[: scans * width], "<i2").reshape(scans, -1).copy()
-                samples[:, 0] &= ~DIGITAL
-                missing = self._arrivals.lost(self._tick + scans, now)
-                first = self._tick + missing
-                self._tick = first + scans
-                return Block(
-                    first_tick=first, samples=samples, host_time=now, status=Status.LOST if missing else Status.GOOD
-                )  # fmt: skip
-            self._rest = data
-            if time.monotonic() >= end:
+        while not self._ready and self._scanning:
+            data = self._port.read()
+            now = time.monotonic()
+            for stretch in self._alignment.feed(data, now):
+                self._arrived(stretch)
+            if now >= end:
                 break
-        return None
+        return self._ready.popleft() if self._ready else None
 
     def stop(self) -> int | None:
         """End the stream; this instrument does not count."""
         self._port.write(b"stop" + END)
         self._port.drop_input()
-        self._scanning = False
+        self._end()
         return None
+
+    def rejoin(self) -> None:
+        """Open the port again after it was lost and scan anew; this machine's clock tells how many scans were lost.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where it is still away.
+        """
+        self._port.reopen()
+        self._quiet()
+        self._configure()
+        self._end()
+        self._begin()
+        # It does not play the drive, so that it may begin anew; both times are taken when the command is sent.
+        self._owed = max(round((time.monotonic() - self._began) * self._rate) - self._tick, 0)
 
     def close(self) -> None:
         """Let go of the wire."""
         self._port.close()
+
+    def _begin(self) -> None:
+        inputs = len(self.inputs)
+        self._alignment = Alignment(inputs, self._settings.bits, self._port.name)
+        self._marks = None if self._settings.counter is None else Marks(self._rate, self._settings.counter)
+        least = 0.0 if self._marks is None else self._marks.reach / self._rate
+        self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, least=least)
+        self._owed = 0
+        self._port.write(b"start" + END)
+        self._scanning = True
+
+    def _end(self) -> None:
+        if not self._scanning:
+            return
+        self._scanning = False
+        for stretch in self._alignment.finish():
+            self._arrived(stretch)
+        for sure, missing in self._arrivals.finish():
+            self._place(sure, missing)
+
+    def _arrived(self, stretch: Stretch) -> None:
+        for sure, missing in self._arrivals.add(stretch, stretch.lost + len(stretch.scans), stretch.arrived):
+            self._place(sure, missing)
+
+    def _place(self, stretch: Stretch, missing: int) -> None:
+        if missing and self._marks is not None:
+            # What this machine's clock leaves away the counter finds to the scan.
+            missing = max(missing - round(self._arrivals.unseen * self._rate), 0)
+        status = stretch.status | (Status.CLOCKED if missing or self._owed else Status.GOOD)
+        lost, self._owed = stretch.lost + missing + self._owed, 0
+        parts = [(stretch.scans, lost)] if self._marks is None else self._marks.split(stretch.scans, lost)
+        for scans, before in parts:
+            samples = scans.copy()
+            samples[:, 0] &= ~DIGITAL
+            first = self._tick + before
+            self._tick = first + len(samples)
+            self._ready.append(Block(first_tick=first, samples=samples, host_time=stretch.arrived, status=status))
+            status &= ~(Status.CLOCKED | Status.RESYNCED)
+
+    def _quiet(self) -> None:
+        self._port.write(b"stop" + END)
+        self._port.drop_input()
+        self._command("encode 0")
+
+    def _configure(self) -> None:
+        for command in self._asked:
+            self._command(command)
 
     def _command(self, command: str) -> None:
         self._port.write(command.encode() + END)
@@ -119,17 +203,28 @@ class DataqInstrument:
 
 
 class DataqSettings(Settings, frozen=True):
-    """The inputs' range in V."""
+    """The inputs' range in V, the bits of the converter, the steps a second of a counter that is wired to the digital inputs."""
 
     full_scale: float
+    bits: int = 12
+    counter: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.full_scale < math.inf:
             raise ValueError(f"full_scale is {self.full_scale:g}; give the inputs' range in V, e.g. 10.0")
+        if self.bits not in BITS:
+            raise ValueError(f"bits is {self.bits}; give the converter's, {', '.join(map(str, BITS))}")
+        if self.counter is not None and not 0.0 < self.counter < math.inf:
+            raise ValueError(f"counter is {self.counter:g}; give the steps a second of the counter at the digital inputs, Hz")
 
 
-def _open(port: str, settings: DataqSettings) -> DataqInstrument:
-    return DataqInstrument(port, full_scale=settings.full_scale)
+def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+    from isorig.drivers.simulated.streams import SimulatedDataq, words
+
+    def source(samples: int, rate: float) -> Raw:
+        return words(shaken.volts(samples, rate))
+
+    return SimulatedDataq(source, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
 
 
-KIND = StreamKind(name="di1100", open=_open, settings=DataqSettings)
+KIND = StreamKind(name="di1100", open=DataqInstrument, settings=DataqSettings, far_end=_far_end)

@@ -1,22 +1,26 @@
-"""The driver of instruments that speak the framed serial protocol of `drivers.frames`."""
+"""The driver of instruments that speak the framed serial protocol of `isorig.drivers.frames`."""
 
 from __future__ import annotations
 
 import struct
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
-from typing import Literal, cast
+from typing import Any, Literal, cast
 from zlib import crc32
 
 import numpy as np
 
-from drivers.block import Block, FloatArray, Input, Status
-from drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
-from drivers.frames import TEXT, Decoder, Frame, unwrap
-from drivers.kinds import Settings, StreamKind
-from drivers.port import PATIENCE, Port
+from isorig.drivers import port as ports
+from isorig.drivers.answers import Kind, number, one_of, parse, text, whole
+from isorig.drivers.block import Block, Input, Status
+from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
+from isorig.drivers.frames import TEXT, Decoder, Frame
+from isorig.drivers.instrument import Values
+from isorig.drivers.kinds import Settings, StreamKind
+from isorig.drivers.order import Order, Reading
+from isorig.drivers.port import Port
 
 PROTOCOL = "isorig-framed/1"
 #: How often a command is repeated, and seconds that the instrument may need before it starts.
@@ -24,6 +28,22 @@ TRIES = 3
 START_PATIENCE = 60.0
 #: Seconds of silence after which the rest of a frame will not come.
 HALF = 0.5
+#: A gain that the instrument answers may differ from the one that was asked for by its own steps: a share.
+GAIN_STEP = 1e-3
+#: Answers that may wait to be read: far more than commands.
+TEXTS = 64
+#: Values of a drive that are sent at a time.
+PART = 65536
+#: What each answer is made of behind its first word. GAIN, CONF and DRIVE answer what was asked for, or that they cannot.
+ANSWERS: Mapping[str, tuple[Kind, ...]] = {
+    "INPUTS": (whole(1, 255), one_of("int16", "int32"), text(16), number(1e-30, 1e30), number(1e-30, 1e30)),
+    "RATE": (number(1e-3, 1e9),),
+    "GAIN": (number(-1e9, 1e9),),
+    "START": (whole(0, 2**32 - 1),),
+    "COUNT": (whole(0, 2**62),),
+}
+#: Characters of an instrument's name.
+NAME = 200
 
 
 class FramedInstrument:
@@ -40,6 +60,8 @@ class FramedInstrument:
     ------
     ConnectionLostError
         Where the port cannot be opened, or nothing answers there.
+    ProtocolError
+        Where what answers speaks otherwise.
     """
 
     def __init__(self, port: str, *, baud_rate: int = 921600) -> None:
@@ -47,16 +69,24 @@ class FramedInstrument:
         self._name = port
         self._decoder = Decoder()
         self._frames: deque[tuple[Frame, float]] = deque()
-        self._texts: deque[str] = deque()
-        self._tick = 0
-        self._first = 0
-        self._clock = 0
+        self._texts: deque[str] = deque(maxlen=TEXTS)
+        self._rate: float | None = None
+        self._order = Order(who=port, began=time.monotonic())
         self._heard = time.monotonic()
-        protocol, *name = self._ask("STOP", "ID?")
-        if protocol != PROTOCOL:
-            raise ProtocolError(f"{port} speaks {protocol!r} and this program {PROTOCOL!r}; update the older of the two")
-        self.identity = " ".join(name)
-        self.inputs: Sequence[Input] = self._inputs()
+        self._warnings: list[str] = []
+        # What it counted in all; None until it stopped, or where that cannot be.
+        self._counted: int | None = None
+        try:
+            self._ask("STOP")
+            words = self._told("ID?")
+            (protocol,) = parse(words[:1], (text(40),), who=port, command="ID")
+            if protocol != PROTOCOL:
+                raise ProtocolError(f"{port} speaks {protocol!r} and this program {PROTOCOL!r}; update the older of the two")
+            (self.identity,) = parse((" ".join(words[1:]),), (text(NAME),), who=port, command="ID")
+            self.inputs: Sequence[Input] = self._inputs()
+        except BaseException:
+            self._port.close()
+            raise
 
     def __enter__(self) -> FramedInstrument:
         return self
@@ -69,98 +99,180 @@ class FramedInstrument:
         """Frames that arrived damaged so far."""
         return self._decoder.damaged
 
+    @property
+    def noticed(self) -> Sequence[str]:
+        """What was odd since the last start, each in a clause."""
+        return (*self._order.noticed, *self._warnings)
+
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the rate (Hz); the rate that the instrument really has. It scans all of its inputs."""
         if max(channels, default=0) >= len(self.inputs):
             raise SettingError(
                 f"{self._name} has {len(self.inputs)} inputs; input {max(channels)} is not there, correct the plan"
             )
-        return float(self._ask(f"RATE {sample_rate:.9g}")[0])
+        (rate,) = self._ask(f"RATE {sample_rate:.9g}")
+        self._rate = float(rate)
+        return self._rate
 
     def set_gain(self, gain: float) -> None:
-        """Drive gain of the next run."""
-        self._ask(f"GAIN {gain:.9g}")
+        """Drive gain of the next run.
+
+        Raises
+        ------
+        SettingError
+            Where the instrument answers with another.
+        """
+        (told,) = self._ask(f"GAIN {gain:.9g}")
+        if abs(told - gain) > GAIN_STEP * abs(gain):
+            raise SettingError(f"{self._name} was told gain {gain:g} and answers {told:g}; give a gain in the plan that it has")
 
     def set_configuration(self, name: str) -> bool:
         """Lock or unlock the rig; False where that is the operator's work."""
-        return self._ask(f"CONF {name}")[0] != "manual"
+        words = self._told(f"CONF {name}")
+        (told,) = parse((" ".join(words),), (one_of(name, "manual"),), who=self._name, command="CONF")
+        return bool(told != "manual")
 
-    def load_drive(self, drive: FloatArray) -> bool:
+    def load_drive(self, drive: Values) -> bool:
         """Load the drive at gain 1 (m/s^2 of the head), one value per tick; False where the instrument plays none."""
-        payload = np.asarray(drive, "<f4").tobytes()
-        return self._ask(f"DRIVE {len(drive)}", data=payload + struct.pack("<I", crc32(payload)))[0] != "none"
+        words = self._told(f"DRIVE {len(drive)}", drive=drive)
+        (told,) = parse(words, (one_of(str(len(drive)), "none"),), who=self._name, command="DRIVE")
+        return bool(told != "none")
 
     def start(self) -> None:
         """Begin to stream; the first sample has tick 0."""
         self._frames.clear()
-        self._clock = 0
-        self._first = self._tick = int(self._ask("START", patience=START_PATIENCE)[0])
+        self._warnings, self._counted = [], None
+        (first,) = self._ask("START", patience=START_PATIENCE, tries=1)
+        self._order = Order(who=self._name, began=time.monotonic(), first=first, rate=self._rate)
 
     def read(self, timeout: float) -> Block | None:
         """The next block, or None where none came within `timeout` seconds."""
         end = time.monotonic() + timeout
-        while not self._frames:
-            self._receive()
-            if not self._frames and time.monotonic() >= end:
+        while True:
+            while not self._frames:
+                self._receive()
+                if not self._frames and time.monotonic() >= end:
+                    return None
+            block = self._block(*self._frames.popleft())
+            if block is not None:
+                return block
+            if time.monotonic() >= end:
                 return None
-        frame, host_time = self._frames.popleft()
-        self._tick = unwrap(frame.tick, self._tick)
-        self._clock = unwrap(frame.time_us, self._clock)
-        return Block(
-            first_tick=self._tick - self._first, samples=frame.samples, host_time=host_time, device_time=self._clock / 1e6,
-            gain=frame.gain, status=Status(frame.status & 7),
-        )  # fmt: skip
 
     def stop(self) -> int | None:
-        """End the stream; the number of ticks that the instrument counted."""
-        return int(self._ask("STOP")[0])
+        """End the stream; the number of ticks that the instrument counted, None where that cannot be."""
+        (counted,) = self._ask("STOP")
+        self._counted = self._possible(counted)
+        return self._counted
+
+    def count(self) -> int | None:
+        """Ticks that it has counted so far, None where that cannot be."""
+        (counted,) = self._ask("COUNT?", tries=1)
+        return self._possible(counted)
+
+    def rejoin(self) -> None:
+        """Open the port again after it was lost and go on with the run that is still measured.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where the port is still away, or nothing answers.
+        InstrumentError
+            Where the instrument has begun anew meanwhile.
+        """
+        self._port.reopen()
+        self._decoder.forget()
+        (counted,) = self._ask("COUNT?", tries=1)
+        if counted < self._order.end:
+            raise InstrumentError(
+                f"{self._name} was restarted in the run: it counts {counted} samples and had sent {self._order.end}; take the "
+                "run again with --resume"
+            )
 
     def close(self) -> None:
         """Let go of the wire."""
         self._port.close()
 
     def _inputs(self) -> tuple[Input, ...]:
-        count, kind, unit, per_count, full = self._ask("INPUTS?")[:5]
-        if kind not in ("int16", "int32"):
-            raise ProtocolError(
-                f"{self._name} offers samples of {kind!r}; the protocol has int16 and int32, so update the instrument"
-            )
-        one = Input(
-            unit=unit, per_count=float(per_count), full_scale=float(full), dtype=cast(Literal["int16", "int32"], kind)
-        )  # fmt: skip
+        count, kind, unit, per_count, full = self._ask("INPUTS?")
+        one = Input(unit=unit, per_count=per_count, full_scale=full, dtype=cast(Literal["int16", "int32"], kind))
         return (one,) * int(count)
 
-    def _ask(self, *commands: str, data: bytes = b"", patience: float = PATIENCE) -> list[str]:
-        # The words of the last command's answer behind its first. Commands may come twice, so each is repeated until answered.
-        words: list[str] = []
-        for command in commands:
-            word = command.split()[0].rstrip("?")
-            for _ in range(TRIES):
-                self._texts.clear()
-                self._port.write(command.encode("ascii") + b"\n" + data)
-                answer = self._answer(word, patience)
-                if answer is not None:
-                    break
-            else:
-                raise ConnectionLostError(
-                    f"{self._name} does not answer {command.split()[0]}; check that the instrument is on and speaks isorig-framed"
-                )
-            words = answer.split()
-            if words[0] == "ERR":
-                raise InstrumentError(f"{self._name} refuses {command!r} ({' '.join(words[2:])}); correct the plan")
+    def _block(self, frame: Frame, host_time: float) -> Block | None:
+        if frame.columns != len(self.inputs) or frame.dtype.name != self.inputs[0].dtype:
+            raise InstrumentError(
+                f"{self._name} told of {len(self.inputs)} inputs of {self.inputs[0].dtype} and sends {frame.columns} of "
+                f"{frame.dtype.name}; switch it off and on, then resume"
+            )
+        reading = Reading(
+            counter=frame.tick, rows=frame.rows, host=host_time, clock=frame.time_us, sequence=frame.sequence,
+            mark=crc32(frame.payload),
+        )  # fmt: skip
+        place = self._order.place(reading)
+        if self._counted is not None and self._order.end > self._counted:
+            # Frames that were on their way when it stopped count too.
+            self._doubt(self._counted)
+            self._counted = None
+        if place is None or frame.rows == 0:
+            return None
+        return Block(
+            first_tick=place.tick, samples=frame.samples, host_time=host_time, device_time=place.seconds, gain=frame.gain,
+            status=Status(frame.status & 7) | place.status,
+        )  # fmt: skip
+
+    def _possible(self, counted: int) -> int | None:
+        if self._order.possible(counted, time.monotonic()):
+            return counted
+        self._doubt(counted)
+        return None
+
+    def _doubt(self, counted: int) -> None:
+        self._warnings.append(
+            f"it tells of {counted} samples where {self._order.end} had come, which cannot be; how many were lost behind the "
+            "last is not known"
+        )
+
+    def _ask(self, command: str, *, patience: float | None = None, tries: int = TRIES) -> tuple[Any, ...]:
+        # The answer's values after the table.
+        word = _word(command)
+        return parse(self._told(command, patience=patience, tries=tries), ANSWERS[word], who=self._name, command=word)
+
+    def _told(
+        self, command: str, *, drive: Values | None = None, patience: float | None = None, tries: int = TRIES
+    ) -> list[str]:  # fmt: skip
+        # The words of a command's answer behind its first. Commands may come twice, so each is repeated until answered.
+        if not (command.isascii() and command.isprintable()):
+            raise SettingError(f"{command!r} cannot be sent to {self._name}; use ASCII in the plan's names")
+        for _ in range(tries):
+            self._texts.clear()
+            self._port.write(command.encode("ascii") + b"\n")
+            for part in _payload(drive) if drive is not None else ():
+                self._port.write(part)
+            answer = self._answer(command, patience)
+            if answer is not None:
+                break
+        else:
+            raise ConnectionLostError(
+                f"{self._name} does not answer {_asked(command)}; check that the instrument is on and speaks isorig-framed"
+            )
+        words = answer.split()
+        if words[0] == "ERR":
+            why = "".join(letter for letter in " ".join(words[2:]) if letter.isprintable())[:NAME]
+            raise InstrumentError(f"{self._name} refuses {command!r} ({why}); correct the plan")
         return words[1:]
 
-    def _answer(self, word: str, patience: float) -> str | None:
-        accepted = {word, "COUNT"} if word == "STOP" else {word}
-        end = time.monotonic() + patience
-        while time.monotonic() < end:
+    def _answer(self, command: str, patience: float | None) -> str | None:
+        asked, word = _asked(command), _word(command)
+        end = time.monotonic() + (ports.PATIENCE if patience is None else patience)
+        while True:
             while self._texts:
-                text = self._texts.popleft()
-                head = text.split()[:2]
-                if head and (head[0] in accepted or (head[0] == "ERR" and word in head[1:])):
-                    return text
+                told = self._texts.popleft()
+                head = told.split()[:2]
+                if head and (head[0] == word or (head[0] == "ERR" and head[1:] in ([asked], [word]))):
+                    return told
+            if time.monotonic() >= end:
+                return None
             self._receive()
-        return None
 
     def _receive(self) -> None:
         data = self._port.read()
@@ -179,6 +291,24 @@ class FramedInstrument:
                 self._texts.append(frame.text)
             else:
                 self._frames.append((frame, now))
+
+
+def _asked(command: str) -> str:
+    return command.split(maxsplit=1)[0].rstrip("?")
+
+
+def _word(command: str) -> str:
+    # What the answer begins with.
+    return "COUNT" if _asked(command) == "STOP" else _asked(command)
+
+
+def _payload(drive: Values) -> Iterator[bytes]:
+    check = 0
+    for at in range(0, len(drive), PART):
+        part = np.asarray(drive[at : at + PART], "<f4").tobytes()
+        check = crc32(part, check)
+        yield part
+    yield struct.pack("<I", check)
 
 
 class FramedSettings(Settings, frozen=True):

@@ -43,13 +43,15 @@ from zlib import crc32
 
 import numpy as np
 
-from drivers.block import Raw
+from isorig.drivers.block import Raw
 
 MAGIC = b"ISOR"
 TEXT, INT16, INT32 = 0, 1, 2
 _HEADER = struct.Struct("<4sBBHIIIfI")
 _CHECK = struct.Struct("<I")
 HEADER_SIZE = _HEADER.size + _CHECK.size
+#: Bytes of a frame's samples and of its text at most: a header that tells of more is not sound, so that nobody waits for it.
+LARGEST, LONGEST = 1 << 20, 512
 _TYPES: dict[int, np.dtype[Any]] = {INT16: np.dtype("<i2"), INT32: np.dtype("<i4")}
 _KINDS = {"int16": INT16, "int32": INT32}
 
@@ -72,6 +74,11 @@ class Frame:
     def text(self) -> str:
         """A text frame's text."""
         return self.payload.decode("ascii", "replace")
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its samples."""
+        return _TYPES[self.kind]
 
     @property
     def samples(self) -> Raw:
@@ -98,11 +105,6 @@ def _frame(*fields: object) -> bytes:
     assert isinstance(payload, bytes)
     header = _HEADER.pack(MAGIC, *numbers)
     return b"".join((header, _CHECK.pack(crc32(header)), payload, _CHECK.pack(crc32(payload))))
-
-
-def unwrap(value: int, near: int) -> int:
-    """The whole count whose low 32 bits are `value` and that lies nearest to `near`."""
-    return near + (value - near + 2**31) % 2**32 - 2**31
 
 
 class Decoder:
@@ -157,6 +159,10 @@ class Decoder:
         del self._buffer[:1]
         return self.feed(b"")
 
+    def forget(self) -> None:
+        """Drop the beginning of a frame whose rest will not come."""
+        self._buffer.clear()
+
     def _size(self, at: int) -> int | None:
         # Bytes of the frame that begins here; 0 where its header is not sound, None where the header is not whole yet.
         if len(self._buffer) - at < HEADER_SIZE:
@@ -167,7 +173,8 @@ class Decoder:
         if check != crc32(header) or kind not in (TEXT, INT16, INT32) or columns == 0:
             return 0
         width = 1 if kind == TEXT else _TYPES[kind].itemsize
-        return HEADER_SIZE + int(rows) * int(columns) * width + _CHECK.size
+        payload = int(rows) * int(columns) * width
+        return 0 if payload > (LONGEST if kind == TEXT else LARGEST) else HEADER_SIZE + payload + _CHECK.size
 
     def _frame(self, at: int, size: int) -> Frame | None:
         payload = bytes(self._buffer[at + HEADER_SIZE : at + size - _CHECK.size])

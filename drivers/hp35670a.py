@@ -1,27 +1,40 @@
 """HP/Agilent 35670A dynamic signal analyzer behind a serial bridge: finished records of its traces, binary and checked.
 
 Each trace is fed with what the plan names ("XTIM:VOLT 1" a time record, "XFR:POW:COH 1,2" a coherence). Values come as
-`#<digits><length>`, big-endian float32 and LF; below -1e37 they stand for nothing.
+`#<digits><length>`, big-endian float32 and LF; below -1e37 they stand for nothing. Nothing on this line has a checksum, so that
+what is kept is asked for twice and must come twice alike.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.block import FloatArray, Record, Status
-from drivers.errors import InstrumentError, ProtocolError
-from drivers.kinds import RecordsKind
-from drivers.port import Port
-from drivers.shows import Shows
+from isorig.drivers.answers import Kind, number, parse, text, whole
+from isorig.drivers.block import FloatArray, Record, Status
+from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
+from isorig.drivers.kinds import RecordsKind, Shaken, Simulation
+from isorig.drivers.port import Port
+from isorig.drivers.shows import Shows
+
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.served import Peer
 
 DONE = 1 << 5
 BAD = -1e37
 POLL = 0.2
 #: Errors that are read at most before the instrument counts as broken.
 ERRORS = 30
+#: Bytes of a block at most: its longest record has 4096 values.
+LARGEST = 1 << 16
+#: The source's largest level, V, and the share by which what is read back may differ.
+LOUDEST, STEP = 5.0, 0.01
+#: What each question is answered with.
+ANSWERS: dict[str, Kind] = {"*STB?": whole(0, 255), "SYST:ERR?": text(200), "SOUR:VOLT?": number(), "OUTP?": whole(0, 1)}
 
 
 class Hp35670aInstrument:
@@ -38,21 +51,48 @@ class Hp35670aInstrument:
     def __init__(self, port: str, shows: Sequence[Shows]) -> None:
         self._port = Port(port, baud_rate=9600)
         self._shows = tuple(shows)
+        self._sourcing = False
+        self._invalid: list[str] = []
         self.identity = "HP 35670A"
-        self._send("FORM:DATA REAL,32")
-        for trace, shown in enumerate(self._shows, 1):
-            self._send(f"CALC{trace}:FEED '{shown.trace}'")
-        self._errors()
+        try:
+            self._port.drop_input()
+            self._send("FORM:DATA REAL,32")
+            for trace, shown in enumerate(self._shows, 1):
+                self._send(f"CALC{trace}:FEED '{shown.trace}'")
+            self._errors()
+        except BaseException:
+            self._port.close()
+            raise
+
+    @property
+    def noticed(self) -> Sequence[str]:
+        """Which points of the last records had no value."""
+        return tuple(self._invalid)
 
     def status(self) -> Status:
         """GOOD: no command that asks it for an overload is known here, so look at its panel."""
         return Status.GOOD
 
+    def set_source(self, level: float) -> None:
+        """Set the level of its source (V, peak), switch it on, and read both back."""
+        if not 0.0 < level <= LOUDEST:
+            raise SettingError(f"the source of {self._port.name} cannot play {level:g} V; give up to {LOUDEST:g} V")
+        self._sourcing = True
+        self._send(f"SOUR:VOLT {level:.6g} VPK")
+        self._send("OUTP ON")
+        self._errors()
+        told = self._ask("SOUR:VOLT?")
+        if abs(told - level) > STEP * level or not self._ask("OUTP?"):
+            raise SettingError(
+                f"the source of {self._port.name} was set to {level:g} V and answers {told:g} V; set it on its panel"
+            )
+
     def measure(self, timeout: float) -> None:
         """Take one measurement and wait until it says that the operation is complete."""
+        self._invalid = []
         self._send("ABOR;INIT:IMM;*OPC")
         end = time.monotonic() + timeout
-        while not int(self._ask("*STB?")) & DONE:
+        while not self._ask("*STB?") & DONE:
             if time.monotonic() > end:
                 raise InstrumentError(f"{self._port.name} was not done within {timeout:g} s; give the run more seconds")
             time.sleep(POLL)
@@ -63,36 +103,53 @@ class Hp35670aInstrument:
         return tuple(self._record(trace, shown) for trace, shown in enumerate(self._shows, 1))
 
     def close(self) -> None:
-        """Let go of the wire."""
+        """Switch its source off where it was set from here, and let go of the wire."""
+        if self._sourcing:
+            self._sourcing = False
+            # A wire that is gone cannot be told.
+            with suppress(DriverError):
+                self._port.write(b"OUTP OFF\n")
         self._port.close()
 
     def _record(self, trace: int, shown: Shows) -> Record:
-        x, values = self._block(f"CALC{trace}:X:DATA?"), self._block(f"CALC{trace}:DATA?")
+        x, values = self._twice(f"CALC{trace}:X:DATA?"), self._twice(f"CALC{trace}:DATA?")
         if x.shape != values.shape:
             raise ProtocolError(
                 f"{self._port.name} sent {len(values)} values at {len(x)} places for trace {trace}; "
                 "show a real trace, complex ones cannot be read"
             )
-        good = values > BAD
+        if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
+            raise ProtocolError(f"{self._port.name} sent places for trace {trace} that do not rise; measure again")
+        good = np.isfinite(values) & (np.abs(values) < -BAD)
         if not good.any():
             raise InstrumentError(f"{self._port.name} has no valid value in trace {trace}; measure again")
+        if not good.all():
+            self._invalid.append(f"trace {trace} has no value at {int((~good).sum())} of {len(good)} points, which are left out")
         return Record(
             kind=shown.kind, x=x[good], values=values[good], unit=shown.unit, source=shown.trace,
             status=Status.GOOD if good.all() else Status.LOST,
         )  # fmt: skip
 
-    def _block(self, command: str) -> FloatArray:
+    def _twice(self, command: str) -> FloatArray:
+        first, second = self._block(command), self._block(command)
+        if first != second:
+            raise ProtocolError(f"{self._port.name} answered {command} twice and not alike; check the cable, measure again")
+        return np.frombuffer(first, ">f4").astype(np.float64)
+
+    def _block(self, command: str) -> bytes:
         self._send(command)
         head = self._port.exactly(2)
         if head[:1] != b"#" or not head[1:].isdigit() or head[1:] == b"0":
             raise ProtocolError(f"{self._port.name} answered {command} with {head!r}; a block begins with # and a digit")
         length = self._port.exactly(int(head[1:]))
-        if not length.isdigit() or int(length) % 4 or int(length) > 1 << 24:
-            raise ProtocolError(f"{self._port.name} tells of a block of {length!r} bytes; it has whole float32 values")
+        if not length.isdigit() or int(length) % 4 or not 8 <= int(length) <= LARGEST:
+            raise ProtocolError(
+                f"{self._port.name} tells of a block of {length!r} bytes; it has whole float32 values, {LARGEST} bytes at most"
+            )
         data = self._port.exactly(int(length) + 1)
         if data[-1:] != b"\n":
             raise ProtocolError(f"{self._port.name} ended a block with {data[-1:]!r}, not LF; measure again")
-        return np.frombuffer(data[:-1], ">f4").astype(np.float64)
+        return data[:-1]
 
     def _errors(self) -> None:
         first = self._ask("SYST:ERR?")
@@ -109,11 +166,23 @@ class Hp35670aInstrument:
         return told.replace(" ", "").lstrip("+").startswith("0,")
 
     def _send(self, command: str) -> None:
+        self._port.expect_nothing()
         self._port.write(command.encode() + b"\n")
 
-    def _ask(self, command: str) -> str:
+    def _ask(self, command: str) -> Any:
         self._send(command)
-        return self._port.line(b"\n").strip().decode("ascii", "replace")
+        told = self._port.line(b"\n").strip().decode("ascii", "replace")
+        return parse((told,), (ANSWERS[command],), who=self._port.name, command=command)[0]
 
 
-KIND = RecordsKind(name="35670a", open=Hp35670aInstrument, trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed such as XTIM:VOLT 1"))
+def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+    from isorig.drivers.simulated.analyzers import Simulated35670a, displayed
+
+    asked.faults.only((), "a 35670a")
+    coherence, time_record = displayed(shaken)
+    return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
+
+
+KIND = RecordsKind(
+    name="35670a", open=Hp35670aInstrument, trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed such as XTIM:VOLT 1"), far_end=_far_end
+)

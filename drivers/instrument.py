@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from drivers.block import Block, FloatArray, Input, Record, Status
+from isorig.drivers.block import Block, FloatArray, Input, Record, Status
+
+
+class Values(Protocol):
+    """Values that may be made as they are asked for: an array is one, and so is a long drive that never is in memory whole."""
+
+    def __len__(self) -> int:
+        """How many."""
+        ...
+
+    def __getitem__(self, part: slice, /) -> FloatArray:
+        """Consecutive ones."""
+        ...
 
 
 class Instrument(Protocol):
@@ -72,8 +84,79 @@ class Exciter(Protocol):
         """Lock or unlock the rig; False where that is the operator's work."""
         ...
 
-    def load_drive(self, drive: FloatArray) -> bool:
-        """Load the drive at gain 1, one value per tick from tick 0 on; False where it plays none."""
+    def load_drive(self, drive: Values) -> bool:
+        """Load the drive at gain 1, one value per tick from tick 0 on and rest behind it; False where it plays none."""
+        ...
+
+
+@runtime_checkable
+class Rejoining(Protocol):
+    """A stream that can be taken up again where its wire was away for a while."""
+
+    def rejoin(self) -> None:
+        """Open the wire again and go on with the run; samples that were taken meanwhile show as a step of the tick.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where the wire is still away.
+        InstrumentError
+            Where the instrument has begun anew meanwhile.
+        """
+        ...
+
+
+@runtime_checkable
+class Counting(Protocol):
+    """A stream that tells while it is measured how many ticks it has taken."""
+
+    def count(self) -> int | None:
+        """Ticks taken since the start; None where what it tells cannot be."""
+        ...
+
+
+@runtime_checkable
+class Holding(Protocol):
+    """A stream that hands its samples out late, because it sees losses only from what comes behind."""
+
+    @property
+    def held(self) -> int:
+        """Ticks that have come and are still held."""
+        ...
+
+
+@runtime_checkable
+class Unnumbered(Protocol):
+    """A stream without numbers, so that a loss too short for this machine's clock is not seen."""
+
+    @property
+    def unseen(self) -> float:
+        """Seconds of loss that nothing would show."""
+        ...
+
+
+@runtime_checkable
+class Noticing(Protocol):
+    """An instrument whose driver tells what was odd on the wire."""
+
+    @property
+    def noticed(self) -> Sequence[str]:
+        """What was odd since the last start, each in a clause."""
+        ...
+
+
+@runtime_checkable
+class Sourcing(Protocol):
+    """An instrument that plays by itself what is set on its panel, at a level that is set from here."""
+
+    def set_source(self, level: float) -> None:
+        """Set the level (V, peak) and switch the source on; closing the instrument switches it off.
+
+        Raises
+        ------
+        SettingError
+            Where it cannot have that level, or does not answer with it.
+        """
         ...
 
 

@@ -7,13 +7,18 @@ import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-import drivers
-from drivers.instrument import Records, Stream
-from drivers.shows import Shows
+from isorig import drivers
+from isorig.drivers.block import FloatArray
+from isorig.drivers.instrument import Records, Stream
+from isorig.drivers.shows import Shows
+
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.faults import Faults
+    from isorig.drivers.simulated.served import Peer
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -21,6 +26,50 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     A ValueError from `__post_init__` is told as it stands: what was found, what is allowed.
     """
+
+
+class Shaken(Protocol):
+    """A rig under a random drive of its own, as a simulated instrument measures it."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The channels, in the order of the instrument's inputs; the drive's comes first."""
+        ...
+
+    def channels(self, samples: int, rate: float) -> Mapping[str, FloatArray]:
+        """Accelerations in m/s^2 by channel, each shape (samples,); `rate` in Hz."""
+        ...
+
+    def volts(self, samples: int, rate: float) -> FloatArray:
+        """What the accelerometers put out at the inputs, V, shape (samples, inputs)."""
+        ...
+
+    def coherence(self, samples: int, rate: float) -> tuple[FloatArray, FloatArray]:
+        """Frequency in Hz and coherence of the last channel with the drive, each shape (lines,)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """What is asked of a far end.
+
+    Parameters
+    ----------
+    speed
+        Signal seconds per second.
+    seconds
+        Length of the signal, which is played again and again.
+    faults
+        What goes wrong; a far end refuses those that it does not have (`Faults.only`).
+    """
+
+    speed: float
+    seconds: float
+    faults: Faults
+
+
+#: Makes an instrument's simulated far end with a rig behind it.
+FarEnd = Callable[[Shaken, Simulation], "Peer"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,11 +84,14 @@ class StreamKind:
         Opens it at a port, under its settings.
     settings
         The settings that it has.
+    far_end
+        Makes its simulated far end, for `--port virtual` and `rig virtual instrument`; None where there is none.
     """
 
     name: str
     open: Callable[[str, Any], Stream]
     settings: type[Settings] = Settings
+    far_end: FarEnd | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +106,20 @@ class RecordsKind:
         Opens it at a port, told what its traces show.
     trace
         Pattern of its words for a trace, and an example of one.
+    settings, far_end
+        As of a stream.
     """
 
     name: str
     open: Callable[[str, Sequence[Shows]], Records]
     trace: tuple[str, str]
     settings: type[Settings] = Settings
+    far_end: FarEnd | None = None
 
 
 @cache
 def kinds() -> Mapping[str, StreamKind | RecordsKind]:
     """Every kind by its name."""
     names = [module.name for module in pkgutil.iter_modules(drivers.__path__) if not module.ispkg]
-    found = [getattr(importlib.import_module(f"drivers.{name}"), "KIND", None) for name in names]
+    found = [getattr(importlib.import_module(f"isorig.drivers.{name}"), "KIND", None) for name in names]
     return {kind.name: kind for kind in found if kind is not None}

@@ -12,15 +12,21 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 import can
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.block import Block, Input, Raw, Status
-from drivers.errors import ConnectionLostError
-from drivers.kinds import Settings, StreamKind
+from isorig.drivers.block import Block, Input, Raw, Status
+from isorig.drivers.errors import ConnectionLostError, SettingError
+from isorig.drivers.kinds import Settings, Shaken, Simulation, StreamKind
+from isorig.drivers.order import EXACT, Order, Reading
+from isorig.drivers.port import check_name
+
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.served import Peer
 
 DBC = Path(__file__).with_name("mti600.dbc")
 BITRATE = 250_000
@@ -30,11 +36,15 @@ LENGTHS = {ERROR: 1, SAMPLE_TIME: 4, GROUP_COUNTER: 2, STATUS_WORD: 4, ACCELERAT
 PER_COUNT = 2.0**-8
 CLIPPED = 0x700
 WRAP = 1 << 16
+#: The error message that tells of messages dropped inside the instrument; any other is a fault.
+DROPPED = b"\x01"
 #: Groups in a block, and frames that may have been waiting before a run.
 GROUPS = 16
 BACKLOG = 1000
 #: Seconds that a serial adapter needs after its port was opened; many restart then.
 SETTLE = 2.0
+#: Characters that an adapter may send without an end of line: a frame of eight bytes has 22.
+LONGEST = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,22 +119,26 @@ class MtiInstrument:
         self.identity = "Xsens MTi-600"
         one = Input(unit="m/s^2", per_count=PER_COUNT, full_scale=None, dtype="int16")
         self.inputs: Sequence[Input] = (one,) * 3
-        self._name = port
-        try:
-            own: dict[str, Any] = {"sleep_after_open": SETTLE} if bus == "slcan" else {}
-            self._bus = can.Bus(channel=port, interface=bus, bitrate=BITRATE, **own)
-        except (can.CanError, OSError, ValueError) as error:
-            raise ConnectionLostError(f"the CAN adapter at {port} cannot be opened ({error}); check the cable and name") from None
+        self._name, self._interface = port, bus
+        check_name(port)
+        self._bus = self._opened()
         self._frames: list[tuple[int, bytes]] = []
-        self._first: int | None = None
-        self._tick = 0
-        self._time = 0.0
-        self._lost_inside = False
+        self._rate: float | None = None
+        self._status = Status.GOOD
         self._open = True
+        self._order = self._begun()
         self.damaged = 0
+
+    @property
+    def noticed(self) -> Sequence[str]:
+        """What was odd since the last start, each in a clause."""
+        return tuple(self._order.noticed)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Nothing can be set over this bus; the look before a run compares the rate with the instrument's own clock."""
+        if max(channels, default=0) >= len(self.inputs):
+            raise SettingError(f"{self._name} has the inputs 0, 1 and 2; input {max(channels)} is not there, correct the plan")
+        self._rate = sample_rate
         return sample_rate
 
     def start(self) -> None:
@@ -132,20 +146,37 @@ class MtiInstrument:
         for _ in range(BACKLOG):
             if not self._receive(0.0):
                 break
-        self._frames, self._first, self._tick, self._time = [], None, 0, 0.0
+        self._frames, self._order, self._status = [], self._begun(), Status.GOOD
         self._open = True
 
     def read(self, timeout: float) -> Block | None:
         """The next block of whole groups, or None."""
         end = time.monotonic() + timeout
-        groups = sum(identifier == GROUP_COUNTER for identifier, _ in self._frames)
-        while self._open and groups <= GROUPS:
-            messages = self._receive(max(end - time.monotonic(), 0.0))
-            if not messages and time.monotonic() >= end:
-                break
-            for message in messages:
-                groups += self._take(message)
-        return self._block()
+        while True:
+            groups = sum(identifier == GROUP_COUNTER for identifier, _ in self._frames)
+            while self._open and groups <= GROUPS:
+                messages = self._receive(max(end - time.monotonic(), 0.0))
+                if not messages and time.monotonic() >= end:
+                    break
+                for message in messages:
+                    groups += self._take(message)
+            before = len(self._frames)
+            block = self._block()
+            # A block that came before is left out; what stands behind it may be new.
+            if block is not None or len(self._frames) == before or time.monotonic() >= end:
+                return block
+
+    def rejoin(self) -> None:
+        """Open the adapter again after it was lost; it goes on sending by itself, and its counter and clock tell what was lost.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where it is still away.
+        """
+        self.close()
+        self._frames = []
+        self._bus = self._opened()
 
     def stop(self) -> int | None:
         """End reading; it goes on sending, and does not say how much it counted."""
@@ -155,12 +186,28 @@ class MtiInstrument:
     def close(self) -> None:
         """Let go of the bus."""
         # An adapter that is gone cannot be told.
-        with suppress(can.CanError, OSError):
+        with suppress(can.CanError, OSError, TypeError):
             self._bus.shutdown()
+
+    def _opened(self) -> can.BusABC:
+        try:
+            own: dict[str, Any] = {"sleep_after_open": SETTLE} if self._interface == "slcan" else {}
+            return can.Bus(channel=self._name, interface=self._interface, bitrate=BITRATE, **own)
+        except (can.CanError, OSError, ValueError, TypeError) as error:
+            raise ConnectionLostError(
+                f"the CAN adapter at {self._name} cannot be opened ({error}); check the cable and the name"
+            ) from None
+
+    def _begun(self) -> Order:
+        return Order(who=self._name, began=time.monotonic(), counter_wrap=WRAP, rate=self._rate, loose=EXACT)
 
     def _receive(self, timeout: float) -> list[can.Message]:
         try:
             message = self._bus.recv(timeout)
+            if len(getattr(self._bus, "_buffer", b"")) > LONGEST:
+                # No end of line: whatever sends this is no adapter, or its rate is another.
+                self._bus.flush()  # type: ignore[attr-defined]
+                self.damaged += 1
         except (can.CanError, OSError, TypeError) as error:
             if not isinstance(error.__cause__, UnicodeDecodeError):
                 raise ConnectionLostError(f"{self._name} is gone ({error}); plug it in and resume") from None
@@ -183,7 +230,7 @@ class MtiInstrument:
             self.damaged += 1
             return False
         if identifier == ERROR:
-            self._lost_inside = self._lost_inside or payload == b"\x01"
+            self._status |= Status.LOST if payload == DROPPED else Status.FAULT
             return False
         self._frames.append((identifier, payload))
         return identifier == GROUP_COUNTER
@@ -212,27 +259,34 @@ class MtiInstrument:
             self._frames = self._frames[end:]
         return self._straight(found, straight)
 
-    def _straight(self, found: Groups, count: int) -> Block:
-        first = int(found.counter[0])
-        if self._first is None:
-            self._first, self._tick = first, 0
-        # The counter has 16 bits: the group lies within half a wrap of the last; what came twice lies behind it.
-        tick = self._tick + (first - self._first - self._tick + WRAP // 2) % WRAP - WRAP // 2
-        self._tick = tick + count
-        seconds = float(found.seconds[0])
-        if np.isfinite(seconds):
-            wrap = 2.0**32 * 1e-6
-            self._time += (seconds - self._time + wrap / 2.0) % wrap - wrap / 2.0
-        status = Status.GOOD
+    def _straight(self, found: Groups, count: int) -> Block | None:
+        acceleration = found.acceleration[:count]
+        now = time.monotonic()
+        reading = Reading(
+            counter=int(found.counter[0]), rows=count, host=now, clock=self._clock(found.seconds[:count]),
+            mark=crc32(acceleration.tobytes()),
+        )  # fmt: skip
+        place = self._order.place(reading)
+        if place is None:
+            return None
+        status = self._status | place.status
+        self._status = Status.GOOD
         if found.clipped[:count].any():
             status |= Status.OVERLOAD
-        if self._lost_inside:
-            status |= Status.LOST
-        self._lost_inside = False
-        return Block(
-            first_tick=tick, samples=found.acceleration[:count], host_time=time.monotonic(),
-            device_time=self._time if np.isfinite(seconds) else None, status=status,
-        )  # fmt: skip
+        return Block(first_tick=place.tick, samples=acceleration, host_time=now, device_time=place.seconds, status=status)
+
+    def _clock(self, seconds: NDArray[np.float64]) -> int | None:
+        # Microseconds at the first group, as most of the groups say: one whose digits were hurt does not count.
+        told = np.flatnonzero(np.isfinite(seconds))
+        if not len(told):
+            return None
+        wrap = Order.WRAP * 1e-6
+        first = float(seconds[told[0]])
+        steps = (seconds[told] - first + wrap / 2.0) % wrap - wrap / 2.0
+        if self._rate is None:
+            return round(first * 1e6) if told[0] == 0 else None
+        steps = steps - told / self._rate
+        return round((first + float(np.median(steps))) * 1e6) % Order.WRAP
 
 
 class MtiSettings(Settings, frozen=True):
@@ -245,4 +299,13 @@ def _open(port: str, settings: MtiSettings) -> MtiInstrument:
     return MtiInstrument(port, bus=settings.bus)
 
 
-KIND = StreamKind(name="mti600", open=_open, settings=MtiSettings)
+def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+    from isorig.drivers.simulated.streams import MTI_RATE, SimulatedSlcan, axes
+
+    def source(samples: int, rate: float) -> Raw:
+        return axes(shaken.channels(samples, rate)[shaken.names[-1]])
+
+    return SimulatedSlcan(source, rate=MTI_RATE, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
+
+
+KIND = StreamKind(name="mti600", open=_open, settings=MtiSettings, far_end=_far_end)

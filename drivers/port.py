@@ -1,18 +1,32 @@
-"""A serial line: whatever pyserial opens, with errors in this layer's words and answers read by line or by length."""
+"""A serial line: whatever pyserial opens, with errors in this layer's words, and an end to every wait and every answer."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from urllib.parse import urlsplit
 
 import serial
 
-from drivers.errors import ConnectionLostError, ProtocolError
+from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
 
-#: Bytes asked of the port at a time, seconds that an answer may take, the longest line that an instrument may send.
+#: Bytes asked of the port at a time, and bytes written at a time.
 CHUNK = 65536
+PIECE = 4096
+#: Seconds that an answer may take before anything comes, and between two arrivals of it.
 PATIENCE = 2.0
-LONGEST = 1 << 20
+#: Seconds that the far end may take to accept a piece of what is written: a piece at 9600 baud takes 4.3 s.
+WRITE_PATIENCE = 10.0
+#: Bytes of a line that an instrument may answer with.
+LONGEST = 256
+#: Seconds in which an instrument that was told to be quiet must be quiet.
+QUIET = 2.0
+#: A long answer may take so many times what its bytes need at the line's rate.
+SLOWER = 3.0
+#: Bits of a byte on a serial line: start, eight, stop.
+BITS = 10
+#: URLs that may be opened; pyserial knows more, and some of those write files or load classes.
+SCHEMES = ("socket", "rfc2217")
 
 
 class Port:
@@ -27,26 +41,50 @@ class Port:
 
     Raises
     ------
+    SettingError
+        Where the name is no port.
     ConnectionLostError
         Where it cannot be opened.
     """
 
     def __init__(self, name: str, *, baud_rate: int) -> None:
+        check_name(name)
         self.name = name
         self._buffer = bytearray()
-        try:
-            # A socket does not tell how much is waiting, so it is read until nothing comes for a moment.
-            self._counts = "://" not in name
-            self._port = serial.serial_for_url(name, baudrate=baud_rate, timeout=0.05 if self._counts else 0.01)
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise ConnectionLostError(f"the port {name} cannot be opened ({error}); check the cable and the name") from None
+        self._baud_rate = baud_rate
+        # A socket does not tell how much is waiting, so it is read until nothing comes for a moment.
+        self._counts = "://" not in name
+        self._port = self._opened()
+
+    def reopen(self) -> None:
+        """Open it anew after it was lost; what was waiting is forgotten.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where it cannot be opened.
+        """
+        self.close()
+        self._buffer.clear()
+        self._port = self._opened()
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
+        """Send bytes, a piece at a time.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where the far end is gone, or does not take them.
+        """
         try:
-            self._port.write(data)
-        except (serial.SerialException, OSError) as error:
-            raise ConnectionLostError(f"{self.name} is gone ({error}); plug it in and resume") from None
+            for at in range(0, len(data), PIECE):
+                self._port.write(data[at : at + PIECE])
+        except serial.SerialTimeoutException:
+            raise ConnectionLostError(
+                f"{self.name} has taken nothing for {WRITE_PATIENCE:g} s; check that the instrument is on, then resume"
+            ) from None
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise self._gone(error) from None
 
     def read(self) -> bytes:
         """What arrived, after at most 0.05 s of waiting."""
@@ -55,12 +93,12 @@ class Port:
             data: bytes = self._port.read(size)
         except (serial.SerialException, OSError, TypeError) as error:
             # pyserial trips over its own closed descriptor with a TypeError when the port goes during a read.
-            raise ConnectionLostError(f"{self.name} is gone ({error}); plug it in and resume") from None
+            raise self._gone(error) from None
         if self._buffer:
             data, self._buffer = bytes(self._buffer) + data, bytearray()
         return data
 
-    def line(self, end: bytes = b"\n", *, patience: float = PATIENCE) -> bytes:
+    def line(self, end: bytes = b"\n", *, patience: float | None = None, longest: int = LONGEST) -> bytes:
         """The next line without its end.
 
         Raises
@@ -68,40 +106,115 @@ class Port:
         ConnectionLostError
             Where none comes in time.
         ProtocolError
-            Where it does not end.
+            Where more than `longest` bytes come without an end.
         """
-        self._wait(lambda: end in self._buffer or len(self._buffer) > LONGEST, patience, "a line")
-        if end not in self._buffer:
-            raise ProtocolError(f"{self.name} sends a line without an end; check that the plan names the right instrument")
-        line, _, rest = bytes(self._buffer).partition(end)
-        self._buffer = bytearray(rest)
+        patience = PATIENCE if patience is None else patience
+        self._wait(lambda: end in self._buffer or len(self._buffer) > longest, patience, patience, "a line")
+        at = self._buffer.find(end)
+        if not 0 <= at <= longest:
+            raise ProtocolError(
+                f"{self.name} sends more than {longest} bytes without an end of line; check that the plan names its kind"
+            )
+        line = bytes(self._buffer[:at])
+        del self._buffer[: at + len(end)]
         return line
 
-    def exactly(self, count: int, *, patience: float = PATIENCE) -> bytes:
-        """The next `count` bytes; as `line`, the patience begins anew with each arrival."""
-        self._wait(lambda: len(self._buffer) >= count, patience, f"{count} bytes")
+    def exactly(self, count: int, *, patience: float | None = None) -> bytes:
+        """The next `count` bytes.
+
+        Raises
+        ------
+        ConnectionLostError
+            Where nothing comes for `patience` seconds, or all takes far longer than its bytes need on the line.
+        """
+        patience = PATIENCE if patience is None else patience
+        whole = patience + SLOWER * BITS * count / self._baud_rate
+        self._wait(lambda: len(self._buffer) >= count, patience, whole, f"{count} bytes")
         data = bytes(self._buffer[:count])
         del self._buffer[:count]
         return data
 
+    def expect_nothing(self) -> None:
+        """Look that nothing waits that was not asked for, so that no answer is taken for that of another question.
+
+        Raises
+        ------
+        ProtocolError
+            Where bytes wait.
+        """
+        try:
+            waiting = bool(self._buffer) or bool(self._port.in_waiting)
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise self._gone(error) from None
+        if waiting:
+            raise ProtocolError(f"{self.name} sent more than it was asked for; check the cable, then measure again")
+
     def drop_input(self) -> None:
-        """Forget what has arrived."""
+        """Forget what has arrived, until nothing comes any more.
+
+        Raises
+        ------
+        ProtocolError
+            Where the far end does not become quiet.
+        """
+        end = time.monotonic() + QUIET
         while self.read():
-            pass
+            if time.monotonic() > end:
+                raise ProtocolError(
+                    f"{self.name} goes on sending after it was told to stop; switch the instrument off and on, and check "
+                    "that the plan names its kind"
+                )
 
     def close(self) -> None:
         """Let go; may be called twice."""
         self._port.close()
 
-    def _wait(self, enough: Callable[[], bool], patience: float, what: str) -> None:
-        heard = time.monotonic()
+    def _opened(self) -> serial.Serial:
+        try:
+            opened: serial.Serial = serial.serial_for_url(
+                self.name, baudrate=self._baud_rate, timeout=0.05 if self._counts else 0.01, write_timeout=WRITE_PATIENCE
+            )
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise ConnectionLostError(f"the port {self.name} cannot be opened ({error}); check the cable and the name") from None
+        return opened
+
+    def _gone(self, error: Exception) -> ConnectionLostError:
+        return ConnectionLostError(f"{self.name} is gone ({error}); plug it in and resume")
+
+    def _wait(self, enough: Callable[[], bool], patience: float, whole: float, what: str) -> None:
+        began = heard = time.monotonic()
         while not enough():
-            data = self.read()
+            before = len(self._buffer)
+            # `read` empties the buffer into what it returns.
+            self._buffer = bytearray(self.read())
             now = time.monotonic()
-            if data:
-                # `read` has emptied the buffer into `data`.
-                self._buffer, heard = bytearray(data), now
-            elif now - heard > patience:
+            if len(self._buffer) > before:
+                heard = now
+            if enough():
+                return
+            if now - heard > patience or now - began > whole:
                 raise ConnectionLostError(
-                    f"{self.name} did not send {what} within {patience:g} s; check that it is on and that the plan names its kind"
+                    f"{self.name} did not send {what} within {min(now - began, whole):.3g} s; check that it is on and that the "
+                    "plan names its kind"
                 )
+
+
+def check_name(name: str) -> None:
+    """Look at a port's name before anything is opened.
+
+    Raises
+    ------
+    SettingError
+        Where it is no path and no URL with a host and a port.
+    """
+    if not name or not name.isprintable():
+        raise SettingError(f"{name!r} is no port; give a path such as /dev/ttyACM0, or socket://127.0.0.1:4000")
+    if "://" not in name:
+        return
+    try:
+        parts = urlsplit(name)
+        whole = parts.scheme in SCHEMES and bool(parts.hostname) and bool(parts.port)
+    except ValueError:
+        whole = False
+    if not whole:
+        raise SettingError(f"{name} is no port; an URL needs a host and a port, as in socket://127.0.0.1:4000")

@@ -1,25 +1,44 @@
 """SRS SR785 dynamic signal analyzer over RS-232: finished records of its two displays.
 
-What a display shows (spectrum, transfer function, time record) and every other setting is made on its panel; this driver starts
-a measurement, waits for its average, reads the displays and tells overloads. Commands end in LF, 9600 baud, 8N1.
+What a display shows (spectrum, transfer function, time record) and every other setting is made on its panel; this driver sets the
+source's level, starts a measurement, waits for its average, reads the displays and tells overloads. Commands end in LF, 9600
+baud, 8N1. Nothing on this line has a checksum, so that what is kept is asked for twice and must come twice alike.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.block import FloatArray, Record, Status
-from drivers.errors import InstrumentError, ProtocolError
-from drivers.kinds import RecordsKind
-from drivers.port import Port
-from drivers.shows import Shows
+from isorig.drivers.answers import Kind, number, parse, text, whole
+from isorig.drivers.block import FloatArray, Record, Status
+from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
+from isorig.drivers.kinds import RecordsKind, Shaken, Simulation
+from isorig.drivers.port import Port
+from isorig.drivers.shows import Shows
+
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.served import Peer
 
 #: Bits of the standard event register: syntax error, execution error, output overflow.
 EVENTS = {5: "it does not know a command", 4: "it could not do a command", 2: "its output overflowed"}
 POLL = 0.2
+#: What each question is answered with.
+ANSWERS: dict[str, Kind] = {
+    "*ESR": whole(0, 255), "INPS": whole(0, 65535), "DSPS": whole(0, 1), "NAVG": whole(0, 32767), "DSPN": whole(2, 1 << 14),
+    "DBIN": number(), "DSPY": number(), "STYP": whole(0, 3), "SRCO": whole(0, 1), "level": text(40),
+}  # fmt: skip
+#: The command for the source's amplitude by its type: sine, chirp, noise. It is set in mV of the peak.
+LEVELS = ("S1AM", "CAMP", "NAMP")
+UNITS = {"": 1e-3, "mVpk": 1e-3, "Vpk": 1.0}
+#: The source's largest level, V, and the share by which what is read back may differ.
+LARGEST, STEP = 5.0, 0.01
+#: Of what lies between its ends, by which a place on the x axis may differ from even steps.
+EVEN = 1e-3
 
 
 class Sr785Instrument:
@@ -36,23 +55,47 @@ class Sr785Instrument:
     def __init__(self, port: str, shows: Sequence[Shows]) -> None:
         self._port = Port(port, baud_rate=9600)
         self._shows = tuple(shows)
+        self._sourcing = False
         self.identity = "SRS SR785"
-        self._send("OUTX1")
-        self._events()
+        try:
+            self._port.drop_input()
+            self._send("OUTX1")
+            self._events()
+        except BaseException:
+            self._port.close()
+            raise
 
     def status(self) -> Status:
         """Whether an input is overloaded now."""
-        return Status.OVERLOAD if int(self._ask("INPS?")) else Status.GOOD
+        return Status.OVERLOAD if self._ask("INPS?") else Status.GOOD
+
+    def set_source(self, level: float) -> None:
+        """Set the level of its source (V, peak), switch it on, and read both back."""
+        if not 0.0 < level <= LARGEST:
+            raise SettingError(f"the source of {self._port.name} cannot play {level:g} V; give up to {LARGEST:g} V")
+        kind = self._ask("STYP?")
+        if kind >= len(LEVELS):
+            raise SettingError(f"the source of {self._port.name} plays its memory; choose sine, chirp or noise on its panel")
+        self._sourcing = True
+        self._send(f"{LEVELS[kind]} {1e3 * level:.6g} mVpk")
+        self._send("SRCO 1")
+        self._events()
+        told, _, unit = self._ask(f"{LEVELS[kind]}?", "level").partition(",")
+        (value,) = parse((told,), (number(),), who=self._port.name, command=LEVELS[kind])
+        if unit not in UNITS or abs(value * UNITS[unit] - level) > STEP * level or not self._ask("SRCO?"):
+            raise SettingError(
+                f"the source of {self._port.name} was set to {level:g} V and answers {told} {unit}; set it on its panel"
+            )
 
     def measure(self, timeout: float) -> None:
         """Start a measurement and wait until display 1 reports its average done."""
         self._send("STRT")
         end = time.monotonic() + timeout
-        while int(self._ask("DSPS?1")) == 0:
+        while self._ask("DSPS?1") == 0:
             if time.monotonic() > end:
                 raise InstrumentError(f"{self._port.name} was not done within {timeout:g} s; give the run more seconds")
             time.sleep(POLL)
-        self._averages = int(self._ask("NAVG?0"))
+        self._averages = int(self._twice("NAVG?0"))
         self._status = self.status()
         self._events()
 
@@ -61,27 +104,36 @@ class Sr785Instrument:
         return tuple(self._record(int(shown.trace), shown) for shown in self._shows)
 
     def close(self) -> None:
-        """Let go of the wire."""
+        """Switch its source off where it was set from here, and let go of the wire."""
+        if self._sourcing:
+            self._sourcing = False
+            # A wire that is gone cannot be told.
+            with suppress(DriverError):
+                self._port.write(b"SRCO 0\n")
         self._port.close()
 
     def _record(self, display: int, shown: Shows) -> Record:
-        points = int(self._ask(f"DSPN?{display}"))
-        if not 2 <= points <= 1 << 20:
-            raise ProtocolError(f"{self._port.name} tells of {points} points on display {display}; switch the display on")
-        first, last = (float(self._ask(f"DBIN?{display},{j}")) for j in (0, points - 1))
-        self._send(f"DSPB?{display}")
-        data = self._port.exactly(4 * points)
+        points = int(self._twice(f"DSPN?{display}"))
+        first, middle, last = (self._ask(f"DBIN?{display},{j}") for j in (0, points // 2, points - 1))
+        x = np.linspace(first, last, points)
+        if not first < last or abs(x[points // 2] - middle) > EVEN * (last - first):
+            raise ProtocolError(
+                f"{self._port.name} tells of display {display} from {first:g} over {middle:g} to {last:g}, no even steps; "
+                "measure again"
+            )
         return Record(
-            kind=shown.kind, x=np.linspace(first, last, points), values=self._floats(data, display), unit=shown.unit,
-            source=f"display {display}", averages=self._averages, window=None,
-            status=self._status,
+            kind=shown.kind, x=x, values=self._floats(display, points), unit=shown.unit, source=f"display {display}",
+            averages=self._averages, window=None, status=self._status,
         )  # fmt: skip
 
-    def _floats(self, data: bytes, display: int) -> FloatArray:
+    def _floats(self, display: int, points: int) -> FloatArray:
+        data, again = (self._dump(display, points) for _ in range(2))
+        if data != again:
+            raise ProtocolError(f"{self._port.name} sent display {display} twice and not alike; check the cable, measure again")
         # Its order of bytes is not documented: one point read as text decides.
         little, big = np.frombuffer(data, "<f4"), np.frombuffer(data, ">f4")
-        place = len(little) // 2
-        told = float(self._ask(f"DSPY?{display},{place}"))
+        place = points // 2
+        told = self._ask(f"DSPY?{display},{place}")
         for values in (little, big):
             if np.isfinite(values).all() and np.isclose(values[place], told, rtol=1e-4, atol=1e-30):
                 return values.astype(np.float64)
@@ -89,18 +141,39 @@ class Sr785Instrument:
             f"{self._port.name} sent {little[place]:g} and {told:g} for one point of display {display}; measure again"
         )
 
+    def _dump(self, display: int, points: int) -> bytes:
+        self._send(f"DSPB?{display}")
+        return self._port.exactly(4 * points)
+
     def _events(self) -> None:
-        events = int(self._ask("*ESR?"))
+        events = self._ask("*ESR?")
         for bit, what in EVENTS.items():
             if events >> bit & 1:
                 raise InstrumentError(f"{self._port.name} reports that {what}; check that the plan names the right instrument")
 
     def _send(self, command: str) -> None:
+        self._port.expect_nothing()
         self._port.write(command.encode() + b"\n")
 
-    def _ask(self, command: str) -> str:
+    def _twice(self, command: str) -> Any:
+        first, second = self._ask(command), self._ask(command)
+        if first != second:
+            raise ProtocolError(f"{self._port.name} answered {command} with {first} and {second}; check the cable, measure again")
+        return first
+
+    def _ask(self, command: str, kind: str = "") -> Any:
         self._send(command)
-        return self._port.line(b"\n").strip().decode("ascii", "replace")
+        told = self._port.line(b"\n").strip().decode("ascii", "replace")
+        word = command.partition("?")[0]
+        return parse((told,), (ANSWERS[kind or word],), who=self._port.name, command=command)[0]
 
 
-KIND = RecordsKind(name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"))
+def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+    from isorig.drivers.simulated.analyzers import SimulatedSr785, displayed
+
+    faults = asked.faults.only(("overload",), "an sr785")
+    coherence, time_record = displayed(shaken)
+    return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
+
+
+KIND = RecordsKind(name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"), far_end=_far_end)

@@ -1,1 +1,1 @@
-"""Diagnosis: what the simulation gets wrong, which cause is behind it, and what naming it gains."""
+"""Diagnosis: what the simulation gets wrong, which cause is behind it, and how much naming it improves the prediction."""

@@ -3,51 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from analysis.diagnose.division import Divide, Division, beginnings, ends, refined
-from analysis.diagnose.doubles import Doubles, doubles
-from analysis.diagnose.evidence import Sign, signs
-from analysis.diagnose.fits import baseline_fit, calibrated, finished, guesses_of, widened, without
-from analysis.diagnose.judge import (
-    ENOUGH,
-    SIMULATION_LIMIT,
-    Gain,
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.budget import Budget, budget
+from isorig.analysis.diagnose.considered import Told, all_told
+from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
+from isorig.analysis.diagnose.evidence import Sign, signs
+from isorig.analysis.diagnose.kinds import SHAPED, kind_of
+from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
+from isorig.analysis.diagnose.policy import (
+    POLICY,
+    Stage,
+    adequacy_threshold,
+    explains_own_channel,
+    may_be_noise,
+    step_counts,
+    verdict,
+)
+from isorig.analysis.diagnose.repeats import disturbance
+from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, share_removed
+from isorig.analysis.fitting.ladder import baseline_fit, calibrated, finished, guesses_of, widened, without
+from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.score import (
+    Improvement,
     Score,
-    adequate,
-    excess,
-    gain,
+    improvement,
     noise_floor,
     score,
+    share_interval,
     worst,
 )
-from analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
-from analysis.diagnose.search import Progress
-from analysis.diagnose.step import Step, next_step, updated, with_evidence
-from analysis.fit import Fit
-from analysis.measured import Campaign, FloatArray
-from analysis.model import RigModel
-from analysis.quality import faults
-from analysis.trials import Trial, noise_levels, prepare
+from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.quality import faults
 
 #: Steps at most.
 MOST_STEPS = 3
-#: Share of the excess over the floor that must go for a cause to be certain, and for the data to count as explained.
-EXPLAINED = 0.8
-#: Share of the figure's excess that certain causes must remove where not all is explained, and what makes them certain.
-PARTLY, CERTAIN = 2.0 / 3.0, 0.95
-#: Share of the excess that the first step must remove; a further one must lower the errors by it, and some error by more than
-#: the simulation itself may be wrong: whatever bends a little takes a little off what a first cause has left.
-WORTH = 0.15
-#: Fall of the errors' mean logarithm that is worth a first step which beats all rivals, whatever is left.
-ALONE = 0.4
-#: Largest errors over what is allowed, as a multiple of it, up to which the baseline's own rig is asked what it would get; and
-#: by how much the data must exceed that.
-DOUBTFUL, BEYOND = 4.0, 1.2
-#: A model fitted anew from where a step has led it is another one where its excess is lower by this much.
-BETTER = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,14 +74,29 @@ class Diagnosis:
     worst, enough, calibration
         The baseline's largest error over what is allowed, up to which it would be adequate, and what a rig that is the baseline
         itself would get (None where the answer was plain without).
-    gain
-        What the extension brought, with intervals.
+    improvement
+        How much smaller the extension makes the error, with intervals.
     trials
         The runs it rests on.
     beside
         The same beside the baseline's.
     division
         What fits saw of them, and what judged the fits.
+    shares
+        Of each step: share of the baseline's excess that it removes (value, low, high).
+    budgets
+        Of baseline and extended model: what their errors consist of.
+    told
+        Every candidate with its standing.
+    searched
+        Every search for a step: the score that it began with, and the candidates that were fitted in full, without the
+        derivatives of their fits.
+    tolerance
+        Error that the user does not mind, as a share of the signal.
+    cut_short
+        Whether the search for causes was ended by the time limit.
+    doubts
+        Fitted values that hardly any rig has: units, or what was given, are to be checked before anything else is believed.
     """
 
     verdict: str
@@ -96,13 +112,20 @@ class Diagnosis:
     worst: float
     enough: float
     calibration: float | None
-    gain: Gain
+    improvement: Improvement
     trials: tuple[Trial, ...]
     beside: Doubles
     division: Division
+    shares: tuple[tuple[float, float, float], ...]
+    budgets: tuple[Budget, Budget]
+    told: tuple[Told, ...]
+    searched: tuple[tuple[Score, tuple[Entry, ...]], ...]
+    tolerance: float
+    cut_short: bool
+    doubts: tuple[Doubt, ...]
 
 
-def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda text: None) -> Diagnosis:
+def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
     """Fit the baseline, show its misfit, and name what explains it.
 
     Parameters
@@ -111,21 +134,37 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         What was measured.
     model
         The baseline with first guesses; its `free` parameters are fitted.
+    tolerance
+        Error, as a share of the signal, that is not worth a cause.
     progress
-        Called with one line per stage.
+        Called with one line per stage, and before every fit of a candidate; it may raise OutOfTimeError, which ends the search
+        for causes: what was found by then is the answer, and `cut_short` says so.
+
+    Raises
+    ------
+    OutOfTimeError
+        Where the time was over before the baseline was fitted.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.diagnose(iso.read("campaign.h5"), iso.wire_bonder())
+    >>> found.verdict, found.steps
+    ('adequate', ())
     """
     trials = prepare(campaign, model)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     guesses = guesses_of(model, trials)
     baseline = widened(baseline_fit(guesses, trials))
-    search = _Search(campaign, guesses[0], trials, progress)
+    search = _Search(campaign, guesses[0], trials, progress, tolerance)
     found = search.causes(baseline, ends)
-    if found.verdict == "adequate" and search.begins_otherwise(baseline, found.enough):
-        progress("the runs' ends fit, but not their beginnings: those of some are kept from the fits")
+    if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
+        search.out_of_time("the runs' ends fit, but not their beginnings: those of some are kept from the fits")
         again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
         found = again if again.verdict != "adequate" else found
+    with suppress(OutOfTimeError):
+        progress("gathering the evidence")
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
-    progress("gathering the evidence")
     fine = tuple(refined(trial) for trial in trials)
     beside = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
     said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, beside, strict=False)]
@@ -138,16 +177,34 @@ def diagnose(campaign: Campaign, model: RigModel, *, progress: Progress = lambda
         steps=tuple(with_evidence(updated(step, last.fit), each) for step, each in zip(steps, said, strict=False) if step),
         baseline_error=first.score.figure, extended_error=last.score.figure, floor=floor, scores=(first.score, last.score),
         signs=said[0], worst=worst(first.score, _allowed(found.quiet)), enough=found.enough,
-        calibration=found.calibration, gain=gain(first.score, last.score, floor), trials=fine, division=found.division,
+        calibration=found.calibration, improvement=improvement(first.score, last.score, floor), trials=fine,
+        division=found.division,
+        shares=tuple(
+            share_interval(first.score, before.score, after.score, _allowed(found.quiet))
+            for before, after in pairwise(stages[: found.kept + 1])
+        ),
+        budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
+        told=all_told(
+            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], first.score,
+            _allowed(found.quiet), first.fit.model, trials,
+        ),
+        searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
+        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, (first.fit, last.fit), trials),
     )  # fmt: skip
+
+
+def _lean(entry: Entry) -> Entry:
+    # The derivatives are as long as the campaign.
+    return replace(entry, fit=replace(widened(entry.fit), jacobian=np.zeros((0, 0)), residual=np.zeros(0)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Stage:
-    # A model on the way, and the step that led to it (None of the baseline).
+    # A model on the way, the step that led to it (None of the baseline), and whether the next one belongs to it.
     fit: Fit
     score: Score
     step: Step | None = None
+    paired: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,99 +222,150 @@ class _Found:
 class _Search:
     # The way from a fitted baseline to causes.
 
-    def __init__(self, campaign: Campaign, guess: RigModel, trials: Sequence[Trial], progress: Progress) -> None:
+    def __init__(
+        self, campaign: Campaign, guess: RigModel, trials: Sequence[Trial], progress: Progress, tolerance: float
+    ) -> None:
         self._campaign, self._guess, self._trials, self._progress = campaign, guess, trials, progress
-        self._drive_noise = noise_levels(campaign).get(guess.drive.channel, 0.0)
+        self._tolerance = tolerance
+        self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
+        self.cut_short = False
+        self._drive_noise = drive_noise(campaign, guess.drive.channel)
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
         trials, judged, progress = division.fits, division.judged, self._progress
         stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
-        quiet = noise_floor(baseline.model, judged, self._drive_noise)
+        quiet = self._floor(baseline.model, judged)
         calibration = self._calibration(stages[0], divide, quiet)
-        enough = max(ENOUGH, BEYOND * (calibration or 0.0))
-        tries = 0
-        while len(stages) <= MOST_STEPS and not adequate(stages[-1].score, _allowed(quiet), enough):
+        enough = adequacy_threshold(calibration)
+        tries, repeated = 0, False
+        while len(stages) <= MOST_STEPS and not self._adequate(stages[-1].score, _allowed(quiet), enough):
             now, floors = stages[-1], _allowed(quiet)
             told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
-            progress(f"{told}; looking for a cause")
-            found = next_step(self._campaign, self._guess, now.fit, now.score, trials, judged, floors, progress)
+            if self.out_of_time(f"{told}; looking for a cause"):
+                break
+            left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
+            try:
+                found = next_step(
+                    self._campaign, self._guess, now.fit, now.score, trials, judged, floors, progress, left,
+                    steps=MOST_STEPS - len(stages) + 1, forms_only=repeated,
+                )  # fmt: skip
+            except OutOfTimeError:
+                self.cut_short = True
+                break
             if found is None:
                 break
-            step, better, best = found
+            self.entries.append((now.score, found.entries))
+            if found.then is not None:
+                stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
+                self.entries.append((found.entry.score, found.then.entries))
+                quiet = np.maximum(quiet, self._floor(stages[-1].fit.model, judged))
+                continue
+            step, better, best = found.step, found.entry.fit, found.entry.score
             # What the step is worth is measured against the model without it, from where the step has led the rest.
             bare = without(better, now.fit, trials)
             plain = score(bare.model, judged)
-            moved = excess(now.score, floors) - excess(plain, floors)
-            if moved > BETTER:
-                progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
+            moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
+            if moved > POLICY.refitted:
+                self.out_of_time(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
                 now = stages[-1] = replace(now, fit=widened(bare), score=plain)
-            gained = excess(now.score, floors) - excess(best, floors)
-            if moved > max(BETTER, gained) and tries < MOST_STEPS:
+            fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
+            if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
                 # The way there did more than the cause: it is looked for again from the better fit.
-                tries += 1
+                tries, repeated = tries + 1, step.form is not None
                 continue
-            if not (_worthwhile(now, step, best, floors) and _told_by_itself(now, step, best, floors, judged[0].channels)):
+            repeated = False
+            stage = _stage(now.score, found)
+            if not (
+                step_counts(_seen([*stages, stage]), len(stages), floors, enough)
+                and explains_own_channel(now.score.error, best.error, floors, _of_sensors(step, judged[0].channels))
+            ):
                 break
             # A cause may make the rig sensitive: then noise on the drive alone does more.
-            quiet = np.maximum(quiet, noise_floor(better.model, judged, self._drive_noise))
-            stages.append(_Stage(fit=widened(better), score=best, step=replace(step, before=now.score.figure, after=best.figure)))
-        verdict, kept = _verdict(stages, _allowed(quiet), float(np.median(quiet)), enough)
+            quiet = np.maximum(quiet, self._floor(better.model, judged))
+            stages.append(stage)
+            left = 1.0 - share_removed(stages[0].score.error, best.error, _allowed(quiet))
+            if step.form is None and left < POLICY.rest:
+                break
+        word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
         return _Found(
-            division=division, stages=stages, verdict=verdict, kept=kept, quiet=quiet, enough=enough, calibration=calibration
+            division=division, stages=stages, verdict=word, kept=kept, quiet=quiet, enough=enough, calibration=calibration
         )
+
+    def out_of_time(self, text: str) -> bool:
+        """Tell a line; whether the time for the search was over by then."""
+        if not self.cut_short:
+            try:
+                self._progress(text)
+            except OutOfTimeError:
+                self.cut_short = True
+        return self.cut_short
+
+    def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
+        return is_adequate(found.error, floors, enough, self._tolerance)
+
+    def _floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
+        return np.asarray(np.hypot(noise_floor(model, judged, self._drive_noise), disturbance(model, judged)))
 
     def begins_otherwise(self, fitted: Fit, enough: float) -> bool:
         judged = beginnings(self._trials).judged
         if not judged:
             return False
-        floors = _allowed(noise_floor(fitted.model, judged, self._drive_noise))
-        if adequate(score(fitted.model, judged), floors, enough):
+        floors = _allowed(self._floor(fitted.model, judged))
+        if self._adequate(score(fitted.model, judged), floors, enough):
             return False
         # A rig that moved before its record began says nothing by beginning otherwise.
         bad = {f.run for f in faults(self._campaign, reference=fitted.model.drive.channel) if f.kind == "not at rest"}
         return all(trial.run.id not in bad for trial in judged)
 
+    def budget(self, model: RigModel, division: Division) -> Budget:
+        """What a model's error consists of."""
+        return budget(model, division.judged, noise_floor(model, division.judged, self._drive_noise))
+
     def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only near the noise is it worth asking; a rig judged by its drive has no motion of its own to ask.
         floors = _allowed(quiet)
-        if not ENOUGH <= worst(stage.score, floors) < DOUBTFUL * ENOUGH or any(trial.motion for trial in self._trials):
+        if not may_be_noise(worst(stage.score, floors)) or any(trial.motion for trial in self._trials):
             return None
-        self._progress("not far above the noise; asking what the baseline's own rig would get")
+        if self.out_of_time("not far above the noise; asking what the baseline's own rig would get"):
+            return None
         return calibrated(stage.fit, self._trials, divide, floors, self._drive_noise)
+
+
+def _stage(before: Score, found: Found) -> _Stage:
+    entry = found.entry
+    step = replace(found.step, before=before.figure, after=entry.score.figure)
+    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
 
 
 def _allowed(quiet: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(quiet, SIMULATION_LIMIT))
 
 
-def _worthwhile(now: _Stage, step: Step, best: Score, floors: FloatArray) -> bool:
-    gained = excess(now.score, floors) - excess(best, floors)
-    if now.step is None:
-        # One of two causes alone takes little off the logarithm; the verdict asks what they explain together.
-        return gained >= WORTH * excess(now.score, floors) or (gained >= ALONE and step.confidence >= CERTAIN)
-    return gained >= WORTH and float(np.max(now.score.error - best.error)) >= SIMULATION_LIMIT
+def _seen(stages: Sequence[_Stage]) -> list[Stage]:
+    seen: list[Stage] = []
+    rubbing: set[str] = set()
+    for stage in stages:
+        step = stage.step
+        if step is None:
+            seen.append(Stage(error=stage.score.error))
+            continue
+        # A contact has one friction law: a further one there is a more general one.
+        refines = step.kind == "friction_shape" and step.location in rubbing
+        seen.append(
+            Stage(error=stage.score.error, place=step.location, certain=is_certain(step), refines=refines, paired=stage.paired)
+        )
+        if step.kind == "friction_shape":
+            rubbing.add(step.location)
+    return seen
 
 
-def _told_by_itself(now: _Stage, step: Step, best: Score, floors: FloatArray, channels: Sequence[str]) -> bool:
-    # A sensor's fault explains its own channel. One that only frees the rest of a fit from a spoilt channel is not the fault.
-    own = [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]
-    if not own:
-        return True
-    before, after = (excess(replace(x, error=x.error[:, own]), floors[:, own]) for x in (now.score, best))
-    return before - after >= WORTH * before
+def is_certain(step: Step) -> bool:
+    """Whether a step's kind and place are certain: it beats every rival of another kind or place, and a free shape bounds it."""
+    apart = any((kind_of(cause), place) != (step.kind, step.location) for cause, place in step.indistinguishable)
+    return step.confidence >= POLICY.certain and not apart and step.kind in SHAPED
 
 
-def _verdict(stages: Sequence[_Stage], floors: FloatArray, floor: float, enough: float) -> tuple[str, int]:
-    # "Explained" is asked of every run and channel alike, by the logarithm; "partly" of the figure, and of certain causes.
-    first = stages[0].score
-    steps = [stage.step for stage in stages if stage.step]
-    if not steps:
-        return ("adequate" if adequate(first, floors, enough) else "unexplained"), 0
-    total = excess(first, floors)
-    for kept in range(len(steps), 0, -1):
-        if 1.0 - excess(stages[kept].score, floors) / max(total, 1e-12) >= EXPLAINED:
-            return "explained", kept
-    certain = next((k for k, step in enumerate(steps) if step.confidence < CERTAIN or step.indistinguishable), len(steps))
-    removed = (first.figure - stages[certain].score.figure) / max(first.figure - floor, 1e-12)
-    return ("partly explained", certain) if removed >= PARTLY else ("unexplained", 0)
+def _of_sensors(step: Step, channels: Sequence[str]) -> list[int]:
+    # Columns of the channels whose sensors the step changes; none where it changes anything else.
+    return [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]

@@ -12,22 +12,45 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.diagnose.doubles import Double, Doubles, Group, Lines
-from analysis.diagnose.observe import flat_tops, mains, peaks_of
-from analysis.diagnose.surface import Surface, surface_of
-from analysis.errors import DataError
-from analysis.isolation import BROAD
-from analysis.measured import Campaign, FloatArray
-from analysis.model import GROUND, RigModel
-from analysis.periodic import periodic
-from analysis.quality import faults
-from analysis.spectra import estimate
-from analysis.trials import Trial
+from isorig.analysis.campaign import BROAD, Campaign, FloatArray
+from isorig.analysis.diagnose.estimate_pairs import Double, Doubles, Group, Lines
+from isorig.analysis.diagnose.observe import flat_tops, mains, peaks_of
+from isorig.analysis.diagnose.surface import Surface, surface_of
+from isorig.analysis.errors import DataError
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.analysis.spectra.periodic import periodic
+from isorig.analysis.spectra.quality import faults
+from isorig.analysis.spectra.welch import estimate
 
 #: Standard errors from which a figure is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
 #: How many times further apart than chance puts them two transfer functions must lie.
 APART = 2.0
+#: How many times larger than elsewhere a difference at one frequency is that a mode may explain. Chosen.
+NARROW = 5.0
+#: Difference of two transfer functions, as a share, that is worth a word: three times what is too small to be a sign.
+LEAST = 3 * SMALL
+#: Agreement says something only where a difference of this size would have shown. Chosen: nonlinear causes that matter change
+#: measured over simulated by more.
+RESOLVED = 0.1
+#: How many times the part of the misfit that follows the drive the whole misfit is where most of it is nonlinear or noise.
+MOSTLY = 2.0
+#: Shortest delay that is a sign, s: a hundredth of a sample at 1 kHz. Chosen.
+BRIEFEST = 1e-5
+#: Coherence above which two channels move as one rigid body, and lines that such a comparison needs. Chosen.
+RIGID, FEW_LINES = 0.9, 5
+#: A flat ratio may vary by this share of its distance from 1; a phase line explains at least this share of the phase's power.
+#: Chosen: a wrong sensitivity or a delay does the same at every frequency, a wrong mass or spring does not.
+UNEVEN, STRAIGHT = 0.3, 0.7
+#: Lines in which a narrow difference can be seen. Chosen.
+MANY_LINES = 20
+#: How many times larger one configuration's error is than the other's where the cause sits in what only it moves. Chosen.
+ONE_SIDED = 3.0
+#: Change of stiffness over the swing, and of friction as a share of the sliding force, that is worth a word. Chosen.
+RISE, UNLIKE = 0.02, 0.03
+#: Distortion over noise from which it is a sign of a nonlinearity. Chosen.
+DISTORTED = 3.0
 #: Causes that change with the amplitude at a link.
 CURVED = ("hardening_stiffness", "softening_stiffness", "backlash", "end_stop", "quadratic_damping")
 RUBBING = ("coulomb_friction", "stribeck_friction", "presliding_friction", "asymmetric_friction")
@@ -73,7 +96,7 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: 
     """
     pairs, groups = beside.pairs, beside.groups
     return (
-        *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *_poles(model, groups),
+        *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),
         *_configurations(pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, beside),
         *_periods(model, pairs),
     )  # fmt: skip
@@ -132,23 +155,23 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             for run in runs:
                 frf = estimate([run], references=[other], channels=[one], resolution=1.0).frf(one, other)
                 low, high = run.band or (1.0, run.sample_rate / 2.56)
-                kept = (frf.coherence > 0.9) & (frf.frequency >= low) & (frf.frequency <= high)
+                kept = (frf.coherence > RIGID) & (frf.frequency >= low) & (frf.frequency <= high)
                 values.append(np.abs(frf.value[kept]))
                 stds.append(frf.phase_std[kept])
                 phases.append(np.angle(frf.value[kept]))
                 fs.append(frf.frequency[kept])
             value, std, phase, f = (np.concatenate(parts) for parts in (values, stds, phases, fs))
-            if len(f) < 5:
+            if len(f) < FEW_LINES:
                 continue
             ratio, error = _mean(value, std)
             delay, late, _ = _slope(f, phase, std)
             share = np.abs(value - ratio).mean()
-            off, shifted = abs(ratio - 1.0) > max(SURE * error, SMALL), abs(delay) > SURE * late and abs(delay) > 1e-5
+            off, shifted = abs(ratio - 1.0) > max(SURE * error, SMALL), abs(delay) > max(SURE * late, BRIEFEST)
             text = (
                 f"Rigid bodies: {name}, {one} and {other} must move as one; their records stand as {ratio:.4f} ± {error:.1g} "
                 f"to 1, {one} {delay * 1e3:+.3g} ± {late * 1e3:.1g} ms late"
             )
-            if not off and not shifted and share < 3 * SMALL:
+            if not off and not shifted and share < LEAST:
                 found.append(Sign(text=text + ": they agree."))
                 continue
             speaks = [("imperfect_lock", "lock")]
@@ -170,7 +193,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         levels = np.array([_mean(np.abs(x.ratio), np.hypot(x.std, SMALL)) for x in each])
         level, error = _mean(levels[:, 0], np.maximum(levels[:, 1], 1e-5))
         bent = max(float(np.abs(np.abs(x.ratio) - level).mean()) for x in each)
-        if abs(level - 1.0) > max(SURE * error, SMALL) and bent < 0.3 * abs(level - 1.0):
+        if abs(level - 1.0) > max(SURE * error, SMALL) and bent < UNEVEN * abs(level - 1.0):
             found.append(
                 Sign(
                     text=f"Flat ratio: the {sensor.channel} is recorded {level:.4f} ± {error:.1g} times as large as simulated, "
@@ -182,7 +205,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         stds = np.concatenate([np.hypot(x.std, SMALL) for x in each])
         f = np.concatenate([x.frequency for x in each])
         delay, late, explained = _slope(f, np.angle(ratios), stds)
-        if abs(delay) > max(SURE * late, 1e-5) and explained > 0.7:
+        if abs(delay) > max(SURE * late, BRIEFEST) and explained > STRAIGHT:
             found.append(
                 Sign(
                     text=f"Phase line: the {sensor.channel}'s phase beside the simulation is a straight line over frequency, "
@@ -193,27 +216,30 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
     return found
 
 
-def _poles(model: RigModel, groups: Groups) -> list[Sign]:
-    # A further mode shows as a narrow swing of measured over simulated, small away from it.
+def poles(model: RigModel, groups: Groups) -> list[Sign]:
+    """A further mode shows where measured and simulated differ near one frequency and little elsewhere."""
     found = []
     bodies = {s.channel: s.body for s in model.sensors}
     for sensor in model.sensors:
         best: tuple[float, float, float] | None = None
         for group in groups.values():
             seen = group.lines(sensor.channel)
-            if seen is None or len(seen.frequency) < 20:
+            if seen is None or len(seen.frequency) < MANY_LINES:
                 continue
-            off = np.abs(seen.ratio - 1.0) / np.hypot(seen.std, SMALL)
+            # As a share of the larger of the two: the simulated one may be close to zero between two modes.
+            share = np.abs(seen.measured - seen.simulated) / np.maximum(np.abs(seen.measured), np.abs(seen.simulated))
+            off = share / np.hypot(seen.std, SMALL)
             k = int(np.argmax(np.convolve(off, np.ones(3) / 3.0, mode="same")))
-            size, rest = float(np.abs(seen.ratio[k] - 1.0)), float(np.median(np.abs(seen.ratio - 1.0)))
-            if off[k] > 2 * SURE and size > max(5 * rest, 3 * SMALL) and (best is None or size > best[1]):
+            size, rest = float(share[k]), float(np.median(share))
+            if off[k] > 2 * SURE and size > max(NARROW * rest, LEAST) and (best is None or size > best[1]):
                 best = float(seen.frequency[k]), size, rest
         if best is not None:
             place = bodies[sensor.channel]
             found.append(
                 Sign(
-                    text=f"Poles: the {sensor.channel}'s transfer function leaves the simulated one by {100 * best[1]:.0f} % "
-                    f"near {best[0]:.4g} Hz, and by {100 * best[2]:.2g} % elsewhere: a mode there, or a peak out of place.",
+                    text=f"Poles: near {best[0]:.4g} Hz the measured and simulated transfer functions of the {sensor.channel} "
+                    f"differ by {100 * best[1]:.0f} % of the larger one, elsewhere by {100 * best[2]:.2g} %: a mode that the "
+                    "model lacks or has elsewhere.",
                     speaks_for=(("extra_mode", place), ("moment_coupling", place)),
                 )
             )
@@ -238,12 +264,12 @@ def _configurations(pairs: Sequence[Double]) -> list[Sign]:
     told = ", ".join(f"{name} by {100 * e:.2g} %" for name, e in error.items())
     text = f"Configurations: the fitted baseline errs {told} of the signal"
     unlocked, locked = error.get("unlocked"), error.get("locked")
-    if unlocked is None or locked is None or max(unlocked, locked) < 3 * SMALL:
+    if unlocked is None or locked is None or max(unlocked, locked) < LEAST:
         return [Sign(text=text + ".")]
-    if unlocked > 3 * locked:
+    if unlocked > ONE_SIDED * locked:
         speaks = tuple((cause, "isolation") for cause in (*CURVED, *RUBBING, "stiffness_drift"))
         return [Sign(text=text + ": what is wrong moves only where the motor is free.", speaks_for=speaks)]
-    if locked > 3 * unlocked:
+    if locked > ONE_SIDED * unlocked:
         return [Sign(text=text + ": what is wrong shows where the motor is locked.", speaks_for=(("imperfect_lock", "lock"),))]
     return [Sign(text=text + ": what is wrong is there in both.")]
 
@@ -259,47 +285,83 @@ def _apart(one: Lines | None, other: Lines | None) -> float:
     return float(np.sqrt(np.average(np.abs(one.ratio[i] - other.ratio[j]) ** 2, weights=weight)))
 
 
-def _disagree(one: Group, other: Group, response: str) -> tuple[float, float] | None:
-    # How far two groups of runs lie apart beside the simulation, and what chance makes of it; None where they agree.
+def _compared(one: Group, other: Group, response: str) -> tuple[float, float] | None:
+    # How far two groups of runs lie apart compared with the simulation, and what chance makes of it; None where that is unknown.
     apart = _apart(one.lines(response), other.lines(response))
     by_half = ([half.lines(response) for half in group.halves] for group in (one, other))
     noise = float(np.linalg.norm([_apart(first, second) / 2.0 for first, second in by_half]))
-    return (apart, noise) if apart > max(APART * noise, 3 * SMALL) else None
+    return (apart, noise) if np.isfinite(apart) and np.isfinite(noise) else None
+
+
+def _differ(apart: float, noise: float) -> bool:
+    return apart > max(APART * noise, LEAST)
 
 
 def _gains(model: RigModel, groups: Groups) -> list[Sign]:
-    moved: dict[str, list[str]] = {}
-    same: dict[str, str] = {}
+    found = []
     for name in dict.fromkeys(configuration for configuration, _ in groups):
         gains = sorted((g for c, g in groups if c == name), reverse=True)
         if len(gains) < 2:
             continue
-        same[name] = ", ".join(f"{g:g}" for g in gains)
-        for high, low in pairwise(gains):
-            for sensor in model.sensors:
-                off = _disagree(groups[name, high], groups[name, low], sensor.channel)
-                if off is not None:
-                    moved.setdefault(name, []).append(
-                        f"{sensor.channel} between gains {high:g} and {low:g} by {100 * off[0]:.2g} %"
-                    )
-    found = [
-        Sign(
-            text=f"Homogeneity: {name}, measured over simulated moves with the gain ({'; '.join(told[:3])}): the misfit depends "
-            "on the amplitude.",
-            speaks_for=tuple((cause, "") for cause in (*CURVED, *RUBBING, "clipping")),
-        )
-        for name, told in moved.items()
-    ]
-    linear = () if moved else tuple((cause, "") for cause in LINEAR)
-    found += [
-        Sign(
-            text=f"Homogeneity: {name}, measured over simulated is the same at gains {gains}: what misfit there is, is linear.",
-            speaks_for=linear,
-        )
-        for name, gains in same.items()
-        if name not in moved
-    ]
-    return found
+        seen = [
+            (f"{sensor.channel} between gains {high:g} and {low:g} by {100 * pair[0]:.2g} %", *pair)
+            for high, low in pairwise(gains)
+            for sensor in model.sensors
+            if (pair := _compared(groups[name, high], groups[name, low], sensor.channel)) is not None
+        ]
+        own = [group for (c, _), group in groups.items() if c == name]
+        found.append(homogeneity(name, gains, seen, _misfit([p for group in own for p in group.pairs]), _linear(model, own)))
+    changes = any(sign.speaks_for and sign.speaks_for[0][0] in CURVED for sign in found)
+    # What changes with the amplitude in one configuration is nonlinear, whatever the others do.
+    return [Sign(text=sign.text) if changes and sign.speaks_for == _anywhere(LINEAR) else sign for sign in found]
+
+
+def _linear(model: RigModel, groups: Sequence[Group]) -> float:
+    # The part of the misfit that follows the drive, as a share of the signal: the median over groups and channels.
+    seen = [lines for group in groups for sensor in model.sensors if (lines := group.lines(sensor.channel)) is not None]
+    shares = [float(np.linalg.norm(x.simulated - x.measured) / np.linalg.norm(x.measured)) for x in seen]
+    return float(np.median(shares)) if shares else 0.0
+
+
+def _anywhere(causes: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    return tuple((cause, "") for cause in causes)
+
+
+def homogeneity(
+    name: str, gains: Sequence[float], seen: Sequence[tuple[str, float, float]], misfit: float, linear: float
+) -> Sign:
+    """What a comparison of transfer functions at several gains says about a configuration.
+
+    Parameters
+    ----------
+    name
+        The configuration.
+    gains
+        Its drive gains.
+    seen
+        Of each channel and pair of gains that could be compared: the difference in words, its size (measured over simulated, as a
+        share), and the size that chance gives it.
+    misfit, linear
+        The simulation's whole error, and the part of it that follows the drive, as shares of the signal.
+    """
+    levels = ", ".join(f"{gain:g}" for gain in gains)
+    moved = [words for words, apart, noise in seen if _differ(apart, noise)]
+    if moved:
+        text = f"measured over simulated changes with the drive gain ({'; '.join(moved[:3])}): the misfit depends on amplitude."
+        return Sign(text=f"Homogeneity: {name}, {text}", speaks_for=_anywhere((*CURVED, *RUBBING, "clipping")))
+    within = max((max(apart, APART * noise) for _, apart, noise in seen), default=np.inf)
+    if not within <= RESOLVED:
+        known = "no lines in common" if not seen else f"a difference below {100 * within:.2g} % would not show"
+        text = f"gains {levels} cannot be compared ({known}), so whether the misfit depends on the amplitude is not known."
+        return Sign(text=f"Homogeneity: {name}, {text}")
+    text = (
+        f"measured over simulated agrees at gains {levels} to within {100 * within:.2g} %: on the lines that follow the drive "
+        "the misfit does not depend on the amplitude"
+    )
+    if misfit > MOSTLY * max(linear, LEAST):
+        return Sign(text=f"Homogeneity: {name}, {text}; but most of the misfit does not follow the drive, so it is not linear.")
+    text += "."
+    return Sign(text=f"Homogeneity: {name}, {text}", speaks_for=_anywhere(LINEAR))
 
 
 def _time(model: RigModel, groups: Groups) -> list[Sign]:
@@ -309,16 +371,17 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
             continue
         first, last = group.pairs[0], group.pairs[-1]
         minutes = (last.trial.start_time - first.trial.start_time) / 60.0
-        told = []
+        told, compared = [], False
         for sensor in model.sensors:
-            off = _disagree(Group((first,)), Group((last,)), sensor.channel)
-            if off is not None:
+            off = _compared(Group((first,)), Group((last,)), sensor.channel)
+            compared = compared or off is not None
+            if off is not None and _differ(*off):
                 told.append(f"{sensor.channel} {100 * off[0]:.2g} % (chance {100 * off[1]:.2g} %)")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
         if told:
             text = f"{where} disagree by more than chance: {', '.join(told)}: the rig has changed in between."
             found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
-        else:
+        elif compared:
             found.append(Sign(text=f"{where} agree: the rig has not changed."))
     return found
 
@@ -347,7 +410,7 @@ def _bends(surface: Surface) -> list[Sign]:
     rise, error = surface.stiffening
     where = f"{surface.link} spring"
     ends = f"{surface.stiffness[1]:.4g} N/m near the middle and {surface.stiffness[-1]:.4g} N/m at ±{1e3 * surface.swing:.2g} mm"
-    if not abs(rise) > max(SURE * error, 0.02):
+    if not abs(rise) > max(SURE * error, RISE):
         return []
     causes, verb = (STIFFER, "stiffens") if rise > 0.0 else (SOFTER, "softens")
     return [
@@ -362,7 +425,7 @@ def _bends(surface: Surface) -> list[Sign]:
 def _rubs(surface: Surface) -> list[Sign]:
     found = []
     (ways, ways_std), (bend, bend_std) = surface.direction, surface.bending
-    least = 0.03 * max(abs(surface.friction), 1e-9)
+    least = UNLIKE * max(abs(surface.friction), 1e-9)
     if abs(ways) > max(SURE * ways_std, least):
         found.append(
             Sign(
@@ -404,9 +467,10 @@ def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             except DataError:
                 continue
             size = float(np.median(np.abs(frf.value)))
-            noise, bent = float(np.median(frf.noise)) / size, float(np.nanmedian(frf.distortion)) / size
-            if np.isfinite(bent):
-                speaks = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > 3 * noise else ()
+            noise, known = float(np.median(frf.noise)) / size, frf.distortion[np.isfinite(frf.distortion)]
+            if len(known):  # one realisation alone does not tell it
+                bent = float(np.median(known)) / size
+                speaks = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > DISTORTED * noise else ()
                 found.append(
                     Sign(
                         text=f"Periods: {group[0].configuration} at gain {gain:g} the {sensor.channel} is distorted by "

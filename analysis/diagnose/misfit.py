@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnose.doubles import Double, Doubles, Lines
-from analysis.errors import DataError
-from analysis.isolation import isolation_ratio
-from analysis.measured import Campaign, ComplexArray, FloatArray
-from analysis.model import RigModel
-from analysis.trials import Trial, expected
+from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray
+from isorig.analysis.diagnose.estimate_pairs import Double, Doubles, Lines
+from isorig.analysis.errors import DataError
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.isolation.ratio import isolation_ratio
+from isorig.analysis.model.rig_model import RigModel
 
 #: A band counts where the misfit's power exceeds the noise's by this factor, other figures by these standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
@@ -20,6 +20,14 @@ ABOVE_NOISE, SURE = 4.0, 4.0
 MOVED = 2.0
 #: Differences of a coherence, and of the isolation ratio and a peak's frequency as a share, that are worth a word.
 COHERENCE, SHARE = 0.02, 0.002
+#: Error as a share of a band's signal that is worth a word; lines that such a band needs; bands from 1 Hz to the filter's corner.
+BAND_SHARE, BAND_LINES, BANDS = 0.02, 3, 39
+#: The middle part of a misfit's power that says where it lies.
+MIDDLE = (0.05, 0.95)
+#: How far around its frequency a peak is compared, as a share of it, and lines that takes: a third of an octave.
+AROUND, PEAK_LINES = 0.25, 5
+#: Share of the isolation ratio by which it must be off on a line, and such lines that are worth a word. Chosen.
+RATIO_SHARE, RATIO_LINES = 10 * SHARE, 3
 #: Neighbouring lines of a coherence that are taken together.
 SMOOTHED = 5
 #: Of the figures of each kind, those that are told.
@@ -95,7 +103,7 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
         rate, n = trial.sample_rate, trial.samples
         predicted = expected(model, trial)
         frequency = np.fft.rfftfreq(n, 1.0 / rate)
-        edges = np.geomspace(1.0, rate / 2.1, 40)
+        edges = np.geomspace(1.0, rate / 2.1, BANDS + 1)
         which = np.digitize(frequency, edges)
         for row, name in enumerate(trial.channels):
             error = np.abs(np.fft.rfft(predicted[row] - trial.measured[row])) ** 2 / n
@@ -104,15 +112,17 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             e = np.bincount(which, error, minlength=len(edges) + 1)[1:-1]
             s = np.bincount(which, signal, minlength=len(edges) + 1)[1:-1]
             quiet = counts * max(trial.noise[row], 1e-12) ** 2
-            bad = (e > ABOVE_NOISE * quiet) & (e > 0.02**2 * s) & (counts > 3)
+            bad = (e > ABOVE_NOISE * quiet) & (e > BAND_SHARE**2 * s) & (counts > BAND_LINES)
             if not bad.any():
                 continue
             weight = np.where(bad, e, 0.0)
             order = np.cumsum(weight) / weight.sum()
-            low, high = int(np.searchsorted(order, 0.05)), int(np.searchsorted(order, 0.95))
+            low, high = (int(np.searchsorted(order, q)) for q in MIDDLE)
             inside = slice(low, high + 1)
-            size = float(np.sqrt(e[inside].sum() / s[inside].sum()))
-            noise = float(np.sqrt(quiet[inside].sum() / s[inside].sum()))
+            heard = float(s[inside].sum())
+            if heard <= 0.0:  # a body that stood still
+                continue
+            size, noise = (float(np.sqrt(power[inside].sum() / heard)) for power in (e, quiet))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
             text = (
                 f"{trial.run.configuration} at gain {trial.run.gain:g} ({trial.run.id}) the {name} "
@@ -149,15 +159,15 @@ def _top(frequency: FloatArray, values: ComplexArray) -> tuple[int, float, float
 def _shift(seen: Lines, around: float | None = None) -> tuple[float, float, float, float]:
     # How far the measured peak lies above the simulated one (Hz), its deviation, its frequency, its height over the simulated.
     if around is not None:
-        kept = np.abs(seen.frequency - around) <= 0.25 * around
-        if kept.sum() < 5:
+        kept = np.abs(seen.frequency - around) <= AROUND * around
+        if kept.sum() < PEAK_LINES:
             return np.nan, np.nan, np.nan, np.nan
         seen = replace(
             seen, frequency=seen.frequency[kept], measured=seen.measured[kept], simulated=seen.simulated[kept], std=seen.std[kept]
         )
     k, measured, high = _top(seen.frequency, seen.measured)
-    near = np.abs(seen.frequency - measured) <= max(0.25 * measured, 4 * float(np.diff(seen.frequency).min()))
-    if k == 0 or near.sum() < 5:
+    near = np.abs(seen.frequency - measured) <= max(AROUND * measured, 4 * float(np.diff(seen.frequency).min()))
+    if k == 0 or near.sum() < PEAK_LINES:
         return np.nan, np.nan, np.nan, np.nan
     j, simulated, low = _top(seen.frequency[near], seen.simulated[near])
     size = np.log(np.abs(seen.measured))
@@ -261,12 +271,12 @@ def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
     except DataError:
         return []
     off = simulated.ratio - measured.ratio
-    bad = (np.abs(off) > SURE * measured.std) & (np.abs(off) > 10 * SHARE * measured.ratio)
-    if bad.sum() < 3:
+    bad = (np.abs(off) > SURE * measured.std) & (np.abs(off) > RATIO_SHARE * measured.ratio)
+    if bad.sum() < RATIO_LINES:
         return []
     # The middle nine tenths of the misfit tell where it is.
     order = np.cumsum(np.where(bad, (off / measured.ratio) ** 2, 0.0))
-    low, high = (int(np.searchsorted(order, q * order[-1])) for q in (0.05, 0.95))
+    low, high = (int(np.searchsorted(order, q * order[-1])) for q in MIDDLE)
     inside = slice(low, high + 1)
     whole = float(np.sqrt(np.mean(measured.ratio[inside] ** 2)))
     band = (float(measured.frequency[low]), float(measured.frequency[high]))

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import msgspec
 import numpy as np
 
-from analysis.diagnose.mechanisms.base import Evidence
-from analysis.hum import mains_in
-from analysis.measured import Campaign, Quantity
-from analysis.model import GROUND, Link, RigModel, Sensor
-from analysis.motion import motion_of
-from analysis.simulate import simulate
-from analysis.trials import Trial, expected, true_motion
+from isorig.analysis.campaign import Campaign, FloatArray, Quantity
+from isorig.analysis.diagnose.mechanisms.base import Evidence
+from isorig.analysis.diagnose.surface import bent_by
+from isorig.analysis.fitting.trials import Trial, expected, true_motion
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
+from isorig.analysis.simulate import simulate
+from isorig.analysis.spectra.hum import mains_in
+from isorig.analysis.spectra.motion import motion_of
 
 #: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
 FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
+#: Points at which a spring's bend is read from a record.
+SKETCHED = 49
+#: Share of a band's signal that counts as noise where the misfit's peaks are looked for; lines that a band needs; octaves that
+#: lie between two of them at least. Chosen.
+PEAK_NOISE, PEAK_LINES, PEAKS_APART = 0.02, 4, 0.3
+#: How far the mains frequency wanders within a session, Hz: the largest steady deviation that the European grid allows.
+WANDERS = 0.2
 
 
 def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
@@ -30,7 +38,8 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        guess=guess, configurations=frozenset(t.run.configuration for t in trials),
+        bends=bends(model, trials, deflection), push=push_of(model, peaks), guess=guess,
+        configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 
 
@@ -48,6 +57,28 @@ def peaks_of(campaign: Campaign) -> dict[str, float]:
         for name in run.channels:
             peaks[name] = max(peaks.get(name, 0.0), float(np.abs(run.read(name)).max()))
     return peaks
+
+
+def bends(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """What the record of the largest motion says of each link's spring beyond its straight part: deflections (m), forces (N)."""
+    found: dict[str, tuple[FloatArray, FloatArray]] = {}
+    for link in model.links:
+        free = [t for t in trials if link.name not in model.configurations[t.run.configuration].rigid and t.motion is None]
+        if not free or link.stiffness <= 0.0:
+            continue
+        loudest = max(free, key=lambda trial: float(np.mean(trial.measured**2)))
+        at = swing[link.name] * np.linspace(-1.0, 1.0, SKETCHED)
+        values = bent_by(model, link, loudest.run, at)
+        if values is not None:
+            found[link.name] = at, values
+    return found
+
+
+def push_of(model: RigModel, peaks: Mapping[str, float]) -> float:
+    """Largest force in N that the drive puts on a body."""
+    drive = model.drive
+    shares = [abs(share) for share in drive.pushes.values()]
+    return abs(drive.factor) * max(shares, default=0.0) * peaks.get(drive.channel, 0.0)
 
 
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
@@ -122,7 +153,7 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
 
 
 def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
-    """Channels whose misfit has a line at the mains frequency in at least half of the runs, with that frequency in Hz."""
+    """Channels whose misfit has a line at one mains frequency in at least half of the runs, with that frequency in Hz."""
     seen: dict[str, list[float | None]] = {}
     for trial in trials:
         if trial.fitted == 0:
@@ -130,8 +161,14 @@ def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
         left = trial.measured[:, : trial.fitted] - expected(model, trial, true_motion(model, trial, trial.fitted))
         for row, name in enumerate(trial.channels):
             seen.setdefault(name, []).append(mains_in(left[row], trial.sample_rate))
-    found = {name: [f for f in lines if f is not None] for name, lines in seen.items()}
-    return {name: float(np.median(f)) for name, f in found.items() if 2 * len(f) >= len(seen[name])}
+    found = {name: agreeing([f for f in lines if f is not None]) for name, lines in seen.items()}
+    return {name: float(np.median(f)) for name, f in found.items() if f and 2 * len(f) >= len(seen[name])}
+
+
+def agreeing(frequencies: Sequence[float]) -> list[float]:
+    """Those of several runs' line frequencies that lie within `WANDERS` of their median, Hz."""
+    middle = float(np.median(frequencies)) if frequencies else 0.0
+    return [frequency for frequency in frequencies if abs(frequency - middle) <= WANDERS]
 
 
 def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 6) -> tuple[float, ...]:
@@ -149,9 +186,10 @@ def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 6) 
             signal = np.abs(np.fft.rfft(trial.measured[row, :n])) ** 2 / n
             for k in range(excess.shape[1]):
                 inside = (frequency >= edges[k]) & (frequency < edges[k + 1])
-                if inside.sum() >= 4:
-                    allowed = trial.noise[row] ** 2 + (0.02**2) * signal[inside].mean()
-                    excess[row, k] = max(excess[row, k], float(error[inside].mean() / allowed))
+                if inside.sum() >= PEAK_LINES:
+                    allowed = trial.noise[row] ** 2 + PEAK_NOISE**2 * signal[inside].mean()
+                    if allowed > 0.0:  # a body that stood still says nothing
+                        excess[row, k] = max(excess[row, k], float(error[inside].mean() / allowed))
     # What a channel misses most it misses over octaves; a mode elsewhere is a peak beside it, in that channel or in another.
     padded = np.pad(excess, ((0, 0), (1, 1)))
     peaks = np.where((excess >= padded[:, :-2]) & (excess >= padded[:, 2:]), excess, 0.0)
@@ -161,6 +199,6 @@ def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 6) 
         for row in np.argsort([-peaks[r, highest[r, place]] for r in range(len(peaks))]):
             k = highest[row, place]
             centre = float(np.sqrt(edges[k] * edges[k + 1]))
-            if peaks[row, k] > 0.0 and all(abs(np.log2(centre / other)) > 0.3 for other in chosen):
+            if peaks[row, k] > 0.0 and all(abs(np.log2(centre / other)) > PEAKS_APART for other in chosen):
                 chosen.append(centre)
     return tuple(chosen[:most])

@@ -3,28 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 
-from analysis.diagnose.evidence import Sign
-from analysis.diagnose.fits import BEHIND, CLOSE, SCREENS, diverse, finished, horizon, ladder, race
-from analysis.diagnose.judge import ENOUGH, Score, adequate, confidence, margin_in_errors, score
-from analysis.diagnose.mechanisms import CATALOGUE, Candidate
-from analysis.diagnose.mechanisms.base import Reported
-from analysis.diagnose.observe import observe
-from analysis.diagnose.search import Progress, Screen, glanced
-from analysis.errors import FitError, ModelError
-from analysis.fit import Fit, Problem, fit
-from analysis.measured import Campaign, FloatArray
-from analysis.model import RigModel
-from analysis.trials import Trial
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.evidence import Sign
+from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
+from isorig.analysis.diagnose.mechanisms.shapes import free_shapes, tabulated
+from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.diagnose.pairs import Pair, pairs
+from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
+from isorig.analysis.errors import FitError, ModelError
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.excess import excess, ratio, share_removed
+from isorig.analysis.fitting.ladder import (
+    BEHIND,
+    CLOSE,
+    SCREENS,
+    Rung,
+    Starts,
+    diverse,
+    finished,
+    horizon,
+    ladder,
+    race,
+    starts_of,
+    unrolled,
+    without,
+)
+from isorig.analysis.fitting.score import Score, adequate, confidence, margin_in_errors, score, units
+from isorig.analysis.fitting.screen import Look, Progress, Screen, glanced
+from isorig.analysis.fitting.solve import Fit, Free, Problem, fit
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.laws import FrictionCurve
+from isorig.analysis.model.rig_model import RigModel
 
-#: Candidates that get a full fit.
-FINALISTS = 4
-#: A rival that errs by this much more than what explains the data may is not like one that does.
-PLAIN = 1.5
+#: Candidates that get a full fit, and free shapes.
+FINALISTS, SHAPED = 4, 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,17 +57,44 @@ class Rival:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Curve:
+    """The free shape that a step carries.
+
+    Parameters
+    ----------
+    over, unit, value_unit
+        What it runs over, that quantity's unit and the values'.
+    points
+        (place, value, standard deviation), ascending; speeds below zero are those of the backward way.
+    reached
+        Lowest and highest place that the runs reached.
+    """
+
+    over: str
+    unit: str
+    value_unit: str
+    points: tuple[tuple[float, float, float], ...]
+    reached: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """A named cause with what speaks for it.
 
     Parameters
     ----------
     cause, location
-        Names of the findings' catalogue.
+        Names of the findings' catalogue; the kind's own word where no form fits.
+    kind
+        What kind of thing it is.
+    form
+        The catalogued cause, or None where none comes within reach of the free shape.
+    closest
+        The nearest form and the share of the excess that it removes, where none is named.
     parameters
         (value, standard deviation, unit) by name.
     confidence
-        Share of resampled held-out blocks in which it beats every rival.
+        Share of resampled held-out data in which it beats every rival.
     rivals
         The others that were fitted in full, best first.
     indistinguishable
@@ -58,10 +105,15 @@ class Step:
         Held-out error without and with it.
     reported
         How its parameters follow from a model.
+    curve
+        The free shape, where no form is named.
     """
 
     cause: str
     location: str
+    kind: Kind
+    form: str | None
+    closest: tuple[str, float] | None
     parameters: dict[str, tuple[float, float, str]]
     confidence: float
     rivals: tuple[Rival, ...]
@@ -70,6 +122,45 @@ class Step:
     before: float
     after: float
     reported: tuple[Reported, ...]
+    curve: Curve | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A candidate that was fitted in full, its fit and its score."""
+
+    candidate: Candidate
+    fit: Fit
+    score: Score
+
+    @property
+    def kind(self) -> Kind:
+        """What kind of thing it is."""
+        return kind_of(self.candidate.cause)
+
+    @property
+    def level(self) -> float:
+        """Typical sliding force of a fitted friction curve in N; 0 of anything else."""
+        law = next((c.law for c in self.fit.model.contacts if c.name == self.candidate.location), None)
+        return float(np.median(law.levels)) if isinstance(law, FrictionCurve) else 0.0
+
+    @property
+    def place(self) -> tuple[Kind, str]:
+        """Kind and place."""
+        return self.kind, self.candidate.location
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What a search for one step came to: the step, the entry that it carries, all entries, and the step that belongs to it.
+
+    Two causes that explain the data together only are found at once: the second one is `then`.
+    """
+
+    step: Step
+    entry: Entry
+    entries: tuple[Entry, ...]
+    then: Found | None = None
 
 
 def next_step(
@@ -81,8 +172,14 @@ def next_step(
     fine: Sequence[Trial],
     floors: FloatArray,
     progress: Progress,
-) -> tuple[Step, Fit, Score] | None:
-    """The best cause for what the current model leaves, its fit and its score; None where no candidate could be fitted.
+    left: float = 1.0,
+    steps: int = 1,
+    forms_only: bool = False,
+) -> Found | None:
+    """The best cause for what the current model leaves; None where no candidate could be fitted.
+
+    Catalogued forms are fitted first, then pairs of them. Where neither makes the model adequate, free shapes are fitted at
+    every place and say what kind of thing sits where; a form is then named only where it comes within reach of the free shape.
 
     Parameters
     ----------
@@ -96,66 +193,278 @@ def next_step(
         The error allowed in each run and channel that judges, shape (runs, channels).
     progress
         Called with one line per stage.
+    left
+        Share of the baseline's excess that the current model leaves. Where it is small a linear step foretells what a
+        candidate can do, and only one that promises much is fitted.
+    steps
+        How many further steps there may be.
+    forms_only
+        Whether neither pairs nor free shapes are fitted: they were, from a fit of the same model that was further off.
     """
     seconds = horizon(current.model, trials)
     problem = Problem(glanced(trials, seconds))
     glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
-    screen = Screen(glance, problem)
     evidence = observe(campaign, current.model, trials, guess)
-    looks = screen.ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
-    if not looks:
+    looks = Screen(glance, problem).ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
+    if looks:
+        progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
+    if left < POLICY.rest and not (looks and looks[0].cost < (1.0 - POLICY.worth) * glance.cost):
         return None
-    progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
     # Where a shorter stretch shows it too, fits may come near on that.
-    ranked = race(diverse(looks), current, ladder(trials, 0.0 if seconds == SCREENS[0] else seconds), guess)
-    finalists: list[tuple[Candidate, Fit, Score]] = []
-    for candidate, rough in ranked[:FINALISTS]:
-        lost = bool(finalists) and rough.cost > BEHIND * ranked[0][1].cost
-        if lost and len(finalists) > 1:
+    rungs = ladder(trials, 0.0 if seconds < SCREENS[-1] else seconds)
+    run = race(starts_of(diverse(looks), current, guess, rungs[0]), rungs, current, progress)
+    forms = _entries(run.ranked[:FINALISTS], trials, fine, progress)
+    settled = any(
+        adequate(entry.score, floors) or share_removed(now.error, entry.score.error, floors) > 1.0 - POLICY.settled
+        for entry in forms
+    )
+    if left >= POLICY.rest and not settled and not forms_only:
+        if steps > 1:
+            progress("no form makes the model adequate; fitting pairs of forms")
+            found = pairs(run, rungs, lambda model: observe(campaign, model, trials, guess), progress)
+            both = _together(found, forms, now, trials, fine, floors, progress)
+            if both is not None:
+                return both
+        progress("no forms make the model adequate; fitting free shapes")
+        shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress)
+        again = _again(looks, shapes, current, floors, rungs, progress)
+        forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
+        if not any(adequate(entry.score, floors) for entry in forms):
+            named = _by_kind(forms, shapes, now, floors, evidence)
+            place = named.entry.place if named is not None and named.step.form is None else None
+            more = _extended(place, forms, looks, current, evidence, rungs, progress)
+            forms = _better([*forms, *_entries(more, trials, fine, progress)], floors)
+            if not any(adequate(entry.score, floors) for entry in forms):
+                return _by_kind(forms, shapes, now, floors, evidence) if more else named
+    if not forms:
+        return None
+    return _by_form(sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks)))), now, floors)
+
+
+def _entries(
+    ranked: Sequence[tuple[Candidate, Fit]], trials: Sequence[Trial], fine: Sequence[Trial], progress: Progress
+) -> list[Entry]:
+    entries: list[Entry] = []
+    for candidate, rough in ranked:
+        lost = bool(entries) and rough.cost > BEHIND * ranked[0][1].cost
+        if lost and len(entries) > 1:
             break
         # One that is far behind is no contender: its rough fit serves to say by how much.
         try:
-            done = rough if lost else finished(rough, trials)
+            done = rough if lost else unrolled(rough, trials) if candidate.shape else finished(rough, trials)
         except FitError:  # it holds out for the first seconds only
             continue
-        finalists.append((candidate, done, score(done.model, fine)))
-        progress(f"{candidate.cause} ({candidate.location}): held-out error {finalists[-1][2].figure:.3g}")
-    if not finalists:
+        entries.append(Entry(candidate=candidate, fit=done, score=score(done.model, fine)))
+        progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
+    return entries
+
+
+def _shapes(
+    forms: Sequence[Entry], current: Fit, evidence: Evidence, trials: Sequence[Trial], fine: Sequence[Trial],
+    rungs: Sequence[Rung], progress: Progress,
+) -> list[Entry]:  # fmt: skip
+    begun: list[tuple[Candidate, tuple[Free, ...], RigModel]] = []
+    for shape in free_shapes(current.model, evidence):
+        free = shape.parameters(current.model, current.free)
+        begun += [(shape, free, start) for start in shape.starts]
+        # A shape goes on where the best form of its kind ended.
+        for entry in forms:
+            if entry.place == (kind_of(shape.cause), shape.location):
+                begun += [
+                    (shape, free, start)
+                    for other in free_shapes(entry.fit.model, evidence)
+                    if other.key == shape.key and other.shape == shape.shape and len(other.free) == len(shape.free)
+                    for start in other.starts
+                ]
+                break
+    ranked = race(begun, rungs, current, progress).ranked
+    if not ranked:
+        return []
+    best = ranked[0][1].cost
+    chosen: list[tuple[Candidate, Fit]] = []
+    for candidate, rough in ranked:
+        if rough.cost < BEHIND * best and all(candidate.key != other.key for other, _ in chosen):
+            chosen.append((candidate, rough))
+    return _entries(chosen[:SHAPED], trials, fine, progress)
+
+
+def _again(
+    looks: Sequence[Look], shapes: Sequence[Entry], current: Fit, floors: FloatArray, rungs: Sequence[Rung], progress: Progress
+) -> list[tuple[Candidate, Fit]]:
+    """Forms of the best free shape's kind and place once more, from where it has led all other parameters.
+
+    Where what is missing has bent the whole fit, a form may not find its way; a curve does, for it is straight in its values.
+    """
+    best = min(shapes, key=lambda entry: excess(entry.score.error, floors), default=None)
+    if best is None:
+        return []
+    led = {path: value for path, value in best.fit.values.items() if path in {free.path for free in current.free}}
+    starts: Starts = []
+    for look in looks:
+        candidate = look.candidate
+        if (kind_of(candidate.cause), candidate.location) == best.place:
+            free = candidate.parameters(current.model, current.free)
+            own = {f.path for f in candidate.free}
+            values = {f.path: led[f.path] for f in free if f.path in led and f.path not in own}
+            values |= {path: level for path in own if path.endswith("friction_force") and (level := best.level)}
+            for model in (*look.models, *candidate.starts):
+                with suppress(ModelError):
+                    starts.append((candidate, free, model.replace(values)))
+    return race(starts, rungs, current, progress).ranked
+
+
+def _extended(
+    place: tuple[Kind, str] | None, forms: Sequence[Entry], looks: Sequence[Look], current: Fit, evidence: Evidence,
+    rungs: Sequence[Rung], progress: Progress,
+) -> list[tuple[Candidate, Fit]]:  # fmt: skip
+    """Forms of a kind and place that extend one of the `forms` there; none where no place is given.
+
+    A rig whose baseline has no friction has no Stribeck friction to try before it has some.
+    """
+    known = {look.candidate.key for look in looks}
+    starts: Starts = []
+    for entry in (entry for entry in forms if entry.place == place):
+        model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
+        for candidate in (c for mechanism in CATALOGUE for c in mechanism.candidates(model, evidence)):
+            if (kind_of(candidate.cause), candidate.location) == place and candidate.key not in known:
+                free = candidate.parameters(model, entry.fit.free)
+                starts += [(candidate, free, start) for start in candidate.starts]
+    return race(starts, rungs, current, progress).ranked if starts else []
+
+
+def _together(
+    found: Sequence[Pair], forms: Sequence[Entry], now: Score, trials: Sequence[Trial], fine: Sequence[Trial],
+    floors: FloatArray, progress: Progress,
+) -> Found | None:  # fmt: skip
+    """The best pair of forms that makes the model adequate, as two steps; None where none does."""
+    done: list[tuple[Pair, Entry]] = []
+    for pair in found:
+        with suppress(FitError):
+            both = finished(pair.fit, trials)
+            entry = Entry(candidate=pair.second, fit=both, score=score(both.model, fine))
+            progress(f"{' and '.join(' at '.join(key) for key in sorted(pair.keys))}: held-out error {entry.score.figure:.3g}")
+            if adequate(entry.score, floors):
+                done.append((pair, entry))
+    if not done:
         return None
-    finalists.sort(key=lambda item: float(np.mean(np.log(item[2].blocks))))
-    return _choice(finalists, now, floors)
+    pair, last = min(done, key=lambda other: (other[0].first.rank + other[0].second.rank, len(other[1].fit.free)))
+    alone = without(last.fit, pair.alone, trials)
+    first = Entry(candidate=pair.first, fit=alone, score=score(alone.model, fine))
+    of_first = {key for other, _ in done if pair.first.key not in other.keys for key in other.keys - pair.keys}
+    of_last = {key for other, _ in done if pair.second.key not in other.keys for key in other.keys - pair.keys}
+    sure = confidence(last.score, [entry.score for entry in (*forms, first)])
+    then = _found(last, [last], first.score, of_last, sure, None, None)
+    return replace(_found(first, [*forms, first], now, of_first, sure, None, None), then=then)
 
 
-def _choice(finalists: Sequence[tuple[Candidate, Fit, Score]], now: Score, floors: FloatArray) -> tuple[Step, Fit, Score] | None:
-    candidate, fitted, best = finalists[0]
+def _better(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
+    # Of two fits of one candidate the better.
+    best: dict[tuple[str, str], Entry] = {}
+    for entry in sorted(entries, key=lambda entry: excess(entry.score.error, floors)):
+        best.setdefault(entry.candidate.key, entry)
+    return list(best.values())
 
-    def alike_to(rival: Score) -> bool:
-        # What shows for a moment only shows in few blocks, whose spread then hides it; not in the largest error.
-        plain = adequate(best, floors) and not adequate(rival, floors, PLAIN * ENOUGH)
-        return not plain and margin_in_errors(best, rival) < 2.0
 
-    close = [item for item in finalists if item[2] is best or alike_to(item[2])]
+def _by_form(entries: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
+    best = entries[0]
+
+    def alike(rival: Entry) -> bool:
+        behind = margin_in_errors(best.score, rival.score)
+        return rivals_alike(best.score.error, rival.score.error, floors, behind)
+
+    close = [entry for entry in entries if entry is best or alike(entry)]
     # Of those that the data cannot tell apart, the simplest is carried.
-    candidate, fitted, carried = min(close, key=lambda item: item[0].rank)
-    others = [item for item in finalists if item[2] is not carried]
-    alike = {other.key for other, _, s in close if s is not carried} | ({candidate.twin} if candidate.twin else set())
-    apart = [item for item in others if all(item[2] is not other[2] for other in close)]
-    model = msgspec.structs.replace(fitted.model, free=tuple(free.path for free in fitted.free))
-    fitted = replace(fitted, model=model)
-    step = Step(
-        cause=candidate.cause, location=candidate.location, parameters=_values(candidate.reported, fitted),
-        confidence=confidence(carried, [item[2] for item in apart]),
-        rivals=tuple(
-            Rival(cause=c.cause, location=c.location, holdout_error=s.figure) for c, _, s in others
+    carried = simplest(close)
+    apart = [entry.score for entry in entries if all(entry is not other for other in close)]
+    twins = {entry.candidate.key for entry in close if entry is not carried}
+    return _found(carried, entries, now, twins, confidence(carried.score, apart), None, None)
+
+
+def simplest(entries: Sequence[Entry]) -> Entry:
+    """Of entries that the data cannot tell apart the one of lowest rank, then of fewest parameters."""
+    return min(entries, key=lambda entry: (entry.candidate.rank, len(entry.candidate.free)))
+
+
+def _by_kind(forms: Sequence[Entry], shapes: Sequence[Entry], now: Score, floors: FloatArray, evidence: Evidence) -> Found | None:
+    entries = sorted((*forms, *shapes), key=lambda entry: excess(entry.score.error, floors))
+    if not entries:
+        return None
+    ceilings: dict[tuple[Kind, str], Entry] = {}
+    for entry in entries:
+        ceilings.setdefault(entry.place, entry)
+    best, *others = ceilings.values()
+    sure = {other.place: wins(units(best.score), [units(other.score)]) for other in others}
+    close = [
+        best,
+        *(
+            other
+            for other in others
+            if sure[other.place] < POLICY.certain or ratio(other.score.error, best.score.error, floors) < POLICY.matters
         ),
-        indistinguishable=tuple(sorted(alike)),
+    ]
+    chosen = min(close, key=lambda entry: len(entry.candidate.free))
+    mates = [entry for entry in entries if entry.place == chosen.place and entry.candidate.shape is None]
+    standing = [
+        entry
+        for entry in mates
+        if chosen.candidate.shape is None or form_stands(now.error, chosen.score.error, entry.score.error, floors)
+    ]
+    apart = [units(other.score) for other in others if all(other is not entry for entry in close)]
+    sureness = wins(units(chosen.score), apart)
+    twins = {(entry.candidate.cause, entry.candidate.location) for entry in close if entry is not chosen}
+    if standing:
+        carried = min(
+            (e for e in standing if ratio(e.score.error, standing[0].score.error, floors) < POLICY.matters),
+            key=lambda entry: (len(entry.candidate.free), entry.candidate.rank),
+        )
+        return _found(carried, entries, now, twins, sureness, None, None)
+    closest = (mates[0].candidate.cause, share_removed(now.error, mates[0].score.error, floors)) if mates else None
+    return _found(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
+
+
+def _found(
+    carried: Entry, entries: Sequence[Entry], now: Score, twins: set[tuple[str, str]], sure: float,
+    closest: tuple[str, float] | None, curve: Curve | None,
+) -> Found:  # fmt: skip
+    candidate = carried.candidate
+    twins = twins | ({candidate.twin} if candidate.twin else set())
+    model = msgspec.structs.replace(carried.fit.model, free=tuple(free.path for free in carried.fit.free))
+    carried = replace(carried, fit=replace(carried.fit, model=model))
+    step = Step(
+        cause=candidate.cause, location=candidate.location, kind=kind_of(candidate.cause),
+        form=None if candidate.shape is not None else candidate.cause, closest=closest,
+        parameters=_values(candidate.reported, carried.fit), confidence=sure,
+        rivals=tuple(
+            Rival(cause=e.candidate.cause, location=e.candidate.location, holdout_error=e.score.figure)
+            for e in entries
+            if e.candidate is not candidate
+        ),
+        indistinguishable=tuple(sorted(twins)),
         evidence=(
             f"With {candidate.cause} at {candidate.location} the held-out error falls from {now.figure:.3g} to "
-            f"{carried.figure:.3g}.",
+            f"{carried.score.figure:.3g}.",
         ),
-        before=now.figure, after=carried.figure, reported=candidate.reported,
+        before=now.figure, after=carried.score.figure, reported=candidate.reported, curve=curve,
     )  # fmt: skip
-    return step, fitted, carried
+    return Found(step=step, entry=carried, entries=tuple(entries))
+
+
+def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | None:
+    """The curve of a fitted free shape, the link's straight part in it; None where the shape is no single curve."""
+    shape = candidate.shape
+    if shape is None or not shape.tables:
+        return None
+    at, tables, straight, reached = tabulated(fitted.model, shape, evidence)
+    std = fitted.std
+    points: list[tuple[float, float, float]] = []
+    for table, values in tables.items():
+        way = -1.0 if table == "backward" else 1.0
+        points += [
+            (way * x, float(v + straight * x), std.get(f"{shape.path}.{table}.{k}", 0.0))
+            for k, (x, v) in enumerate(zip(at, values, strict=True))
+            if way > 0.0 or x > 0.0
+        ]
+    return Curve(over=shape.over, unit=shape.unit, value_unit=shape.value_unit, points=tuple(sorted(points)), reached=reached)
 
 
 def updated(step: Step, extended: Fit) -> Step:
@@ -177,7 +486,10 @@ def _deviation(reported: Reported, fitted: Fit) -> float:
     for k, free in enumerate(fitted.free):
         value = fitted.model.get(free.path)
         step = 1e-5 * abs(value) or 1e-9
-        slope[k] = (reported.of(fitted.model.replace({free.path: value + step})) - middle) / step
+        for way in (step, -step):  # on the other side where this one leaves what physics allows
+            with suppress(ModelError):
+                slope[k] = (reported.of(fitted.model.replace({free.path: value + way})) - middle) / way
+                break
     return float(np.sqrt(max(float(slope @ fitted.covariance @ slope), 0.0)))
 
 

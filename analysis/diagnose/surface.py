@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnose.doubles import Double
-from analysis.measured import FloatArray, Run
-from analysis.model import GROUND, Link, RigModel
-from analysis.motion import motion_of
+from isorig.analysis.campaign import FloatArray, Run
+from isorig.analysis.diagnose.estimate_pairs import Double
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel
+from isorig.analysis.spectra.motion import motion_of
 
 #: Bins of the swing, and stretches of a run whose spread gives the deviations.
 BINS, STRETCHES = 6, 8
@@ -65,8 +65,11 @@ class Surface:
     bending: tuple[float, float]
 
 
-def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
-    """The surface of a link in a run; None where no body with an accelerometer hangs on this link alone, or noise hides it."""
+def passed(model: RigModel, link: Link, run: Run) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Deflection (m), speed (m/s) and force (N) of a link in a run, each of shape (samples,), without the record's edges.
+
+    None where no body with an accelerometer hangs on this link alone.
+    """
     sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND and s.quantity == "acceleration"}
     ends = [end for end in (link.a, link.b) if end != GROUND]
     hanging = [end for end in ends if sum(end in (x.a, x.b) for x in model.links) == 1]
@@ -74,17 +77,43 @@ def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
         return None
     body = hanging[0]
     sign = 1.0 if body == link.a else -1.0
-    band = pair.trial.run.band
+    moves = [motion_of(run.read(sensors[end].channel), "acceleration", run.sample_rate, run.band) for end in ends]
+    v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
+    push = model.drive.pushes.get(body, 0.0) * model.drive.factor * run.read(model.drive.channel)
+    force = sign * (push - model.body(body).mass * run.read(sensors[body].channel))
+    edge = slice(round(run.sample_rate), -round(run.sample_rate))
+    return d[edge], v[edge], force[edge]
 
-    def parts(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
-        moves = [motion_of(run.read(sensors[end].channel), "acceleration", run.sample_rate, band) for end in ends]
-        v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
-        push = model.drive.pushes.get(body, 0.0) * model.drive.factor * run.read(model.drive.channel)
-        force = sign * (push - model.body(body).mass * run.read(sensors[body].channel))
-        edge = slice(round(run.sample_rate), -round(run.sample_rate))
-        return d[edge], v[edge], force[edge]
 
-    measured, simulated = parts(pair.measured), parts(pair.simulated)
+def bent_by(model: RigModel, link: Link, run: Run, at: FloatArray) -> FloatArray | None:
+    """What the record says of the force that a link's spring has beyond its straight part, N, at deflections `at` in m.
+
+    Least squares on the force that the link passed: a spring, a damper and friction, and a line from point to point on top,
+    held to its neighbours where few samples lie. It is a start for a fit, no result: noise and drift of integrated motion are
+    in it. None where the force is not known.
+    """
+    parts = passed(model, link, run)
+    if parts is None or len(parts[0]) < FEWEST * len(at):
+        return None
+    d, v, force = parts
+    place = np.clip((d - at[0]) / (at[1] - at[0]), 0.0, len(at) - 1.001)
+    low = place.astype(int)
+    hats = np.zeros((len(d), len(at)))
+    rows = np.arange(len(d))
+    hats[rows, low], hats[rows, low + 1] = 1.0 - (place - low), place - low
+    second = np.diff(np.eye(len(at)), 2, axis=0) * np.sqrt(FEWEST)
+    basis = np.column_stack([v, np.sign(v), hats])
+    held = np.column_stack([np.zeros((len(second), 2)), second])
+    values = np.linalg.lstsq(np.vstack([basis, held]), np.concatenate([force, np.zeros(len(second))]), rcond=None)[0][2:]
+    bent = values - link.stiffness * at
+    return np.asarray(bent - np.interp(0.0, at, bent))
+
+
+def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
+    """The surface of a link in a run; None where no body with an accelerometer hangs on this link alone, or noise hides it."""
+    measured, simulated = (passed(model, link, run) for run in (pair.measured, pair.simulated))
+    if measured is None or simulated is None:
+        return None
     if len(measured[0]) < 64 * STRETCHES or float(np.std(measured[0])) == 0.0:
         return None
     swing, speed = (float(np.quantile(np.abs(x), 0.98)) for x in measured[:2])

@@ -11,16 +11,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis import laws
-from analysis.errors import SimulationError
-from analysis.jit import fast_kernel
-from analysis.measured import FloatArray
-from analysis.model import GROUND, RigModel, direction
-from analysis.parallel import side_by_side
-from analysis.simulate.compiled import constraint_basis
-from analysis.simulate.exponential import exponentials
-from analysis.simulate.free_run import Response, simulate
-from analysis.simulate.sampling import Excitation, sampled
+from isorig.analysis import laws
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.jit import fast_kernel
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.parallel import side_by_side
+from isorig.analysis.simulate.compiled import constraint_basis
+from isorig.analysis.simulate.exponential import exponentials
+from isorig.analysis.simulate.free_run import Response, simulate
+from isorig.analysis.simulate.sampling import Excitation, sampled
 
 Singles = NDArray[np.float32]
 Records = Singles | FloatArray

@@ -6,7 +6,7 @@ A mode is one combination of its elements' states: which contacts hold, which wa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from math import prod
@@ -14,10 +14,12 @@ from math import prod
 import msgspec
 import numpy as np
 
-from analysis.errors import ModelError
-from analysis.measured import FloatArray, IntArray
-from analysis.model import GROUND, Link, RigModel, direction, matrices
-from analysis.simulate.elements import WIDTH, Element, Exit, of_contact, of_link
+from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.laws.elements import Element, Exit
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, matrices
+from isorig.analysis.simulate.curves import code_of
+from isorig.analysis.simulate.holding import implied, patterns, shared
 
 #: Modes that a rig may have: six contacts, or four end stops.
 MODES = 729
@@ -27,6 +29,9 @@ TURN = 1.2
 STEEP_TURN = 0.1
 #: Parts into which a step may be cut for that.
 CUTS = 4096
+#: How an element takes part when contacts change their states at one instant: not; as dry friction, which holds at speed zero;
+#: as Karnopp's, which holds at any speed within its band.
+ALONE, SETTLING, BANDED = 0, 1, 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,18 +59,26 @@ class Compiled:
     terms
         Number of terms.
     exits
-        Element whose state each exit ends, the state that follows, and whether the margin starts from zero when the
-        element has just changed, shape (modes, exits, 3); element -1 where a mode has fewer.
+        Element whose state each exit ends, the mode that follows, and how far it is the contacts' matter: 0 not, 1 a contact
+        leaves a state of sliding, 2 held contacts break away; shape (modes, exits, 3), element -1 where a mode has fewer.
+    limits
+        What each exit's margin is measured by: the breakaway force, shape (modes, exits).
     settle
         What makes settled contacts' speeds exactly zero, on the coordinates' speeds, shape (modes, n, n).
-    strides, counts
-        mode = sum of stride * state; number of states by element.
+    possible
+        Whether a mode's held contacts leave the sliding ones free to slide, shape (modes,).
+    kinds
+        How each element takes part when contacts change at one instant, see `SETTLING`.
+    strides, states
+        mode = sum of stride * state; the states of each mode's elements, shape (modes, elements).
     resistance
         Each element's resistance as a row on y, shape (modes, elements, M).
     holds
         Whether each element holds, shape (modes, elements).
     curve_of, codes, params, directions, gates
         Of the curved elements: index of the element, law, parameters, direction, sign by state (0 beyond).
+    memories
+        Numbers that a law remembers at most.
     elements, rubs
         The elements' names, and whether they are contacts.
     """
@@ -77,9 +90,12 @@ class Compiled:
     series: FloatArray
     terms: int
     exits: IntArray
+    limits: FloatArray
     settle: FloatArray
+    possible: IntArray
+    kinds: IntArray
     strides: IntArray
-    counts: IntArray
+    states: IntArray
     resistance: FloatArray
     holds: IntArray
     curve_of: IntArray
@@ -87,6 +103,7 @@ class Compiled:
     params: FloatArray
     directions: FloatArray
     gates: FloatArray
+    memories: int
     elements: tuple[str, ...]
     rubs: tuple[bool, ...]
 
@@ -166,15 +183,21 @@ def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray) -> li
     for link in model.links:
         if link.name not in blocked:
             w = direction(model, link.a, link.b, link.arms) @ basis
-            found += [of_link(link, law, w) for law in link.laws]
+            found += [_placed(law.element(link.stiffness), link.name, w, rubs=False) for law in link.laws]
     for contact in model.contacts:
         if contact.name not in blocked:
-            found.append(of_contact(contact.name, contact.law, direction(model, contact.a, contact.b, contact.arms) @ basis))
-    elements = [element for element in found if element is not None]
+            w = direction(model, contact.a, contact.b, contact.arms) @ basis
+            found.append(_placed(contact.law.element(0.0), contact.name, w, rubs=True))
+    # An element whose two ends cannot move apart, for other links are locked, does nothing.
+    elements = [element for element in found if element is not None and np.abs(element.direction).max() > 1e-12]
     if prod(len(element.states) for element in elements) > MODES:
         names = ", ".join(element.name for element in elements if len(element.states) > 1)
         raise ModelError(f"the contacts and stops {names} have more than {MODES} states together; leave some out")
     return elements
+
+
+def _placed(element: Element | None, name: str, w: FloatArray, *, rubs: bool) -> Element | None:
+    return None if element is None else replace(element, name=name, direction=w, rubs=rubs)
 
 
 def _steepness(element: Element, inverse: FloatArray) -> float:
@@ -184,6 +207,27 @@ def _steepness(element: Element, inverse: FloatArray) -> float:
     return float(np.sqrt(stiffness * mobility) + damping * mobility)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Way:
+    # How a mode may end: the margin's row on y, and what `Compiled.exits` and `Compiled.limits` say of it.
+    row: FloatArray
+    element: int
+    target: int
+    kind: int
+    limit: float
+
+
+def _kind(element: Element) -> int:
+    first = element.states[0]
+    return ALONE if not first.holds else SETTLING if first.settles else BANDED
+
+
+def _grip(element: Element) -> float:
+    # Breakaway force, by which contacts that hold together share what the motion leaves open.
+    forces = [way.const for way in element.states[0].exits if element.states[0].holds]
+    return sum(forces) / len(forces) if sum(forces) > 0.0 else 1.0
+
+
 class _Systems:
     """The linear system of every mode in physical units, z' = rate y."""
 
@@ -191,7 +235,7 @@ class _Systems:
         n = free.shape[0]
         self.m = m = 2 * n
         self.elements = elements
-        self.curved = [k for k, element in enumerate(elements) if element.curve]
+        self.curved = [k for k, element in enumerate(elements) if element.formula]
         self.size = m + 3 + 3 * len(self.curved)
         self.modes = list(product(*(range(len(element.states)) for element in elements)))
         modes, count = len(self.modes), len(elements)
@@ -201,6 +245,12 @@ class _Systems:
         self.settle = np.tile(np.eye(n), (modes, 1, 1))
         self.holds = np.zeros((modes, count), dtype=np.int64)
         w = np.array([element.direction for element in elements]).reshape(count, n)
+        self.kinds = [_kind(element) for element in elements]
+        # In coordinates of unit mass.
+        self.along = w @ np.linalg.cholesky(inverse)
+        self.grips = np.array([_grip(element) for element in elements])
+        self.strides = [prod(len(element.states) for element in elements[k + 1 :]) for k in range(count)]
+        self.patterns: dict[tuple[int, ...], FloatArray] = {}
         acceleration = np.zeros((n, self.size))
         acceleration[:, : m + 2] = free
         for mode, states in enumerate(self.modes):
@@ -209,19 +259,18 @@ class _Systems:
                 state = element.states[states[k]]
                 given[k, :n], given[k, n:m], given[k, m] = state.d * w[k], state.v * w[k], state.const
             for place, k in enumerate(self.curved):
-                given[k, m + 3 + 3 * place] = 1.0
+                given[k, m + 3 + 3 * place] = elements[k].states[states[k]].curve
             moved = acceleration - inverse @ w.T @ given
             self.holds[mode] = [element.states[s].holds for element, s in zip(elements, states, strict=True)]
             held = [k for k in range(count) if self.holds[mode, k]]
             if held:
-                # The force that keeps the relative acceleration zero; two contacts along one line share it.
-                force = _shared(w[held] @ inverse @ w[held].T) @ w[held] @ moved
+                # The force that keeps the relative acceleration zero.
+                force = shared(self.along[held], self.grips[held]) @ w[held] @ moved
                 given[held] += force
                 moved = moved - inverse @ w[held].T @ force
             settled = [k for k in held if elements[k].states[states[k]].settles]
             if settled:
-                ws = w[settled]
-                self.settle[mode] -= inverse @ ws.T @ _shared(ws @ inverse @ ws.T) @ ws
+                self.settle[mode] -= inverse @ w[settled].T @ shared(self.along[settled], self.grips[settled]) @ w[settled]
             self.rate[mode, n:] = moved
         self.w = w
 
@@ -242,7 +291,50 @@ class _Systems:
         row[:n] += way.d * self.w[k]
         row[n:m] += way.v * self.w[k]
         row[m] += way.const
+        if way.curve:
+            row[m + 3 + 3 * self.curved.index(k)] += way.curve
         return row
+
+    def _ways(self, mode: int) -> list[_Way]:
+        """How a mode ends."""
+        states, found = self.modes[mode], []
+        for k, element in enumerate(self.elements):
+            state = element.states[states[k]]
+            for way in state.exits:
+                if not state.holds:
+                    target = mode + (way.to - states[k]) * self.strides[k]
+                    kind = 0 if self.kinds[k] == ALONE else 1
+                    if self.kinds[k] == SETTLING and way.to == 0:
+                        target = self._landed(mode, k)
+                    found.append(_Way(row=self._margin(mode, k, way), element=k, target=target, kind=kind, limit=1.0))
+        held = tuple(k for k in range(len(states)) if self.holds[mode, k])
+        if held and held not in self.patterns:
+            self.patterns[held] = patterns(self.along[list(held)])
+        for pattern in self.patterns.get(held, ()):
+            moving = [(k, c) for k, c in zip(held, pattern, strict=True) if c]
+            for sign in (1.0, -1.0):
+                row, limit, target = np.zeros(self.size), 0.0, mode
+                for k, c in moving:
+                    forward, backward = self.elements[k].states[0].exits
+                    way = forward if sign * c > 0.0 else backward
+                    row += abs(c) * self._margin(mode, k, way)
+                    limit += abs(c) * way.const
+                    target += way.to * self.strides[k]
+                found.append(_Way(row=row, element=moving[0][0], target=target, kind=2, limit=limit or 1.0))
+        return found
+
+    def _settled(self, mode: int) -> list[int]:
+        return [k for k in range(len(self.kinds)) if self.kinds[k] == SETTLING and self.holds[mode, k]]
+
+    def _forced(self, settled: list[int]) -> list[int]:
+        # Contacts that cannot slide while these hold.
+        return implied(self.along, settled, [k for k, kind in enumerate(self.kinds) if kind == SETTLING and k not in settled])
+
+    def _landed(self, mode: int, k: int) -> int:
+        settled = [*self._settled(mode), k]
+        for other in (k, *self._forced(settled)):
+            mode -= self.modes[mode][other] * self.strides[other]
+        return mode
 
     def compiled(self, basis: FloatArray, cuts: int, step: float, speed: float) -> Compiled:
         """The arrays for the kernel, in units of a step."""
@@ -260,21 +352,19 @@ class _Systems:
         for place in range(len(self.curved)):
             first = m + 3 + 3 * place
             system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
-        exits = max(sum(max(len(s.exits) for s in element.states) for element in elements), 1) if elements else 1
-        table = np.full((modes, exits, 3), -1, dtype=np.int64)
+        ways = [self._ways(mode) for mode in range(modes)]
+        exits = max(1, *(len(found) for found in ways))
+        table, limits = np.full((modes, exits, 3), -1, dtype=np.int64), np.ones((modes, exits))
         bent = 2 * len(self.curved)
         rows = np.zeros((modes, bent + m + exits, size))
         rows[:, 0:bent:2, :n] = self.w[self.curved]
         rows[:, 1:bent:2, n:m] = self.w[self.curved] / step
         rows[:, bent : bent + m, :m] = np.eye(m)
-        for mode, states in enumerate(self.modes):
-            place = 0
-            for k, element in enumerate(elements):
-                state = element.states[states[k]]
-                for way in state.exits:
-                    rows[mode, bent + m + place] = self._margin(mode, k, way) / scale
-                    table[mode, place] = k, way.to, not state.holds
-                    place += 1
+        for mode, found in enumerate(ways):
+            for place, way in enumerate(found):
+                rows[mode, bent + m + place] = way.row / scale
+                table[mode, place] = way.element, way.target, way.kind
+                limits[mode, place] = way.limit
         series, last = [rows], 1.0
         while (len(series) < 6 or last > 1e-17) and len(series) < 30:
             last *= speed / len(series)
@@ -285,9 +375,10 @@ class _Systems:
         half, moved, slopes = np.tensordot(np.array([0.5**power, power**0, power]), taylor, axes=(1, 1))
         met = np.stack([part[:, :bent].reshape(modes, -1, 2, size) for part in (half, moved)], axis=2).reshape(modes, -1, size)
         margins = np.stack([part[:, bent + m :] for part in (moved, slopes)], axis=2).reshape(modes, -1, size)
-        counts = [len(element.states) for element in elements]
-        params = [[*elements[k].params, *[0.0] * (WIDTH - len(elements[k].params))] for k in self.curved]
-        widest = max(counts, default=1)
+        width = max((len(elements[k].params) for k in self.curved), default=0)
+        params = [[*elements[k].params, *[0.0] * (width - len(elements[k].params))] for k in self.curved]
+        gates = {k: elements[k].gates or (1.0,) * len(elements[k].states) for k in self.curved}
+        widest = max((len(element.states) for element in elements), default=1)
         return Compiled(
             basis=basis,
             cuts=cuts,
@@ -296,18 +387,20 @@ class _Systems:
             series=_columns(taylor),
             terms=len(series),
             exits=table,
+            limits=limits,
             settle=self.settle,
-            strides=np.array([prod(counts[k + 1 :]) for k in range(len(counts))], dtype=np.int64),
-            counts=np.array(counts, dtype=np.int64),
+            possible=np.array([not self._forced(self._settled(mode)) for mode in range(modes)], dtype=np.int64),
+            kinds=np.array(self.kinds, dtype=np.int64),
+            strides=np.array(self.strides, dtype=np.int64),
+            states=np.array(self.modes, dtype=np.int64).reshape(modes, len(elements)),
             resistance=self.resistance / scale,
             holds=self.holds,
             curve_of=np.array(self.curved, dtype=np.int64),
-            codes=np.array([elements[k].curve for k in self.curved], dtype=np.int64),
-            params=np.array(params).reshape(len(self.curved), WIDTH),
+            codes=np.array([code_of(elements[k].formula) for k in self.curved], dtype=np.int64),
+            params=np.array(params).reshape(len(self.curved), width),
             directions=self.w[self.curved].reshape(len(self.curved), n),
-            gates=np.array([[*elements[k].gates, *[0.0] * (widest - len(elements[k].gates))] for k in self.curved]).reshape(
-                len(self.curved), widest
-            ),
+            gates=np.array([[*gates[k], *[0.0] * (widest - len(gates[k]))] for k in self.curved]).reshape(len(gates), widest),
+            memories=max((elements[k].memories for k in self.curved), default=0) or 1,
             elements=tuple(element.name for element in elements),
             rubs=tuple(element.rubs for element in elements),
         )
@@ -320,7 +413,3 @@ def _columns(rows: FloatArray) -> FloatArray:
     padded = np.zeros((*outer, groups * 8, size))
     padded[..., :count, :] = rows
     return np.ascontiguousarray(padded.reshape(outer[0], -1, 8, size).swapaxes(2, 3))
-
-
-def _shared(compliance: FloatArray) -> FloatArray:
-    return np.asarray(1.0 / compliance if len(compliance) == 1 else np.linalg.pinv(compliance))

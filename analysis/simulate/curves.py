@@ -1,126 +1,150 @@
-"""Curved laws as the kernel evaluates them: without memory, or with one state carried along the motion."""
+"""Curved laws as the kernel evaluates them: the formulas of all laws that there are, told apart by their number."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
-from analysis.jit import kernel
-from analysis.measured import FloatArray
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import inlined, kernel
+from isorig.analysis.laws import FORMULAS
+from isorig.analysis.laws.elements import Formula
 
-
-@kernel
-def resist(code: int, p: FloatArray, gate: float, inner: float, d: float, v: float, t: float) -> float:
-    """Resistance of a curved law at elongation d (m), speed v (m/s) and time t (s); `inner` is its memory."""
-    # Codes as in elements.
-    if code == 1:
-        return p[0] * d * d * d
-    if code == 2:
-        return p[0] * (p[1] * np.tanh(d / p[1]) - d)
-    if code == 3:
-        return p[0] * v * abs(v)
-    if code == 4:
-        return p[0] * min(t, p[1]) * d
-    if code == 5:
-        return p[0] * (2.0 / np.pi) * np.arctan(v / p[1])
-    if code == 6:
-        if gate == 0.0:
-            return 0.0
-        # A trial step may run past the reversal that will cut it: go on smoothly there, or the parabola bends.
-        x = max(gate * v / p[1], -0.5)
-        if p[2] != 1.0:
-            x = abs(x) ** p[2]
-        return gate * p[0] * (np.exp(-x) if p[3] == 0.0 else 1.0 / (1.0 + x))
-    if code == 7:
-        return inner
-    return p[0] * inner + p[1] * bristle_rate(p, inner, v) + p[2] * v
+#: Codes from here on are of laws that remember.
+MEMORY = sum(formula.carry is None for formula in FORMULAS)
+CODES = {formula: code for code, formula in enumerate(FORMULAS)}
 
 
-@kernel
-def bristle_rate(p: FloatArray, z: float, v: float) -> float:
-    """dz/dt of LuGre's mean bristle."""
-    level = p[3] + p[4] * np.exp(-((abs(v) / p[5]) ** p[6]))
-    return v - p[0] * abs(v) * z / level
+def code_of(formula: Formula | None) -> int:
+    """Number of a formula in the kernel."""
+    return -1 if formula is None else CODES[formula]
 
 
-@kernel
-def slid(f: float, p: FloatArray, way: float) -> float:
-    """Dahl's force after a way (m) in one direction: df/dx = k (1 - f sign(v) / Fc) in closed form."""
-    s = 1.0 if way >= 0.0 else -1.0
-    return s * p[0] + (f - s * p[0]) * np.exp(-p[1] * abs(way) / p[0])
+def _chosen(kernels: Sequence[Callable[..., Any]], first: int, either: Callable[..., Any]) -> Callable[..., Any]:
+    """One kernel out of several, numbered from `first` on, which finds the right one by halving."""
+    if len(kernels) == 1:
+        return kernels[0]
+    middle = len(kernels) // 2
+    low, high = _chosen(kernels[:middle], first, either), _chosen(kernels[middle:], first + middle, either)
+    return cast("Callable[..., Any]", either(first + middle, low, high))
 
 
-@kernel
-def turning(v0: float, vm: float, v1: float, low: float, high: float) -> float:
-    """Where between `low` and `high` (shares of a step) the parabola through three speeds changes sign; -1 if nowhere."""
-    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    at_low, at_high = v0 + low * (b + c * low), v0 + high * (b + c * high)
-    if at_low * at_high >= 0.0:
-        return -1.0
-    for _ in range(60):
-        x = 0.5 * (low + high)
-        if (v0 + x * (b + c * x)) * at_low > 0.0:
-            low = x
+def _resisting(law: Callable[..., float]) -> Callable[..., float]:
+    @inlined
+    def resisting(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+        return law(p, gate, d, v, t)
+
+    return resisting
+
+
+def _either_resisting(border: int, low: Callable[..., float], high: Callable[..., float]) -> Callable[..., float]:
+    @inlined
+    def resisting(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+        if code < border:
+            return low(code, p, gate, d, v, t)
+        return high(code, p, gate, d, v, t)
+
+    return resisting
+
+
+def _recalling(law: Callable[..., float]) -> Callable[..., float]:
+    @inlined
+    def recalling(code: int, p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
+        return law(p, gate, memory, d, v, t)
+
+    return recalling
+
+
+def _either_recalling(border: int, low: Callable[..., float], high: Callable[..., float]) -> Callable[..., float]:
+    @inlined
+    def recalling(code: int, p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
+        if code < border:
+            return low(code, p, gate, memory, d, v, t)
+        return high(code, p, gate, memory, d, v, t)
+
+    return recalling
+
+
+def _carrying(law: Callable[..., None]) -> Callable[..., None]:
+    @inlined
+    def carrying(
+        code: int, p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
+        low: float, high: float, h: float,
+    ) -> None:  # fmt: skip
+        law(p, memory, after, d0, d1, v0, vm, v1, low, high, h)
+
+    return carrying
+
+
+def _either_carrying(border: int, first: Callable[..., None], second: Callable[..., None]) -> Callable[..., None]:
+    @inlined
+    def carrying(
+        code: int, p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
+        low: float, high: float, h: float,
+    ) -> None:  # fmt: skip
+        if code < border:
+            first(code, p, memory, after, d0, d1, v0, vm, v1, low, high, h)
         else:
-            high = x
-    return 0.5 * (low + high)
+            second(code, p, memory, after, d0, d1, v0, vm, v1, low, high, h)
+
+    return carrying
+
+
+# Of the laws without a memory, and of those with one.
+_plain = _chosen([_resisting(formula.resist) for formula in FORMULAS[:MEMORY]], 0, _either_resisting)
+_recall = _chosen([_recalling(formula.resist) for formula in FORMULAS[MEMORY:]], MEMORY, _either_recalling)
+_carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.carry], MEMORY, _either_carrying)
 
 
 @kernel
-def dahl(
-    f: float, p: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float, low: float, high: float, h: float
-) -> float:
-    """Dahl's force from share `low` of a step (elongation d0) to share `high` (d1), split where the speed turns."""
-    x = turning(v0, vm, v1, low, high)
-    if x < 0.0:
-        return slid(f, p, d1 - d0)
-    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    way = h * ((x - low) * v0 + b * (x * x - low * low) / 2.0 + c * (x**3 - low**3) / 3.0)
-    return slid(slid(f, p, way), p, d1 - d0 - way)
+def plain(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    """Resistance of a law without a memory at elongation d (m), speed v (m/s) and time t (s)."""
+    return _plain(code, p, gate, d, v, t)
 
 
 @kernel
-def bristles(z: float, p: FloatArray, v0: float, vm: float, v1: float, low: float, high: float, h: float) -> float:
-    """LuGre's mean bristle from share `low` of a step to share `high` under a parabola of speeds, by RK4 in parts."""
-    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    fastest = max(abs(v0), abs(vm), abs(v1))
-    # Its rate has a corner where the speed turns.
-    x = turning(v0, vm, v1, low, high)
-    for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
-        parts = 2 + int(10.0 * p[0] * fastest / p[3] * (end - begin) * h)
-        dx = (end - begin) / parts
-        for k in range(parts):
-            x = begin + k * dx
-            xm, x1 = x + 0.5 * dx, x + dx
-            va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
-            k1 = bristle_rate(p, z, va)
-            k2 = bristle_rate(p, z + 0.5 * dx * h * k1, vb)
-            k3 = bristle_rate(p, z + 0.5 * dx * h * k2, vb)
-            k4 = bristle_rate(p, z + dx * h * k3, vc)
-            z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    return z
+def carried(
+    code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
+    dm: float, vm: float, d1: float, v1: float, h: float, t: float,
+) -> tuple[float, float]:  # fmt: skip
+    """The same at the middle and the end of `h` seconds from t on for a law with a memory, carried from inner[c] to after[c]."""
+    memory, end = inner[c], after[c]
+    _carry(code, p, memory, half, d0, dm, v0, vm, v1, 0.0, 0.5, h)
+    _carry(code, p, half, end, dm, d1, v0, vm, v1, 0.5, 1.0, h)
+    return _recall(code, p, gate, half, dm, vm, t + 0.5 * h), _recall(code, p, gate, end, d1, v1, t + h)
 
 
 @kernel
+def resist(code: int, p: FloatArray, gate: float, inner: FloatArray, c: int, d: float, v: float, t: float) -> float:
+    """Resistance of curved element c, inner[c] being what it remembers."""
+    if code < MEMORY:
+        return plain(code, p, gate, d, v, t)
+    return _recall(code, p, gate, inner[c], d, v, t)
+
+
+@inlined
 def advance(
-    code: int,
-    p: FloatArray,
-    gate: float,
-    inner: float,
-    d0: float,
-    v0: float,
-    dm: float,
-    vm: float,
-    d1: float,
-    v1: float,
-    h: float,
-    t: float,
-) -> tuple[float, float, float]:
-    """Resistance at the middle and the end of `h` seconds from t on, and the memory at the end."""
-    half, whole = inner, inner
-    if code == 7:
-        half = dahl(inner, p, d0, dm, v0, vm, v1, 0.0, 0.5, h)
-        whole = dahl(half, p, dm, d1, v0, vm, v1, 0.5, 1.0, h)
-    elif code == 8:
-        half = bristles(inner, p, v0, vm, v1, 0.0, 0.5, h)
-        whole = bristles(half, p, v0, vm, v1, 0.5, 1.0, h)
-    return resist(code, p, gate, half, dm, vm, t + 0.5 * h), resist(code, p, gate, whole, d1, v1, t + h), whole
+    code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
+    dm: float, vm: float, d1: float, v1: float, h: float, t: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Resistance at the middle and the end of `h` seconds from t on; what is remembered at the end goes to after[c]."""
+    if code < MEMORY:
+        return plain(code, p, gate, dm, vm, t + 0.5 * h), plain(code, p, gate, d1, v1, t + h)
+    return carried(code, p, gate, inner, half, after, c, d0, v0, dm, vm, d1, v1, h, t)
+
+
+@kernel
+def step_on(
+    code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
+    dm: float, vm: float, d1: float, v1: float, h: float, t: float,
+) -> tuple[float, float]:  # fmt: skip
+    """As `advance`, for parts of steps: code that is rarely run stays short."""
+    return advance(code, p, gate, inner, half, after, c, d0, v0, dm, vm, d1, v1, h, t)
+
+
+@kernel
+def remember(code: int, inner: FloatArray, after: FloatArray, c: int) -> None:
+    """Go on from what an element remembers at the end of a step."""
+    if code >= MEMORY:
+        for i in range(inner.shape[1]):
+            inner[c, i] = after[c, i]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.measured import FloatArray
+from isorig.analysis.campaign import FloatArray
 
 #: Terms of the series: enough for a norm of one half to the last bit.
 TERMS = 14

@@ -7,17 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.errors import SimulationError
-from analysis.measured import FloatArray, IntArray
-from analysis.model import RigModel, direction
-from analysis.simulate.compiled import Compiled, compile_rig
-from analysis.simulate.kernel import run
-from analysis.simulate.sampling import TAPS, Excitation, sampled, shift
+from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.simulate.compiled import Compiled, compile_rig
+from isorig.analysis.simulate.kernel import run
+from isorig.analysis.simulate.sampling import TAPS, Excitation, sampled, shift
 
 #: Times as many steps that a run takes where curved forces bend too much within one, in turn.
 FINER = (1, 2, 4, 8, 16)
 #: Share of the steps that may bend so much: cut into pieces one takes as long as two dozen others.
 SPLIT = 0.1
+#: What the kernel says where contacts cannot be settled.
+UNSETTLED = -3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,10 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
     for name, true in motion.items():
         chain = chains[name]
         y = chain.gain * shift(true, chain.delay, rate) if (chain.gain != 1.0 or chain.delay) else true
+        if chain.taps:
+            y = np.convolve(y, chain.taps, mode="same")
+        if chain.bend:
+            y = y + _bent(y, chain.bend)
         if chain.offset:
             y = y + chain.offset
         for source, fraction in chain.crosstalk.items():
@@ -44,6 +50,16 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
             y = np.clip(y, -chain.limit, chain.limit)
         out[name] = y
     return out
+
+
+def _bent(values: FloatArray, bend: tuple[tuple[float, float], ...]) -> FloatArray:
+    from scipy.interpolate import CubicSpline
+
+    at, added = np.array(bend).T
+    curve = CubicSpline(at, added, bc_type="natural")
+    inside = np.clip(values, at[0], at[-1])
+    slope = np.where(values < at[0], curve(at[0], 1), curve(at[-1], 1))
+    return np.asarray(curve(inside) + slope * (values - inside))
 
 
 def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
@@ -82,6 +98,15 @@ def simulate(
     ------
     SimulationError
         Where the motion grows without bound.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> drive = iso.Excitation.prepare(3.0 * np.random.default_rng(0).normal(size=2048), 1024.0)
+    >>> response = iso.simulate(iso.wire_bonder(), drive, configuration="locked")
+    >>> sorted(response.channels), response.channels["table"].shape
+    (['heatblock', 'motor', 'table'], (2048,))
     """
     rate, over = excitation.sample_rate, excitation.oversample
     n = len(excitation.recorded) if samples is None else samples
@@ -143,6 +168,7 @@ def run_rig(
     SimulationError
         Where the motion grows without bound.
     """
+    changes = 0
     for finer in FINER:
         compiled = compile_rig(model, configuration, h, finer)
         order, step = compiled.basis.shape[1], h / compiled.cuts
@@ -150,17 +176,25 @@ def run_rig(
         rows[:, order:] /= step
         changes = run(
             np.ascontiguousarray(drive), compiled.cuts, step, start_time, order, compiled.whole, compiled.blocks,
-            compiled.series, compiled.terms, compiled.exits, compiled.settle, compiled.strides, compiled.counts,
-            compiled.curve_of, compiled.codes, compiled.params, compiled.directions, compiled.gates, rows, out,
+            compiled.series, compiled.terms, compiled.exits, compiled.limits, compiled.settle, compiled.possible,
+            compiled.kinds, compiled.strides, compiled.states, compiled.curve_of, compiled.codes, compiled.params,
+            compiled.directions, compiled.gates, rows, out,
             np.zeros((len(compiled.codes), 0)) if curved is None else curved,
             np.zeros(0, dtype=np.int64) if modes is None else modes,
             np.zeros((0, 3)) if log is None else log,
             SPLIT if finer < FINER[-1] else np.inf,
+            compiled.memories,
         )  # fmt: skip
         if changes >= 0:
             return changes, compiled
         if len(compiled.codes) == 0:
             break
+    if changes == UNSETTLED:
+        names = ", ".join(name for name, rubs in zip(compiled.elements, compiled.rubs, strict=True) if rubs)
+        raise SimulationError(
+            f"the contacts {names} of the rig {model.name!r} change their state without end; "
+            "choose friction forces and masses that differ less in size"
+        )
     raise SimulationError(f"the rig {model.name!r} grows without bound; correct its stiffness and damping")
 
 

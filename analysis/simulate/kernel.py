@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.jit import kernel
-from analysis.measured import FloatArray, IntArray
-from analysis.simulate.curves import advance, resist
-from analysis.simulate.step import first_exit, point
+from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.jit import allocating_kernel, inlined, kernel
+from isorig.analysis.simulate.curves import MEMORY, advance, remember, resist, step_on
+from isorig.analysis.simulate.instant import CLEAR, along, begins, follow
+from isorig.analysis.simulate.step import first_exit, point
+from isorig.analysis.simulate.workspace import Motion, Record, Rig, first_margin, force_at, room
 
 #: Steps of a run that may bend too much for one parabola before their share counts.
 PATIENCE = 64
-#: Changes of mode that one step may see; beyond it the step is taken as it is.
-TRIPS = 60
+#: Changes of mode that one step may see; a motion that has more comes to no end.
+TRIPS = 10_000
 #: Passes of the curved forces over a step, and the share of a force that may be left unsettled when they end.
 PASSES, SETTLED = 10, 1e-8
 #: Share of a force by which a parabola may miss it between its points where a step is looked at closely. Elsewhere the last
@@ -52,49 +54,44 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 
 @kernel
-def read_out(
-    at: int, mode: int, m: int, y: FloatArray, sense: FloatArray, places: IntArray, filled: IntArray,
-    out: FloatArray, curved: FloatArray, modes: IntArray,
-) -> None:  # fmt: skip
+def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
     """Sensors' values, and where wanted the curved forces and the mode, at a point of the grid."""
-    for r in range(sense.shape[0]):
+    for r in range(len(record.filled)):
         acc = 0.0
-        for k in range(filled[r]):
-            acc += sense[r, k] * y[places[r, k]]
-        out[r, at] = acc
-    if len(modes) > 0:
-        modes[at] = mode
-        for c in range(curved.shape[0]):
-            curved[c, at] = y[m + 3 + 3 * c]
+        for k in range(record.filled[r]):
+            acc += record.weights[r, k] * y[record.places[r, k]]
+        record.out[r, at] = acc
+    if len(record.modes) > 0:
+        record.modes[at] = mode
+        for c in range(len(record.curved)):
+            record.curved[c, at] = y[force_at(n, c)]
 
 
-@kernel
-def march(
-    q: int, u: FloatArray, cuts: int, step: float, t0: float, mode: int, columns: FloatArray, blocks: int, ways: int,
-    codes: IntArray, params: FloatArray, gate: FloatArray, directions: FloatArray, inner: FloatArray, inner1: FloatArray,
-    ends: FloatArray, largest: FloatArray, floor: FloatArray, d0: FloatArray, v0: FloatArray, ratio: FloatArray,
-    y: FloatArray, m: int, base: FloatArray, after8: FloatArray, sense: FloatArray, places: IntArray,
-    filled: IntArray, out: FloatArray, curved: FloatArray, modes: IntArray,
-) -> int:  # fmt: skip
+@inlined
+def march(rig: Rig, motion: Motion, record: Record, u: FloatArray, cuts: int, t0: float, mode: int, q: int) -> int:
     """Whole steps from step `q` on in one mode, up to the first in which a margin may fall below zero; that step's number."""
-    after = after8.reshape(-1)
-    size, curves = len(y), len(codes)
-    n, state, looks = m // 2, 4 * curves, -(-4 * curves // 8)
+    y, base, ends, largest, d0, v0 = motion.y, motion.base, motion.ends, motion.largest, motion.d0, motion.v0
+    after8, after, ratio, codes = motion.ahead, motion.ahead.reshape(-1), motion.ratio, rig.codes
+    columns, blocks, step, n = rig.whole[mode], rig.blocks[mode], rig.step, rig.n
+    m, size, curves = 2 * n, len(y), len(codes)
+    state, looks, ways = 4 * curves, -(-4 * curves // 8), 0
+    while ways < rig.exits.shape[1] and rig.exits[mode, ways, 0] >= 0:
+        ways += 1
     share = 1.0 / cuts
     at, cut = q // cuts, q % cuts
     base[:] = 0.0
     for c in range(curves):
-        d0[c], v0[c] = along(directions[c], y, n, step)
+        d0[c], v0[c] = along(rig.directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
             # As in `read_out`; a call costs as much as the step.
-            for r in range(sense.shape[0]):
+            for r in range(len(record.filled)):
                 acc = 0.0
-                for k in range(filled[r]):
-                    acc += sense[r, k] * y[places[r, k]]
-                out[r, at] = acc
-            if len(modes) > 0:
-                read_out(at, mode, m, y, sense, places, filled, out, curved, modes)
+                for k in range(record.filled[r]):
+                    acc += record.weights[r, k] * y[record.places[r, k]]
+                record.out[r, at] = acc
+            if len(record.modes) > 0:
+                read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
         if curves == 0:
@@ -106,22 +103,22 @@ def march(
             before = 0.0
             ratio[0] = min(WEAR * ratio[0], 1.0)
             for c in range(curves):
-                f = m + 3 + 3 * c
+                f = force_at(n, c)
                 ends[c] = y[f] + y[f + 1] + 0.5 * y[f + 2]
             for attempt in range(PASSES):
                 ahead(columns, looks, y, m + 3, size, base, after8)
                 worst = 0.0
                 for c in range(curves):
-                    f0, k = y[m + 3 + 3 * c], 4 * c
-                    fm, f1, inner1[c] = advance(
-                        codes[c], params[c], gate[c], inner[c], d0[c], v0[c], after[k], after[k + 1], after[k + 2], after[k + 3],
-                        step, now,
+                    f, k = force_at(n, c), 4 * c
+                    fm, f1 = advance(
+                        codes[c], rig.params[c], motion.gate[c], motion.inner, motion.half, motion.after, c, d0[c], v0[c],
+                        after[k], after[k + 1], after[k + 2], after[k + 3], step, now,
                     )  # fmt: skip
-                    bend(y, m + 3 + 3 * c, f0, fm, f1, 1.0)
-                    largest[c] = max(abs(f1), FADING * largest[c], floor[c])
+                    bend(y, f, y[f], fm, f1, 1.0)
+                    largest[c] = max(abs(f1), FADING * largest[c], motion.floor[c])
                     worst = max(worst, abs(f1 - ends[c]) / largest[c])
                     ends[c] = f1
-                    if codes[c] >= 7 and v0[c] * after[k + 3] < 0.0:
+                    if codes[c] >= MEMORY and v0[c] * after[k + 3] < 0.0:
                         # A memory's rate has a corner where the speed turns.
                         worst = max(worst, 1.0)
                 if attempt == 0 and worst > ROUGH:
@@ -140,35 +137,15 @@ def march(
         for i in range(m):
             y[i] = after[state + i]
         for c in range(curves):
-            f = m + 3 + 3 * c
+            f = force_at(n, c)
             # The next step's first guess: this one's parabola, continued.
             y[f], y[f + 1] = ends[c], y[f + 1] + y[f + 2]
-            inner[c], d0[c], v0[c] = inner1[c], after[4 * c + 2], after[4 * c + 3]
+            d0[c], v0[c] = after[4 * c + 2], after[4 * c + 3]
+            remember(codes[c], motion.inner, motion.after, c)
         cut += 1
         if cut == cuts:
             at, cut = at + 1, 0
     return at * cuts
-
-
-@kernel
-def along(direction: FloatArray, y: FloatArray, n: int, step: float) -> tuple[float, float]:
-    """Elongation (m) and its speed (m/s) along a direction."""
-    d, v = 0.0, 0.0
-    for i in range(n):
-        d += direction[i] * y[i]
-        v += direction[i] * y[n + i]
-    return d, v / step
-
-
-@kernel
-def stop(settle: FloatArray, y: FloatArray, n: int, work: FloatArray) -> None:
-    """Take the speeds of settled contacts to zero."""
-    for i in range(n):
-        work[i] = 0.0
-        for j in range(n):
-            work[i] += settle[i, j] * y[n + j]
-    for i in range(n):
-        y[n + i] = work[i]
 
 
 @kernel
@@ -178,7 +155,213 @@ def bend(y: FloatArray, f: int, f0: float, fm: float, f1: float, left: float) ->
     y[f + 2] = 4.0 * (f0 - 2.0 * fm + f1) / (left * left)
 
 
+@inlined
+def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) -> None:
+    """Taylor coefficients and end of a part of a step, the curved forces as parabolas that agree with the motion."""
+    n, y, ends, largest, d0, v0, ratio = rig.n, motion.y, motion.ends, motion.largest, motion.d0, motion.v0, motion.ratio
+    rows, curves, middle, end = rig.series[mode], len(rig.codes), motion.middle, motion.end
+    known, drive, size, looks = motion.known, 2 * n + 3, len(y), -(-2 * curves // 8)
+    for c in range(curves):
+        d0[c], v0[c] = along(rig.directions[c], y, n, rig.step)
+        f = force_at(n, c)
+        ends[c] = y[f] + part * (y[f + 1] + 0.5 * part * y[f + 2])
+    ahead(rows, len(rows), y, 0, drive, motion.still, known if curves > 0 else motion.taylor)
+    if curves > 0:
+        ahead(rows, len(rows), y, drive, size, known, motion.taylor)
+    before = 0.0
+    for attempt in range(PASSES if curves > 0 else 0):
+        point(motion.columns, 0.5 * part, looks, middle)
+        point(motion.columns, part, looks, end)
+        worst = 0.0
+        for c in range(curves):
+            f = force_at(n, c)
+            fm, f1 = step_on(
+                rig.codes[c], rig.params[c], motion.gate[c], motion.inner, motion.half, motion.after, c, d0[c], v0[c],
+                middle[2 * c], middle[2 * c + 1], end[2 * c], end[2 * c + 1], part * rig.step, now,
+            )  # fmt: skip
+            bend(y, f, y[f], fm, f1, part)
+            largest[c] = max(abs(f1), FADING * largest[c], motion.floor[c])
+            worst = max(worst, abs(f1 - ends[c]) / largest[c])
+            ends[c] = f1
+        ahead(rows, len(rows), y, drive, size, known, motion.taylor)
+        if attempt > 0:
+            ratio[0] = min(CAUTION * worst / before, 1.0)
+        before = worst
+        if worst * ratio[0] <= SETTLED:
+            break
+    point(motion.columns, part, len(rows) // rig.terms, end)
+
+
+@inlined
+def missed(rig: Rig, motion: Motion, part: float, now: float) -> float:
+    """Largest share of a curved force by which its parabola misses it half-way through the first half of a part of a step."""
+    curves, middle, quarter = len(rig.codes), motion.middle, motion.quarter
+    looks, worst = -(-2 * curves // 8), 0.0
+    if curves > 0:
+        point(motion.columns, 0.5 * part, looks, middle)
+        point(motion.columns, 0.25 * part, looks, quarter)
+    for c in range(curves):
+        f = force_at(rig.n, c)
+        # A point that the parabola was not drawn through.
+        fq, _ = step_on(
+            rig.codes[c], rig.params[c], motion.gate[c], motion.inner, motion.half, motion.spare, c, motion.d0[c], motion.v0[c],
+            quarter[2 * c], quarter[2 * c + 1], middle[2 * c], middle[2 * c + 1], 0.5 * part * rig.step, now,
+        )  # fmt: skip
+        drawn = motion.y[f] + 0.25 * part * (motion.y[f + 1] + 0.125 * part * motion.y[f + 2])
+        worst = max(worst, abs(fq - drawn) / motion.largest[c])
+    return worst
+
+
+@inlined
+def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, passed: int) -> tuple[float, int]:
+    """Part of a step after which the first margin falls below zero, and its number; -1 where none does.
+
+    `calm` says that no change came right before; `passed` is an exit that was found to be none.
+    """
+    taylor, p, exits, terms, rows = motion.columns, motion.p, rig.exits, rig.terms, rig.series[mode]
+    first, groups = first_margin(rig), len(rows) // terms
+    best, which = 2.0, -1
+    for g in range(exits.shape[1]):
+        row = first + g
+        if exits[mode, g, 0] < 0:
+            break
+        g0, g1 = taylor[0, row], motion.end[row]
+        # Right after a change no margin is below zero but by rounding.
+        look = g1 < 0.0 or (g0 < 0.0 and calm)
+        if not look and taylor[1, row] < 0.0:
+            # Two crossings within the step: where the tangents at its ends meet below zero.
+            slope0, slope1 = taylor[1, row], 0.0
+            for k in range(terms - 1, 0, -1):
+                slope1 = slope1 * part + k * taylor[k, row]
+            if slope1 * part > g1:
+                meet = (g1 - slope1 * part - g0) / (slope0 - slope1)
+                look = g0 + slope0 * meet < 0.0
+        if look and g != passed:
+            for k in range(terms):
+                p[k] = taylor[k, row]
+            # Only a margin that starts near zero may do so by rounding.
+            clear = g0 > CLEAR * abs(g1)
+            sign = 1 if clear else begins(rows, groups, row, motion.y, rig.n, motion.largest, np.inf, p)
+            tau = 0.0 if sign < 0 else first_exit(p, part) if sign > 0 else 2.0
+            if tau < best:
+                best, which = tau, g
+    return best, which
+
+
+@inlined
+def begin(rig: Rig, motion: Motion, u: FloatArray, t0: float) -> None:
+    """From rest in the first mode: the curved forces and their least sizes."""
+    n, curves, whole = rig.n, len(rig.codes), rig.whole
+    motion.y[2 * n] = motion.ratio[0] = 1.0
+    peak = 0.0
+    for k in range(len(u) if curves > 0 else 0):
+        peak = max(peak, abs(u[k]))
+    for c in range(curves):
+        f, push, bends = force_at(n, c), 0.0, 1e-300
+        for i in range(n):
+            block, lane = (4 * curves + n + i) // 8, (4 * curves + n + i) % 8
+            for k in range(len(whole)):
+                push = max(push, abs(whole[k, block, 2 * n + 1, lane]))
+                bends = max(bends, abs(whole[k, block, f, lane]))
+        motion.floor[c] = LEAST * peak * push / bends + 1e-30
+        motion.gate[c] = rig.gates[c, rig.states[0, rig.curve_of[c]]]
+        motion.y[f] = resist(rig.codes[c], rig.params[c], motion.gate[c], motion.inner, c, 0.0, 0.0, t0)
+
+
+@inlined
+def note(rig: Rig, log: FloatArray, mode: int, new_mode: int, now: float, events: int) -> int:
+    """Log the changes of state between two modes, as far as there is room; the number of changes so far."""
+    for e in range(len(rig.kinds)):
+        old, new = rig.states[mode, e], rig.states[new_mode, e]
+        # A contact that turns round is held for that instant.
+        for state in (0, new) if old > 0 and new != old and rig.kinds[e] == 1 else (new, new):
+            if state != old:
+                if events < len(log):
+                    log[events, 0], log[events, 1], log[events, 2] = now, e, state
+                events += 1
+                old = state
+    return events
+
+
 @kernel
+def from_event_to_event(rig: Rig, motion: Motion, record: Record, u: FloatArray, cuts: int, t0: float, split_share: float) -> int:
+    """The run itself, see `run`."""
+    n, y, curves = rig.n, motion.y, len(rig.codes)
+    m, share, bent = 2 * n, 1.0 / cuts, 2 * curves
+    mode, calm, events, q, splits = 0, True, 0, 0, 0
+    begin(rig, motion, u, t0)
+    while True:
+        if calm:
+            q = march(rig, motion, record, u, cuts, t0, mode, q)
+        at, cut = q // cuts, q % cuts
+        if cut == 0:
+            read_out(record, y, n, at, mode)
+        for i in range(n):
+            if not abs(y[i]) < 1e9:
+                return -1
+        if at == len(u) - 1:
+            return events
+        slope = (u[at + 1] - u[at]) * share
+        y[m + 1], y[m + 2] = u[at] + slope * cut, slope
+        now, left, part, trips, split, passed = t0 + q * rig.step, 1.0, 1.0, 0, False, -1
+        while left > 1e-13:
+            part = min(part, left)
+            settle_forces(rig, motion, mode, part, now)
+            if missed(rig, motion, part, now) > FINE and part > SHORTEST:
+                part *= 0.5
+                split = split or trips == 0
+                continue
+            best, which = next_exit(rig, motion, mode, part, calm, passed)
+            passed = -1
+            tau = part if which < 0 else min(best, part)
+            if which >= 0:
+                point(motion.columns, tau, len(rig.series[mode]) // rig.terms, motion.end)
+            for i in range(m):
+                y[i] = motion.end[bent + i]
+            y[m + 1] += tau * y[m + 2]
+            left -= tau
+            if which < 0:
+                for c in range(curves):
+                    f = force_at(n, c)
+                    y[f], y[f + 1] = motion.ends[c], y[f + 1] + tau * y[f + 2]
+                    remember(rig.codes[c], motion.inner, motion.after, c)
+                now += tau * rig.step
+                calm = True
+                part *= 2.0
+                continue
+            if curves > 0:
+                point(motion.columns, 0.5 * tau, -(-2 * curves // 8), motion.middle)
+            for c in range(curves):
+                step_on(
+                    rig.codes[c], rig.params[c], motion.gate[c], motion.inner, motion.half, motion.spare, c, motion.d0[c],
+                    motion.v0[c], motion.middle[2 * c], motion.middle[2 * c + 1], motion.end[2 * c], motion.end[2 * c + 1],
+                    tau * rig.step, now,
+                )  # fmt: skip
+                remember(rig.codes[c], motion.inner, motion.spare, c)
+                f = force_at(n, c)
+                y[f + 1] += tau * y[f + 2]
+            now += tau * rig.step
+            trips += 1
+            motion.ratio[0] = 1.0
+            calm = False
+            if trips > TRIPS:
+                return -3
+            new_mode = follow(rig, motion, mode, which, now, tau == 0.0)
+            if new_mode < 0:
+                return -3
+            if new_mode == mode and tau == 0.0:
+                # It only seemed to end, by what the curved forces' parabolas miss.
+                passed = which
+            events = note(rig, record.log, mode, new_mode, now, events)
+            mode = new_mode
+        q += 1
+        if split and trips == 0:
+            splits += 1
+            if splits > PATIENCE + split_share * q:
+                return -2
+
+
+@allocating_kernel
 def run(
     u: FloatArray,
     cuts: int,
@@ -190,9 +373,12 @@ def run(
     series: FloatArray,
     terms: int,
     exits: IntArray,
+    limits: FloatArray,
     settle: FloatArray,
+    possible: IntArray,
+    kinds: IntArray,
     strides: IntArray,
-    counts: IntArray,
+    states: IntArray,
     curve_of: IntArray,
     codes: IntArray,
     params: FloatArray,
@@ -204,6 +390,7 @@ def run(
     modes: IntArray,
     log: FloatArray,
     split_share: float,
+    memories: int,
 ) -> int:
     """Run a rig from rest through a drive on a fine grid.
 
@@ -213,7 +400,8 @@ def run(
         The drive, shape (n,); a fine step has `cuts` steps of `step` seconds, the first at `t0`.
     n
         Number of coordinates.
-    whole, blocks, series, terms, exits, settle, strides, counts, curve_of, codes, params, directions, gates
+    whole, blocks, series, terms, exits, limits, settle, possible, kinds, strides, states, curve_of, codes, params, directions,
+    gates
         See `Compiled`.
     sense
         Rows on z for what is wanted on the grid, shape (sensors, m).
@@ -224,186 +412,27 @@ def run(
         Filled with (time, element, state) of every change of state as far as there is room.
     split_share
         Share of the steps up to which curved forces may bend too much for one parabola.
+    memories
+        Numbers that a law remembers at most.
 
     Returns
     -------
     int
-        Number of changes of state; -1 where the motion grows without bound, -2 where more steps bend too much.
+        Number of changes of state; -1 where the motion grows without bound, -2 where more steps bend too much, -3 where
+        contacts change without end, or no combination of their states is right.
     """
-    m, size, curves = 2 * n, whole.shape[2], len(codes)
-    bent, looks, groups = 2 * curves, -(-2 * curves // 8), series.shape[1] // terms
     # Sensors read few coordinates: keep their weights in front.
-    sense = sense.copy()
+    weights = sense.copy()
     places, filled = np.zeros(sense.shape, dtype=np.int64), np.zeros(len(sense), dtype=np.int64)
     for r in range(len(sense)):
-        for i in range(m):
+        for i in range(2 * n):
             if sense[r, i] != 0.0:
                 places[r, filled[r]] = i
-                sense[r, filled[r]] = sense[r, i]
+                weights[r, filled[r]] = sense[r, i]
                 filled[r] += 1
-    y, y1 = np.zeros(size), np.zeros(8 * groups)
-    middle, quarter, work, p = np.zeros(8 * groups), np.zeros(8 * groups), np.zeros(n), np.zeros(terms)
-    still, known8, taylor8 = np.zeros((len(series[0]), 8)), np.zeros((len(series[0]), 8)), np.zeros((len(series[0]), 8))
-    taylor = taylor8.reshape(terms, -1)
-    base, after = np.zeros((whole.shape[1], 8)), np.zeros((whole.shape[1], 8))
-    inner, inner1, ends, largest = np.zeros(curves), np.zeros(curves), np.zeros(curves), np.zeros(curves)
-    d0, v0, gate, floor = np.zeros(curves), np.zeros(curves), np.zeros(curves), np.zeros(curves)
-    # How far a pass leaves the curved forces from where the next one takes them, as last seen.
-    ratio = np.ones(1)
-    y[m] = 1.0
-    mode, fresh, events, q, splits = 0, -1, 0, 0, 0
-    share = 1.0 / cuts
-    peak = np.abs(u).max()
-    for c in range(curves):
-        push, bends = 0.0, 1e-300
-        for i in range(n):
-            lane = 4 * curves + n + i
-            push = max(push, np.abs(whole[:, lane // 8, m + 1, lane % 8]).max())
-            bends = max(bends, np.abs(whole[:, lane // 8, m + 3 + 3 * c, lane % 8]).max())
-        floor[c] = LEAST * peak * push / bends + 1e-30
-        gate[c] = gates[c, (mode // strides[curve_of[c]]) % counts[curve_of[c]]]
-        y[m + 3 + 3 * c] = resist(codes[c], params[c], gate[c], inner[c], 0.0, 0.0, t0)
-    while True:
-        if fresh < 0:
-            ways = 0
-            while ways < exits.shape[1] and exits[mode, ways, 0] >= 0:
-                ways += 1
-            q = march(
-                q, u, cuts, step, t0, mode, whole[mode], blocks[mode], ways, codes, params, gate, directions, inner, inner1,
-                ends, largest, floor, d0, v0, ratio, y, m, base, after, sense, places, filled, out, curved, modes,
-            )  # fmt: skip
-        at, cut = q // cuts, q % cuts
-        if cut == 0:
-            read_out(at, mode, m, y, sense, places, filled, out, curved, modes)
-        for i in range(n):
-            if not abs(y[i]) < 1e9:
-                return -1
-        if at == len(u) - 1:
-            return events
-        slope = (u[at + 1] - u[at]) * share
-        y[m + 1], y[m + 2] = u[at] + slope * cut, slope
-        now, left, part, trips, split = t0 + q * step, 1.0, 1.0, 0, False
-        while left > 1e-13:
-            part = min(part, left)
-            for c in range(curves):
-                d0[c], v0[c] = along(directions[c], y, n, step)
-                f = m + 3 + 3 * c
-                ends[c] = y[f] + part * (y[f + 1] + 0.5 * part * y[f + 2])
-            ahead(series[mode], len(series[mode]), y, 0, m + 3, still, known8 if curves > 0 else taylor8)
-            if curves > 0:
-                ahead(series[mode], len(series[mode]), y, m + 3, size, known8, taylor8)
-            before = 0.0
-            for attempt in range(PASSES if curves > 0 else 0):
-                point(taylor, 0.5 * part, looks, middle)
-                point(taylor, part, looks, y1)
-                worst = 0.0
-                for c in range(curves):
-                    fm, f1, inner1[c] = advance(
-                        codes[c], params[c], gate[c], inner[c], d0[c], v0[c], middle[2 * c], middle[2 * c + 1], y1[2 * c],
-                        y1[2 * c + 1], part * step, now,
-                    )  # fmt: skip
-                    bend(y, m + 3 + 3 * c, y[m + 3 + 3 * c], fm, f1, part)
-                    largest[c] = max(abs(f1), FADING * largest[c], floor[c])
-                    worst = max(worst, abs(f1 - ends[c]) / largest[c])
-                    ends[c] = f1
-                ahead(series[mode], len(series[mode]), y, m + 3, size, known8, taylor8)
-                if attempt > 0:
-                    ratio[0] = min(CAUTION * worst / before, 1.0)
-                before = worst
-                if worst * ratio[0] <= SETTLED:
-                    break
-            point(taylor, part, groups, y1)
-            missed = 0.0
-            if curves > 0:
-                point(taylor, 0.5 * part, looks, middle)
-                point(taylor, 0.25 * part, looks, quarter)
-            for c in range(curves):
-                f = m + 3 + 3 * c
-                # Half-way through the first half: what the parabola says of a point that it was not drawn through.
-                fq, _, _ = advance(
-                    codes[c], params[c], gate[c], inner[c], d0[c], v0[c], quarter[2 * c], quarter[2 * c + 1], middle[2 * c],
-                    middle[2 * c + 1], 0.5 * part * step, now,
-                )  # fmt: skip
-                drawn = y[f] + 0.25 * part * (y[f + 1] + 0.125 * part * y[f + 2])
-                missed = max(missed, abs(fq - drawn) / largest[c])
-            if missed > FINE and part > SHORTEST:
-                part *= 0.5
-                split = split or trips == 0
-                continue
-            best, which = 2.0, -1
-            for g in range(exits.shape[1] if trips < TRIPS else 0):
-                e, row = exits[mode, g, 0], bent + m + g
-                if e < 0:
-                    break
-                young = e == fresh and exits[mode, g, 2] == 1
-                g0, g1 = taylor[0, row], y1[row]
-                look = g1 < 0.0 or (g0 < 0.0 and not young)
-                if not look and taylor[1, row] < 0.0:
-                    # Two crossings within the step: where the tangents at its ends meet below zero.
-                    slope0, slope1 = taylor[1, row], 0.0
-                    for k in range(terms - 1, 0, -1):
-                        slope1 = slope1 * part + k * taylor[k, row]
-                    if slope1 * part > g1:
-                        meet = (g1 - slope1 * part - g0) / (slope0 - slope1)
-                        look = g0 + slope0 * meet < 0.0
-                if look:
-                    p[:] = taylor[:, row]
-                    tau = first_exit(p, part, g1 < 0.0, young)
-                    if tau < best:
-                        best, which = tau, g
-            tau = part if which < 0 else min(best, part)
-            if which >= 0:
-                point(taylor, tau, groups, y1)
-            for i in range(m):
-                y[i] = y1[bent + i]
-            y[m + 1] += tau * y[m + 2]
-            left -= tau
-            if which < 0:
-                for c in range(curves):
-                    f = m + 3 + 3 * c
-                    y[f], y[f + 1], inner[c] = ends[c], y[f + 1] + tau * y[f + 2], inner1[c]
-                now += tau * step
-                fresh = -1
-                part *= 2.0
-                continue
-            if curves > 0:
-                point(taylor, 0.5 * tau, looks, middle)
-            for c in range(curves):
-                _, _, inner[c] = advance(
-                    codes[c], params[c], gate[c], inner[c], d0[c], v0[c], middle[2 * c], middle[2 * c + 1], y1[2 * c],
-                    y1[2 * c + 1], tau * step, now,
-                )  # fmt: skip
-                y[m + 4 + 3 * c] += tau * y[m + 5 + 3 * c]
-            now += tau * step
-            trips += 1
-            ratio[0] = 1.0
-            for _ in range(exits.shape[1] + 1):
-                e, state = exits[mode, which, 0], exits[mode, which, 1]
-                # What held has drifted by rounding: it leaves without speed, as it came.
-                stop(settle[mode], y, n, work)
-                mode += (state - (mode // strides[e]) % counts[e]) * strides[e]
-                stop(settle[mode], y, n, work)
-                for c in range(curves):
-                    gate[c] = gates[c, (mode // strides[curve_of[c]]) % counts[curve_of[c]]]
-                    d, v = along(directions[c], y, n, step)
-                    y[m + 3 + 3 * c] = resist(codes[c], params[c], gate[c], inner[c], d, v, now)
-                if events < len(log):
-                    log[events, 0], log[events, 1], log[events, 2] = now, e, state
-                events += 1
-                fresh = e
-                # What landed may not hold: then it goes on at once.
-                which = -1
-                ahead(series[mode], groups, y, 0, size, still, taylor8)
-                for g in range(exits.shape[1]):
-                    e = exits[mode, g, 0]
-                    if e < 0 or which >= 0:
-                        break
-                    if (e != fresh or exits[mode, g, 2] == 0) and taylor[0, bent + m + g] < 0.0:
-                        which = g
-                if which < 0:
-                    break
-        q += 1
-        if split and trips == 0:
-            splits += 1
-            if splits > PATIENCE + split_share * q:
-                return -2
+    rig = Rig(
+        step, n, whole, blocks, series, terms, exits, limits, settle, possible, kinds, strides, states, curve_of, codes, params,
+        directions, gates,
+    )  # fmt: skip
+    motion = room(rig, memories)
+    return from_event_to_event(rig, motion, Record(weights, places, filled, out, curved, modes, log), u, cuts, t0, split_share)

@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from analysis.errors import DataError
-from analysis.jit import fast_kernel
-from analysis.measured import FloatArray
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import DataError
+from isorig.analysis.jit import fast_kernel
 
 #: Half the length of the filters, in samples.
 TAPS = 16
@@ -55,6 +55,14 @@ class Excitation:
         Fine steps per sample.
     fine
         The drive on the fine grid, shape (n * oversample,); joined by straight lines it has the drive's spectrum.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> drive = iso.Excitation.prepare(np.sin(2 * np.pi * 8.0 * np.arange(1024) / 1024), 1024.0)
+    >>> drive.fine.shape
+    (8192,)
     """
 
     recorded: FloatArray

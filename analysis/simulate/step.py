@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from analysis.jit import kernel
-from analysis.measured import FloatArray
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
 
 
 @kernel
@@ -35,9 +35,9 @@ def polynomial(p: FloatArray, x: float) -> float:
 
 
 @kernel
-def falls(p: FloatArray, low: float, high: float) -> float:
-    """Where the polynomial, positive at `low` and negative at `high`, crosses zero: Newton, kept between the two."""
-    above, below = polynomial(p, low), polynomial(p, high)
+def falls(p: FloatArray, high: float, below: float) -> float:
+    """Where the polynomial, positive at zero and `below` zero at `high`, crosses zero: Newton, kept between the two."""
+    low, above = 0.0, p[0]
     x = low + (high - low) * above / (above - below) if above > below else 0.5 * (low + high)
     for _ in range(80):
         value, slope = 0.0, 0.0
@@ -48,49 +48,45 @@ def falls(p: FloatArray, low: float, high: float) -> float:
             low = x
         else:
             high = x
-        new = x - value / slope if slope != 0.0 else 0.5 * (low + high)
-        if not low < new < high:
-            new = 0.5 * (low + high)
+        new = x - value / slope if slope != 0.0 else -1.0
         # Newton doubles the digits with every step: the next one would lie below rounding.
-        if abs(new - x) <= 1e-9 * high or new in (low, high):
-            return new
+        if abs(new - x) <= 1e-9 * high:
+            return max(new, 0.0)
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+            if new in (low, high):
+                return new
         x = new
     return x
 
 
 @kernel
-def first_exit(p: FloatArray, left: float, ends_below: bool, fresh: bool) -> float:
+def first_exit(p: FloatArray, left: float) -> float:
     """Part of a step after which a margin falls below zero; 2 where it does not.
 
     Parameters
     ----------
     p
-        Taylor coefficients of the margin.
+        Taylor coefficients of the margin, the first that is not zero above zero. Where the margin begins from zero, for its
+        state has just begun, that zero is divided out; the array is overwritten.
     left
         What is left of the step.
-    ends_below
-        Whether the margin is negative at the end; otherwise it may dip below zero in between.
-    fresh
-        Whether the margin starts from zero because its state has just begun.
     """
-    total = 0.0
-    for k in range(len(p)):
-        total += abs(p[k])
-    if fresh and abs(p[0]) < 1e-9 * total:
-        # The zero at the start is where the state came from: look for the next one.
-        p[0] = 0.0
-        if not ends_below:
-            return 2.0
-        low = left
-        for _ in range(40):
-            low *= 0.5
-            if polynomial(p, low) > 0.0:
-                return falls(p, low, left)
-        return 0.0
-    if p[0] < 0.0:
-        return 0.0
-    if ends_below:
-        return falls(p, 0.0, left)
+    zeros = 0
+    while p[zeros] == 0.0:
+        zeros += 1
+    if zeros > 0:
+        for k in range(len(p)):
+            p[k] = p[k + zeros] if k + zeros < len(p) else 0.0
+    value, slope = 0.0, 0.0
+    for k in range(len(p) - 1, -1, -1):
+        slope = slope * left + value
+        value = value * left + p[k]
+    if value < 0.0:
+        return falls(p, left, value)
+    # It may dip below zero in between: where the tangents at both ends meet below zero, look at its lowest point.
+    if p[1] >= 0.0 or slope <= 0.0 or p[0] + p[1] * (value - slope * left - p[0]) / (p[1] - slope) >= 0.0:
+        return 2.0
     low, high = 0.0, left
     for _ in range(60):
         x = 0.5 * (low + high)
@@ -101,4 +97,5 @@ def first_exit(p: FloatArray, left: float, ends_below: bool, fresh: bool) -> flo
             low = x
         else:
             high = x
-    return falls(p, 0.0, high) if polynomial(p, high) < 0.0 else 2.0
+    value = polynomial(p, high)
+    return falls(p, high, value) if value < 0.0 else 2.0

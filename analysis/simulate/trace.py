@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.measured import FloatArray
-from analysis.model import RigModel, direction
-from analysis.simulate.compiled import compile_rig
-from analysis.simulate.free_run import Response, response_of, run_rig, sense_of, true_fine
-from analysis.simulate.sampling import Excitation, sampled
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.simulate.compiled import compile_rig
+from isorig.analysis.simulate.free_run import Response, response_of, run_rig, sense_of, true_fine
+from isorig.analysis.simulate.sampling import Excitation, sampled
 
 #: Changes of state that are kept per second at least; the room for them grows as needed.
 ROOM = 10_000
@@ -70,7 +70,17 @@ def trace(
     start_time: float = 0.0,
     as_recorded: bool = False,
 ) -> Trace:
-    """The rig's free run from rest with the forces inside; parameters and errors as of `simulate`."""
+    """The rig's free run from rest with the forces inside; parameters and errors as of `simulate`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> drive = iso.Excitation.prepare(0.1 * np.random.default_rng(0).normal(size=2048), 1024.0)
+    >>> inside = iso.trace(iso.wire_bonder(), drive)
+    >>> bool(inside.held["isolation"].min() == 1.0)  # friction holds the motor all the time
+    True
+    """
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
     h = 1.0 / (rate * over)
     compiled = compile_rig(model, configuration, h)

@@ -6,10 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drivers.block import FloatArray
+from isorig.drivers.block import FloatArray
+from isorig.drivers.kinds import Shaken
 
 #: x and values of a trace.
 Curve = tuple[FloatArray, FloatArray]
+
+
+#: Points and rate (Hz) of a simulated time record, and records that a coherence is averaged over.
+RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
+
+
+def displayed(shaken: Shaken) -> tuple[Curve, Curve]:
+    """A coherence of the last channel with the drive, and a time record of the last channel in V."""
+    volts = shaken.volts(RECORD, RECORD_RATE)[:, -1]
+    return shaken.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
 
 
 class _Lines:
@@ -41,17 +52,28 @@ class SimulatedSr785(_Lines):
         super().__init__()
         self._displays, self._polls, self._overload, self._order = displays, polls, overload, order
         self._left, self._events = 0, 0
+        self.sourcing, self._level = False, 0
 
     def answer(self, command: str) -> bytes:
         """What goes back for a command."""
         head, _, rest = command.partition("?")
         words = rest.split(",") if rest else []
-        if command in ("OUTX1", "STRT"):
+        if command in ("OUTX1", "STRT", "SRCO 0", "SRCO 1") or head.startswith("NAMP "):
             self._left = self._polls if command == "STRT" else self._left
+            self.sourcing = command == "SRCO 1" if head.startswith("SRCO") else self.sourcing
+            self._level = int(head.split()[1]) if head.startswith("NAMP ") else self._level
             return b""
         if head in ("DSPN", "DBIN", "DSPB", "DSPY") and words and int(words[0]) in self._displays:
             return self._display(head, words)
-        numbers = {"*ESR?": self._events, "DSPS?1": int(self._left <= 1), "NAVG?0": 10, "INPS?": int(self._overload)}
+        numbers = {
+            "STYP?": 2,
+            "NAMP?": self._level,
+            "SRCO?": int(self.sourcing),
+            "*ESR?": self._events,
+            "DSPS?1": int(self._left <= 1),
+            "NAVG?0": 10,
+            "INPS?": int(self._overload),
+        }
         if command not in numbers:
             self._events |= 1 << 5
             return b""
@@ -80,6 +102,7 @@ class Simulated35670a(_Lines):
         self._left = 0
         self._traces: dict[str, Curve] = {}
         self._errors: list[str] = []
+        self.sourcing, self._level = False, 0.0
 
     def answer(self, command: str) -> bytes:
         """What goes back for a command."""
@@ -89,6 +112,14 @@ class Simulated35670a(_Lines):
         elif command == "*STB?":
             self._left = max(self._left - 1, 0)
             return b"+32\n" if self._left == 0 else b"+0\n"
+        elif command in ("OUTP ON", "OUTP OFF"):
+            self.sourcing = command == "OUTP ON"
+        elif command == "OUTP?":
+            return b"%d\n" % self.sourcing
+        elif command.startswith("SOUR:VOLT "):
+            self._level = float(command.split()[1])
+        elif command == "SOUR:VOLT?":
+            return b"%.6E\n" % self._level
         elif command == "SYST:ERR?":
             return (self._errors.pop(0) if self._errors else '+0,"No Error"').encode() + b"\n"
         elif trace.startswith("CALC") and about.startswith("FEED '") and about[6:-1] in self._feeds:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from drivers.errors import SettingError
+from isorig.drivers.errors import SettingError
 
 #: Seconds by which a stalled frame is late, and the share by which a dial is turned.
 STALL = 0.2

@@ -11,10 +11,13 @@ from zlib import crc32
 
 import numpy as np
 
-from drivers.block import FloatArray, Raw
-from drivers.frames import encode_samples, encode_text
-from drivers.simulated.faults import TURN, Faults, Mishaps
-from drivers.simulated.wire import Wire
+from isorig.drivers.block import FloatArray, Raw
+from isorig.drivers.frames import encode_samples, encode_text
+from isorig.drivers.simulated.faults import TURN, Faults, Mishaps
+from isorig.drivers.simulated.wire import Wire
+
+#: Signal seconds per second where nothing is played and no speed is given.
+ENDLESS = 10.0
 
 
 class Plant(Protocol):
@@ -55,7 +58,8 @@ class SimulatedFramed:
     faults
         What goes wrong.
     speed
-        Signal seconds per second; as fast as the wire takes it where None.
+        Signal seconds per second; as fast as the wire takes it where None. The signal is as long as the drive; where the drive is
+        a single sample, it goes on until it is stopped.
     rows
         Samples per frame.
     """
@@ -98,11 +102,17 @@ class SimulatedFramed:
                 self._out.appendleft(rest)
 
     def _frame_due(self) -> bool:
-        if not self.running or self._sent >= len(self._signal) or self.mishaps.late:
+        if not self.running or self.mishaps.late:
             return False
-        if self._speed is None:
+        endless = len(self._drive) == 1
+        if self._sent >= len(self._signal) and endless:
+            self._play(np.zeros(2 * len(self._signal)))
+        if self._sent >= len(self._signal):
+            return False
+        speed = ENDLESS if self._speed is None and endless else self._speed
+        if speed is None:
             return True
-        passed = (time.monotonic() - self._began) * self._speed * (1.0 + 1e-6 * self._faults.ppm)
+        passed = (time.monotonic() - self._began) * speed * (1.0 + 1e-6 * self._faults.ppm)
         return self._sent + self._rows <= passed * self._rate
 
     def _next_frame(self) -> None:
@@ -187,12 +197,13 @@ class SimulatedFramed:
     def _start(self) -> None:
         if self.running:
             return
-        self._signal = self._plant.play(
-            self._drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration
-        )  # fmt: skip
+        self._play(self._drive if len(self._drive) != 1 else np.zeros(round(self._rate)))
         self._sent = 0
         self.count = Count(run=self.count.run + 1)
         self.running, self._began = True, time.monotonic()
+
+    def _play(self, drive: FloatArray) -> None:
+        self._signal = self._plant.play(drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration)
 
     def _say(self, text: str) -> None:
         # An answer is a frame: it waits for a frame that is half sent, and goes before those that are not begun.

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from drivers.simulated.wire import PtyWire, Wire
+from isorig.drivers.simulated.wire import PtyWire, Wire
 
 
 class Peer(Protocol):

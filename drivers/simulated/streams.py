@@ -7,16 +7,33 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drivers.block import Raw
-from drivers.mti600 import ACCELERATION, CLIPPED, GROUP_COUNTER, SAMPLE_TIME, STATUS_WORD, WRAP
-from drivers.simulated.faults import Faults, Mishaps
+from isorig.drivers.block import FloatArray, Raw
+from isorig.drivers.mti600 import ACCELERATION, CLIPPED, GROUP_COUNTER, PER_COUNT, SAMPLE_TIME, STATUS_WORD, WRAP
+from isorig.drivers.simulated.faults import Faults, Mishaps
 
 #: Given a number of samples and a rate in Hz: int16 counts, shape (n, inputs).
 Source = Callable[[int, float], Raw]
 
 
+#: Bits of a word that a converter of 12 bits fills, and the digital inputs.
+LEFT, DIGITAL = ~15, 3
 #: Samples that are played again and again at most.
 MOST = 100_000
+
+
+#: Full scale of a DI-1100's inputs, V; rate of a simulated MTi-600, Hz.
+RANGE, MTI_RATE = 10.0, 400.0
+
+
+def words(volts: FloatArray) -> Raw:
+    """Counts of 16 bits of all inputs at +-10 V, shape (samples, inputs)."""
+    return np.clip(np.round(volts / RANGE * 32768), -32768, 32767).astype(np.int16)
+
+
+def axes(acceleration: FloatArray) -> Raw:
+    """Counts of an accelerometer whose y axis lies along an acceleration in m/s^2, z upwards, shape (samples, 3)."""
+    flat = np.zeros_like(acceleration)
+    return np.round(np.stack([flat, acceleration, flat + 9.81], axis=1) / PER_COUNT).astype(np.int16)
 
 
 class _Paced:
@@ -94,7 +111,10 @@ class SimulatedDataq:
             self.dropped += count
             return b""
         ticks = np.arange(first, first + count)
-        data = self._signal.take(ticks, axis=0, mode="wrap")[:, : self._inputs].astype("<i2").tobytes()
+        words = self._signal.take(ticks, axis=0, mode="wrap")[:, : self._inputs].astype("<i2") & LEFT
+        # Nothing is wired to the digital inputs, which are pulled up.
+        words[:, 0] |= DIGITAL
+        data = words.tobytes()
         if count:
             self.mishaps.stalls()
         return data

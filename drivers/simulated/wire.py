@@ -7,7 +7,7 @@ import select
 import sys
 from typing import Protocol
 
-from drivers.errors import SettingError
+from isorig.drivers.errors import SettingError
 
 
 class Wire(Protocol):

@@ -1,49 +1,17 @@
-"""The catalogue of causes, one file per family.
-
-Adding a cause means one class with the duties of `base.Mechanism` and one line here.
-"""
+"""The catalogue of causes: every class of this package's files that has a cause, a kind and candidates (`base.Mechanism`)."""
 
 from __future__ import annotations
 
-from analysis.diagnose.mechanisms.base import Candidate, Evidence, Mechanism
-from analysis.diagnose.mechanisms.chain import ChannelDelay, Clipping, Crosstalk, MainsHum, SensorGain
-from analysis.diagnose.mechanisms.friction import (
-    AsymmetricFriction,
-    CoulombFriction,
-    PreslidingFriction,
-    StribeckFriction,
-)
-from analysis.diagnose.mechanisms.lock import ImperfectLock
-from analysis.diagnose.mechanisms.modes import ExtraMode, MomentCoupling, WrongMass
-from analysis.diagnose.mechanisms.springs import (
-    Backlash,
-    EndStop,
-    HardeningStiffness,
-    QuadraticDamping,
-    SofteningStiffness,
-    StiffnessDrift,
-)
+from importlib import import_module
+from pkgutil import iter_modules
 
-CATALOGUE: tuple[Mechanism, ...] = (
-    CoulombFriction(),
-    StribeckFriction(),
-    PreslidingFriction(),
-    AsymmetricFriction(),
-    HardeningStiffness(),
-    SofteningStiffness(),
-    Backlash(),
-    EndStop(),
-    QuadraticDamping(),
-    StiffnessDrift(),
-    ExtraMode(),
-    MomentCoupling(),
-    WrongMass(),
-    ImperfectLock(),
-    ChannelDelay(),
-    SensorGain(),
-    Clipping(),
-    Crosstalk(),
-    MainsHum(),
-)
+from isorig.analysis.diagnose.mechanisms.base import Mechanism
 
-__all__ = ["CATALOGUE", "Candidate", "Evidence", "Mechanism"]
+_FILES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
+
+CATALOGUE: tuple[Mechanism, ...] = tuple(
+    value()
+    for file in _FILES
+    for value in vars(file).values()
+    if isinstance(value, type) and value.__module__ == file.__name__ and "cause" in vars(value) and "kind" in vars(value)
+)

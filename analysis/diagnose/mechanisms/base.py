@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import msgspec
 
-from analysis.fit import Free
-from analysis.model import RigModel
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.model.rig_model import RigModel
+
+#: Friction where none is known, as a share of the largest force of the drive: a start, from which fits go on.
+SHARE_OF_PUSH = 0.2
+
+
+Kind = Literal["spring_shape", "damping_shape", "friction_shape", "memory", "drift", "added_motion", "known_value", "sensor"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +39,10 @@ class Evidence:
         Channels with hum, with its frequency in Hz.
     misfit_frequencies
         Frequencies in Hz where the baseline misfits most, strongest first.
+    bends
+        Of links whose force was recorded: deflections in m, and the force in N beyond the spring's straight part there.
+    push
+        Largest force in N that the drive puts on a body.
     configurations
         The configurations that were measured.
     guess
@@ -46,74 +57,25 @@ class Evidence:
     flat_tops: Mapping[str, float]
     mains: Mapping[str, float]
     misfit_frequencies: tuple[float, ...]
+    bends: Mapping[str, tuple[FloatArray, FloatArray]]
+    push: float
     configurations: frozenset[str]
     guess: RigModel
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reported:
-    """A parameter of the answer: its name in the findings, the model's path, its unit."""
-
-    name: str
-    path: str
-    unit: str
-    value: Callable[[RigModel], float] | None = None
-
-    def of(self, model: RigModel) -> float:
-        """The value in a model: at the path, or worked out from several parameters."""
-        return model.get(self.path) if self.value is None else self.value(model)
-
-
-def always(model: RigModel) -> bool:
-    """Every fit of most causes is plausible."""
-    return True
-
-
-@dataclass(frozen=True, kw_only=True)
-class Candidate:
-    """A cause at a place, as extended models from which fits start.
+class Mechanism(Protocol):
+    """A cause of the catalogue.
 
     Parameters
     ----------
-    cause, location
-        Names of the findings' catalogue.
-    family
-        Causes of one family are alike in kind: friction, spring, mass, delay.
-    starts
-        The extended model at one or more starting values.
-    free
-        Its new parameters.
-    dropped
-        Paths of the baseline that the extension replaces.
-    reported
-        What is said of it in the findings.
-    rank
-        Simplicity: of two that fit alike the lower is kept.
-    plausible
-        Whether a fitted model still is what the cause's name says.
-    twin
-        Cause and location that lead to the same equations, so that no data of this rig can tell them apart.
+    cause
+        Its name in the findings.
+    kind
+        What kind of thing it is: the free shape of that kind bounds what it can explain.
     """
 
-    cause: str
-    location: str
-    family: str
-    starts: tuple[RigModel, ...]
-    free: tuple[Free, ...]
-    reported: tuple[Reported, ...]
-    dropped: tuple[str, ...] = ()
-    rank: int = 1
-    plausible: Callable[[RigModel], bool] = always
-    twin: tuple[str, str] | None = None
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Cause and location."""
-        return self.cause, self.location
-
-
-class Mechanism(Protocol):
-    """A family member of the catalogue."""
+    cause: ClassVar[str]
+    kind: ClassVar[Kind]
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         """Every place where the cause could act on this rig; empty where it must keep silent."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import msgspec
 
-from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
-from analysis.fit import Free
-from analysis.model import Chain, RigModel
+from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind, exchange
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.rig_model import Chain, RigModel
 
 
 def chain_of(model: RigModel, channel: str) -> tuple[Chain, str]:
@@ -34,6 +37,9 @@ class ChannelDelay:
     A delay bends the baseline's own fit, so starts also lie on a grid of delays from the rig before that fit.
     """
 
+    cause: ClassVar[str] = "channel_delay"
+    kind: ClassVar[Kind] = "sensor"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         sample = 1.0 / evidence.sample_rate
         found = []
@@ -42,7 +48,7 @@ class ChannelDelay:
             grid = tuple(evidence.guess.replace({path: 0.5 * k * sample}) for k in range(-8, 9) if k)
             found.append(
                 Candidate(
-                    cause="channel_delay", location=channel, family="delay",
+                    cause=self.cause, location=channel, family="delay",
                     starts=(model, *(grid if evidence.guess.free == model.free else ())),
                     free=(Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample),),
                     reported=(Reported(name="delay", path=path, unit="s"),), rank=0,
@@ -54,13 +60,16 @@ class ChannelDelay:
 class SensorGain:
     """A factor on the recorded value."""
 
+    cause: ClassVar[str] = "sensor_gain"
+    kind: ClassVar[Kind] = "sensor"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for channel in channels_of(model):
             path = f"{chain_of(model, channel)[1]}.gain"
             found.append(
                 Candidate(
-                    cause="sensor_gain", location=channel, family="chain", starts=(model,),
+                    cause=self.cause, location=channel, family="chain", starts=(model,),
                     free=(Free(path=path, low=0.2, high=5.0),),
                     reported=(Reported(name="factor", path=path, unit="1"),), rank=0, twin=_twin(model, channel),
                 )
@@ -77,6 +86,9 @@ def _twin(model: RigModel, channel: str) -> tuple[str, str] | None:
 class Clipping:
     """A recorded value limited below its range: proposed only where the record's tops are flat."""
 
+    cause: ClassVar[str] = "clipping"
+    kind: ClassVar[Kind] = "sensor"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for channel, level in evidence.flat_tops.items():
@@ -87,7 +99,7 @@ class Clipping:
             start = with_chain(model, channel, msgspec.structs.replace(chain, limit=level))
             found.append(
                 Candidate(
-                    cause="clipping", location=channel, family="chain", starts=(start,),
+                    cause=self.cause, location=channel, family="chain", starts=(start,),
                     free=(Free(path=path, low=0.9 * level, high=1.1 * level),),
                     reported=(Reported(name="limit", path=path, unit="m/s^2"),), rank=0,
                 )
@@ -97,6 +109,9 @@ class Clipping:
 
 class Crosstalk:
     """A share of another channel in this one."""
+
+    cause: ClassVar[str] = "crosstalk"
+    kind: ClassVar[Kind] = "sensor"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
@@ -109,7 +124,7 @@ class Crosstalk:
                 share = f"{path}.crosstalk.{source}"
                 found.append(
                     Candidate(
-                        cause="crosstalk", location=channel, family="chain",
+                        cause=self.cause, location=channel, family="chain",
                         starts=(with_chain(model, channel, mixed),),
                         free=(Free(path=share, low=-0.9, high=0.9, log=False, step=1e-3),),
                         reported=(Reported(name="fraction", path=share, unit="1"),),
@@ -120,6 +135,9 @@ class Crosstalk:
 
 class MainsHum:
     """50 or 60 Hz and multiples: proposed only where the misfit has such a line."""
+
+    cause: ClassVar[str] = "mains_hum"
+    kind: ClassVar[Kind] = "sensor"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
@@ -132,7 +150,7 @@ class MainsHum:
             free = Free(path=path, low=frequency - 0.1, high=frequency + 0.1, log=False, step=1e-4)
             found.append(
                 Candidate(
-                    cause="mains_hum", location=channel, family="hum", starts=(start,), free=(free,),
+                    cause=self.cause, location=channel, family="hum", starts=(start,), free=(free,),
                     reported=(Reported(name="frequency", path=path, unit="Hz"),), rank=0,
                 )
             )  # fmt: skip

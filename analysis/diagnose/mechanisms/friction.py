@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import msgspec
 
-from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
-from analysis.fit import Free
-from analysis.laws import Asymmetric, Coulomb, Dahl, FrictionLaw, Stribeck
-from analysis.model import Contact, Link, RigModel
+from isorig.analysis.diagnose.mechanisms.base import SHARE_OF_PUSH, Evidence, Kind, exchange
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws import Asymmetric, Coulomb, Dahl, ElastoSlip, FrictionLaw, Stribeck
+from isorig.analysis.model.rig_model import Contact, Link, RigModel
 
 
 def _moving_links(model: RigModel) -> tuple[Link, ...]:
@@ -39,6 +42,9 @@ def _force(model: RigModel, evidence: Evidence, contact: Contact, law: Coulomb) 
 class CoulombFriction:
     """Dry friction where the baseline has none."""
 
+    cause: ClassVar[str] = "coulomb_friction"
+    kind: ClassVar[Kind] = "friction_shape"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for link in _moving_links(model):
@@ -46,11 +52,13 @@ class CoulombFriction:
                 continue
             force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
             path = f"contacts.{link.name}.law.friction_force"
-            starts = tuple(_rubbing(model, link, share * force) for share in (0.02, 0.15))
+            # Where the baseline is far off, its link forces are too: the drive says how much friction there may be.
+            levels = (0.02 * force, 0.15 * force, *((SHARE_OF_PUSH * evidence.push,) if evidence.push > force else ()))
+            starts = tuple(_rubbing(model, link, level) for level in levels)
             found.append(
                 Candidate(
-                    cause="coulomb_friction", location=link.name, family="friction", starts=starts,
-                    free=(Free(path=path, low=1e-4 * force, high=3.0 * force),),
+                    cause=self.cause, location=link.name, family="friction", starts=starts,
+                    free=(Free(path=path, low=1e-4 * force, high=3.0 * max(force, evidence.push)),),
                     reported=(Reported(name="friction_force", path=path, unit="N"),), rank=0,
                 )
             )  # fmt: skip
@@ -59,6 +67,9 @@ class CoulombFriction:
 
 class StribeckFriction:
     """Breakaway above sliding friction, falling with speed."""
+
+    cause: ClassVar[str] = "stribeck_friction"
+    kind: ClassVar[Kind] = "friction_shape"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
@@ -76,7 +87,7 @@ class StribeckFriction:
             )  # fmt: skip
             found.append(
                 Candidate(
-                    cause="stribeck_friction", location=contact.name, family="friction", starts=starts,
+                    cause=self.cause, location=contact.name, family="friction", starts=starts,
                     free=(
                         Free(path=f"{path}.static_force", low=1e-3 * force, high=20.0 * force),
                         Free(path=f"{path}.stribeck_velocity", low=2e-4 * speed, high=2.0 * speed),
@@ -95,6 +106,9 @@ class StribeckFriction:
 class PreslidingFriction:
     """Elastic before it slides (Dahl)."""
 
+    cause: ClassVar[str] = "presliding_friction"
+    kind: ClassVar[Kind] = "memory"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for contact, law in _dry(model):
@@ -104,7 +118,7 @@ class PreslidingFriction:
             starts = tuple(_bristled(model, contact, force, share * deflection) for share in (0.01, 0.05))
             found.append(
                 Candidate(
-                    cause="presliding_friction", location=contact.name, family="friction", starts=starts,
+                    cause=self.cause, location=contact.name, family="friction", starts=starts,
                     free=(Free(path=path, low=0.1 * force / deflection, high=3e3 * force / deflection),),
                     reported=(Reported(name="bristle_stiffness", path=path, unit="N/m"),),
                 )
@@ -119,6 +133,9 @@ def _bristled(model: RigModel, contact: Contact, force: float, give: float) -> R
 class AsymmetricFriction:
     """Another dry or viscous level each way."""
 
+    cause: ClassVar[str] = "asymmetric_friction"
+    kind: ClassVar[Kind] = "friction_shape"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for contact, law in _dry(model):
@@ -129,7 +146,7 @@ class AsymmetricFriction:
             viscosity = force / speed
             found.append(
                 Candidate(
-                    cause="asymmetric_friction", location=contact.name, family="friction", starts=(start,),
+                    cause=self.cause, location=contact.name, family="friction", starts=(start,),
                     free=(
                         Free(path=f"{path}.forward_force", low=1e-3 * force, high=20.0 * force),
                         Free(path=f"{path}.backward_force", low=1e-3 * force, high=20.0 * force),
@@ -148,3 +165,53 @@ class AsymmetricFriction:
                 )
             )  # fmt: skip
         return tuple(found)
+
+
+class PlayAndFriction:
+    """Play, a spring and dry friction in a row: at every turn the play is taken up, the spring winds up, then it slides."""
+
+    cause: ClassVar[str] = "play_and_friction"
+    kind: ClassVar[Kind] = "memory"
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        found = []
+        for link in _moving_links(model):
+            if any(isinstance(law, ElastoSlip) for law in link.laws):
+                continue
+            law = next((contact.law for contact in model.contacts if contact.name == link.name), None)
+            if law is not None and not isinstance(law, Coulomb):
+                continue
+            swing = evidence.deflection[link.name]
+            most = max(link.stiffness * swing, link.damping * evidence.speed[link.name])
+            force = law.friction_force if law is not None and law.friction_force > 0.0 else 0.3 * most
+            path = f"links.{link.name}.laws.{len(link.laws)}"
+            starts = tuple(
+                _in_a_row(model, link, times * force, play * swing, 0.2 * swing) for times in (1.0, 5.0) for play in (0.1, 0.4)
+            )
+            found.append(
+                Candidate(
+                    cause=self.cause, location=link.name, family="memory", starts=starts,
+                    free=(
+                        Free(path=f"{path}.clearance", low=1e-4 * swing, high=swing),
+                        Free(path=f"{path}.spring_stiffness", low=1e-3 * force / swing, high=1e4 * force / swing),
+                        Free(path=f"{path}.slip_force", low=1e-3 * force, high=1e3 * force),
+                    ),
+                    dropped=(f"contacts.{link.name}",),
+                    reported=(
+                        Reported(name="clearance", path=f"{path}.clearance", unit="m"),
+                        Reported(name="spring_stiffness", path=f"{path}.spring_stiffness", unit="N/m"),
+                        Reported(name="friction_force", path=f"{path}.slip_force", unit="N"),
+                    ),
+                    rank=3,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+def _in_a_row(model: RigModel, link: Link, force: float, play: float, give: float) -> RigModel:
+    row = ElastoSlip(spring_stiffness=force / give, slip_force=force, clearance=play)
+    contacts = tuple(contact for contact in model.contacts if contact.name != link.name)
+    free = tuple(path for path in model.free if not path.startswith(f"contacts.{link.name}."))
+    return msgspec.structs.replace(
+        model, links=exchange(model.links, link.name, laws=(*link.laws, row)), contacts=contacts, free=free
+    )

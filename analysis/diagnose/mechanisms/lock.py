@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import msgspec
 
-from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported
-from analysis.fit import Free
-from analysis.model import RigModel
+from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.rig_model import RigModel
 
 
 class ImperfectLock:
     """A spring in place of the rigid lock."""
+
+    cause: ClassVar[str] = "imperfect_lock"
+    kind: ClassVar[Kind] = "added_motion"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
@@ -37,7 +43,7 @@ class ImperfectLock:
             )
             found.append(
                 Candidate(
-                    cause="imperfect_lock", location="lock", family="lock", starts=starts,
+                    cause=self.cause, location="lock", family="lock", starts=starts,
                     free=(Free(path=path, low=spring, high=1e6 * spring), Free(path=damping, low=1e-3, high=1e7)),
                     reported=(
                         Reported(name="lock_stiffness", path=path, unit="N/m"),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 from math import copysign, pi, sqrt
+from typing import ClassVar
 
 import msgspec
 
-from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
-from analysis.fit import Free
-from analysis.model import GROUND, Body, Link, RigModel
+from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind, exchange
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.rig_model import GROUND, Body, Link, RigModel
 
 #: Distance of a rider's starting frequencies, as a share.
 CLOSE = 0.035
@@ -26,6 +28,9 @@ def _blocked(model: RigModel) -> frozenset[str]:
 
 class ExtraMode:
     """An oscillator riding on a body."""
+
+    cause: ClassVar[str] = "extra_mode"
+    kind: ClassVar[Kind] = "added_motion"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
@@ -49,7 +54,7 @@ class ExtraMode:
             )
             found.append(
                 Candidate(
-                    cause="extra_mode", location=body.name, family="mode", starts=starts,
+                    cause=self.cause, location=body.name, family="mode", starts=starts,
                     free=(
                         Free(path=mass_path, low=1e-4 * body.mass, high=body.mass),
                         Free(path=stiffness, low=mass * 2.0, high=mass * (2 * pi * evidence.sample_rate) ** 2),
@@ -99,6 +104,9 @@ def _damping_ratio(name: str, model: RigModel) -> float:
 class MomentCoupling:
     """The drive pushes off the centre of gravity and the body rocks on its bearings."""
 
+    cause: ClassVar[str] = "moment_coupling"
+    kind: ClassVar[Kind] = "added_motion"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for pushed, weight in model.drive.pushes.items():
@@ -119,7 +127,7 @@ class MomentCoupling:
             stiffness, damping = "links.bearing.stiffness", "links.bearing.damping"
             found.append(
                 Candidate(
-                    cause="moment_coupling", location=pushed, family="mode", starts=starts,
+                    cause=self.cause, location=pushed, family="mode", starts=starts,
                     free=(
                         Free(path=push, low=-1.0, high=1.0, log=False, step=1e-3),
                         Free(path=height, low=-1.0, high=1.0, log=False, step=1e-3),
@@ -168,12 +176,15 @@ class MomentCoupling:
 class WrongMass:
     """A mass taken as known that is not so."""
 
+    cause: ClassVar[str] = "wrong_mass"
+    kind: ClassVar[Kind] = "known_value"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         places = [("drive.factor", "head")] if model.drive.quantity == "acceleration" else []
         places += [(f"bodies.{body.name}.mass", body.name) for body in model.bodies if _weighed(model, body)]
         return tuple(
             Candidate(
-                cause="wrong_mass", location=location, family="mass", starts=(model,),
+                cause=self.cause, location=location, family="mass", starts=(model,),
                 free=(Free(path=path, low=0.2 * model.get(path), high=5.0 * model.get(path)),),
                 reported=(Reported(name="mass", path=path, unit="kg"),), rank=0,
                 twin=("sensor_gain", model.drive.channel) if path == "drive.factor" else None,

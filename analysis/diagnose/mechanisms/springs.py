@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 from math import asin, pi, sqrt
+from typing import ClassVar
 
 import msgspec
 
-from analysis import laws
-from analysis.diagnose.mechanisms.base import Candidate, Evidence, Reported, exchange
-from analysis.fit import Free
-from analysis.laws import LinkLaw
-from analysis.model import Link, RigModel
+from isorig.analysis import laws
+from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind, exchange
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws import LinkLaw
+from isorig.analysis.model.rig_model import Link, RigModel
 
 
 def added(model: RigModel, link: Link, law: LinkLaw) -> RigModel:
@@ -41,6 +43,9 @@ def _cubic(model: RigModel, evidence: Evidence, link: Link, share: float) -> Rig
 class HardeningStiffness:
     """k d + k3 d^3, k3 > 0."""
 
+    cause: ClassVar[str] = "hardening_stiffness"
+    kind: ClassVar[Kind] = "spring_shape"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for link in _springs(model, laws.Cubic):
@@ -48,7 +53,7 @@ class HardeningStiffness:
             path = _path(link, "cubic_stiffness")
             found.append(
                 Candidate(
-                    cause="hardening_stiffness", location=link.name, family="spring",
+                    cause=self.cause, location=link.name, family="spring",
                     starts=tuple(_cubic(model, evidence, link, share) for share in (0.05, 0.6, 6.0)),
                     free=(Free(path=path, low=1e-5 * scale, high=1e3 * scale),),
                     reported=(Reported(name="cubic_stiffness", path=path, unit="N/m^3"),),
@@ -59,6 +64,9 @@ class HardeningStiffness:
 
 class SofteningStiffness:
     """k ((1 - r) d + r s tanh(d / s))."""
+
+    cause: ClassVar[str] = "softening_stiffness"
+    kind: ClassVar[Kind] = "spring_shape"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
@@ -71,7 +79,7 @@ class SofteningStiffness:
             )
             found.append(
                 Candidate(
-                    cause="softening_stiffness", location=link.name, family="spring", starts=starts,
+                    cause=self.cause, location=link.name, family="spring", starts=starts,
                     free=(
                         Free(path=share, low=1e-3, high=0.99),
                         Free(path=scale, low=5e-3 * deflection, high=5.0 * deflection),
@@ -89,6 +97,9 @@ class SofteningStiffness:
 class Backlash:
     """The spring acts (almost) only beyond a clearance."""
 
+    cause: ClassVar[str] = "backlash"
+    kind: ClassVar[Kind] = "spring_shape"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for link in _sliding(model, laws.Backlash):
@@ -97,7 +108,7 @@ class Backlash:
             starts = tuple(_with_play(model, link, share, deflection) for share in (0.008, 0.03, 0.12, 0.2))
             found.append(
                 Candidate(
-                    cause="backlash", location=link.name, family="spring", starts=starts,
+                    cause=self.cause, location=link.name, family="spring", starts=starts,
                     free=(
                         Free(path=clearance, low=1e-4 * deflection, high=0.9 * deflection),
                         Free(path=residual, low=0.0, high=INSIDE, log=False, step=0.01),
@@ -128,25 +139,36 @@ INSIDE = 0.25
 class EndStop:
     """A second, stiffer spring beyond a deflection."""
 
+    cause: ClassVar[str] = "end_stop"
+    kind: ClassVar[Kind] = "spring_shape"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for link in _sliding(model, laws.EndStop):
             deflection = evidence.deflection[link.name]
-            stroke, stiffness = _path(link, "stroke"), _path(link, "contact_stiffness")
+            stroke, stiffness, damping = (_path(link, key) for key in ("stroke", "contact_stiffness", "contact_damping"))
+            # A contact rings a little; without damping it would be another law, with fewer states.
+            slight = 1e-3 * link.stiffness * deflection / max(evidence.speed[link.name], 1e-12)
             starts = tuple(
-                added(model, link, laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness))
+                added(
+                    model,
+                    link,
+                    laws.EndStop(stroke=share * deflection, contact_stiffness=factor * link.stiffness, contact_damping=slight),
+                )
                 for share, factor in ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3))
             )
             found.append(
                 Candidate(
-                    cause="end_stop", location=link.name, family="spring", starts=starts,
+                    cause=self.cause, location=link.name, family="spring", starts=starts,
                     free=(
                         Free(path=stroke, low=0.05 * deflection, high=1.2 * deflection),
                         Free(path=stiffness, low=1e-2 * link.stiffness, high=1e4 * link.stiffness),
+                        Free(path=damping, low=1e-3 * slight, high=1e4 * slight, log=False, step=slight),
                     ),
                     reported=(
                         Reported(name="stroke", path=stroke, unit="m"),
                         Reported(name="contact_stiffness", path=stiffness, unit="N/m"),
+                        Reported(name="contact_damping", path=damping, unit="N s/m"),
                     ),
                     rank=2, plausible=partial(_has_a_spring_inside, link.name, stroke, stiffness, deflection),
                 )
@@ -163,6 +185,9 @@ def _has_a_spring_inside(link: str, stroke: str, contact: str, deflection: float
 class QuadraticDamping:
     """c v + q v |v|."""
 
+    cause: ClassVar[str] = "quadratic_damping"
+    kind: ClassVar[Kind] = "damping_shape"
+
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for link in _sliding(model, laws.QuadraticDamping):
@@ -171,7 +196,7 @@ class QuadraticDamping:
             starts = tuple(added(model, link, laws.QuadraticDamping(quadratic_damping=share * scale)) for share in (0.3, 2.0))
             found.append(
                 Candidate(
-                    cause="quadratic_damping", location=link.name, family="damping", starts=starts,
+                    cause=self.cause, location=link.name, family="damping", starts=starts,
                     free=(Free(path=path, low=1e-4 * scale, high=1e4 * scale),),
                     reported=(Reported(name="quadratic_damping", path=path, unit="N s^2/m^2"),),
                 )
@@ -181,6 +206,9 @@ class QuadraticDamping:
 
 class StiffnessDrift:
     """k (1 + rate t)."""
+
+    cause: ClassVar[str] = "stiffness_drift"
+    kind: ClassVar[Kind] = "drift"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         if evidence.end_time <= 0.0:
@@ -192,7 +220,7 @@ class StiffnessDrift:
             most = 0.95 / evidence.end_time
             found.append(
                 Candidate(
-                    cause="stiffness_drift", location=link.name, family="drift", starts=(added(model, link, law),),
+                    cause=self.cause, location=link.name, family="drift", starts=(added(model, link, law),),
                     free=(Free(path=path, low=-most, high=10.0 * most, log=False, step=0.01 * most),),
                     reported=(Reported(name="drift_rate", path=path, unit="1/s"),),
                 )

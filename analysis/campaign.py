@@ -1,0 +1,249 @@
+"""What was measured, in memory: channels, runs and the campaign they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.errors import DataError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+ComplexArray = NDArray[np.complex128]
+
+Quantity = Literal[
+    "acceleration", "velocity", "displacement", "force", "voltage", "current", "gain", "angle", "angular_velocity",
+    "angular_acceleration", "torque",
+]  # fmt: skip
+#: The SI unit of each quantity, as recordings write it.
+SI_UNIT: Mapping[Quantity, str] = {
+    "acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "force": "N", "voltage": "V", "current": "A", "gain": "1",
+    "angle": "rad", "angular_velocity": "rad/s", "angular_acceleration": "rad/s^2", "torque": "N m",
+}  # fmt: skip
+Use = Literal["fit", "holdout"]
+
+#: Drives with power over a band: they show transfer functions line by line.
+BROAD = ("random", "multisine", "sweep", "other")
+
+
+class Samples(Protocol):
+    """Anything that hands out raw samples by slice: an array in memory or a dataset on disk."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One sensor's record: raw samples and how they become physical values.
+
+    Parameters
+    ----------
+    name
+        Name of the channel: head, motor, table, heatblock, or as the rig's description names it.
+    samples
+        Raw values, shape (n,).
+    quantity, unit
+        What is measured and its SI unit.
+    scale, offset
+        Physical value = raw * scale + offset.
+    full_scale
+        Largest magnitude of the input in `unit`; beyond it the channel clips. None where unknown.
+    about
+        What is told of the sensor, by "sensor", "place" and "direction"; empty where nothing is.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> iso.Channel(name="table", samples=[0, 100, -50], scale=1e-3).read()
+    array([ 0.  ,  0.1 , -0.05])
+    """
+
+    name: str
+    samples: Samples
+    quantity: Quantity = "acceleration"
+    unit: str = "m/s^2"
+    scale: float = 1.0
+    offset: float = 0.0
+    full_scale: float | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return int(self.samples.shape[0])
+
+    def read(self, start: int = 0, stop: int | None = None) -> FloatArray:
+        """Physical values from `start` up to `stop` (the end where None), shape (stop - start,)."""
+        raw = np.asarray(self.samples[start:stop], dtype=np.float64)
+        return raw * self.scale + self.offset
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """Ticks that the instrument took and nobody has: `count` of them missing before tick `first_tick` + `count`."""
+
+    first_tick: int
+    count: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spectrum:
+    """A spectrum that an instrument worked out itself.
+
+    Parameters
+    ----------
+    name
+        Its name in the run.
+    kind
+        "transfer_function", "coherence", "auto_spectrum" or "cross_spectrum".
+    response, reference
+        The channels it is of; `reference` is empty for an auto spectrum.
+    frequency
+        Hz, ascending, shape (n,).
+    values
+        Real or complex, shape (n,), in `unit`.
+    averages
+        How many records were averaged.
+    window
+        Name of the window that the instrument used.
+    """
+
+    name: str
+    kind: str
+    response: str
+    reference: str
+    frequency: FloatArray
+    values: FloatArray | ComplexArray
+    unit: str = "1"
+    averages: int = 1
+    window: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One uninterrupted measurement.
+
+    Parameters
+    ----------
+    id
+        Name of the run in its campaign.
+    configuration
+        "locked", "unlocked", or as the rig's description names it.
+    sample_rate
+        Samples per second, Hz.
+    gain
+        Drive gain of the excitation.
+    channels
+        The records by channel name, all of one length.
+    excitation, started, band, period, use, repeat_of, gaps
+        As in the recording format; `band` in Hz, `period` in samples.
+    spectra
+        What the instrument handed out beside the samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> head = iso.Channel(name="head", samples=np.zeros(2048))
+    >>> run = iso.Run(id="a", configuration="unlocked", sample_rate=1024.0, gain=70.0, channels={"head": head})
+    >>> run.duration, run.read("head").shape
+    (2.0, (2048,))
+    """
+
+    id: str
+    configuration: str
+    sample_rate: float
+    gain: float
+    channels: Mapping[str, Channel]
+    excitation: str = "other"
+    started: datetime | None = None
+    band: tuple[float, float] | None = None
+    period: int | None = None
+    use: Use = "fit"
+    repeat_of: str | None = None
+    gaps: tuple[Gap, ...] = ()
+    spectra: tuple[Spectrum, ...] = ()
+
+    def __len__(self) -> int:
+        return len(next(iter(self.channels.values())))
+
+    @property
+    def duration(self) -> float:
+        """Length of the record in seconds."""
+        return len(self) / self.sample_rate
+
+    @property
+    def sensors(self) -> dict[str, Channel]:
+        """The channels that a sensor recorded: all but the streamed gain."""
+        return {name: channel for name, channel in self.channels.items() if channel.quantity != "gain"}
+
+    def channel(self, name: str) -> Channel:
+        """The channel of that name, or a DataError that says which there are."""
+        if name not in self.channels:
+            raise DataError(
+                f"run {self.id!r} has no channel {name!r}, only {', '.join(sorted(self.channels))}; "
+                "measure it or rename the channel when importing"
+            )
+        return self.channels[name]
+
+    def read(self, name: str) -> FloatArray:
+        """All physical values of one channel, shape (n,)."""
+        return self.channel(name).read()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """All runs measured on one rig, and what was known of it beforehand.
+
+    Parameters
+    ----------
+    runs
+        The runs, in the order in which they were measured where `started` tells.
+    known
+        The numbers of the recording's `rig` group by name (SI), e.g. head_mass in kg.
+    description
+        Text of the rig's own description, for a rig other than the wire bonder.
+    source
+        Where it came from, for messages and reports.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> campaign = iso.read("campaign.h5")
+    >>> campaign.known["motor_mass"]
+    16.4
+    >>> [run.id for run in campaign.select(gain=7.0)]
+    ['u7', 'l7']
+    """
+
+    runs: tuple[Run, ...]
+    known: Mapping[str, float] = field(default_factory=dict)
+    description: str | None = None
+    source: str = ""
+
+    def select(self, *, configuration: str | None = None, gain: float | None = None) -> tuple[Run, ...]:
+        """The runs of that configuration and gain (any where None)."""
+        return tuple(
+            run
+            for run in self.runs
+            if (configuration is None or run.configuration == configuration)
+            and (gain is None or abs(run.gain - gain) <= 1e-6 * max(abs(gain), 1.0))
+        )
+
+    def seconds_since_start(self, run: Run) -> float:
+        """Seconds from the campaign's first `started` to this run's; 0 where unknown."""
+        times = [r.started for r in self.runs if r.started is not None]
+        if run.started is None or not times:
+            return 0.0
+        return (run.started - min(times)).total_seconds()
+
+
+def broad(runs: Sequence[Run]) -> list[Run]:
+    """The runs whose drive has power over a band: noise, multisines, sweeps."""
+    return [run for run in runs if run.excitation in BROAD]

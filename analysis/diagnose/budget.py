@@ -1,0 +1,188 @@
+"""What is not explained, and by what it could be: the held-out error's power split by its nature.
+
+A model's error in each run and channel is compared with the drive, with other gains, and with the same drive played again. What
+repeats is the model's; what follows the drive by one transfer function at all gains a linear model could take away.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.diagnose.repeats import disturbance, repeated
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel
+
+NATURES = ("noise", "disturbance", "linear", "amplitude", "time", "unassigned")
+#: Longest segment in s, how many a record is cut into at least, and the fewest samples of one that says anything.
+SEGMENT, SEGMENTS, FEWEST = 4.0, 7, 64
+#: Draws of runs for the intervals.
+DRAWS = 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """Shares of the held-out error's power by nature, which sum to 1.
+
+    Parameters
+    ----------
+    shares
+        (value, low, high) by nature, with the 95 % interval over resampled runs.
+    by_channel, by_configuration
+        Values alone.
+    how
+        How each was measured, in a sentence.
+    """
+
+    shares: Mapping[str, tuple[float, float, float]]
+    by_channel: Mapping[str, Mapping[str, float]]
+    by_configuration: Mapping[str, Mapping[str, float]]
+    how: str
+
+
+def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budget:
+    """The budget of a model's held-out error.
+
+    Parameters
+    ----------
+    model
+        The fitted model.
+    trials
+        What judges it: of each trial what comes after `fitted` samples.
+    noise
+        Error that the sensors' noise makes, as a share of the signal, shape (runs, channels).
+    """
+    left = [trial.measured[:, trial.fitted :] - expected(model, trial)[:, trial.fitted :] for trial in trials]
+    signal = np.stack([np.mean(trial.measured[:, trial.fitted :] ** 2, axis=1) for trial in trials])
+    pairs = repeated(trials)
+    shaken = disturbance(model, trials, at_most=False) ** 2 * signal if pairs else None
+    parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
+    played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
+    return Budget(
+        shares=_intervals(parts),
+        by_channel={name: _shares(parts[:, k]) for k, name in enumerate(trials[0].channels)},
+        by_configuration={
+            name: _shares(parts[[trial.run.configuration == name for trial in trials]].reshape(-1, len(NATURES)))
+            for name in dict.fromkeys(trial.run.configuration for trial in trials)
+        },
+        how="Noise: the sensors' own, and the drive channel's through the model. Disturbance: "
+        + (
+            f"what runs of one drive ({played}) do not share beyond the noise; in other runs as much as "
+            "there, as far as it does not follow the drive. "
+            if pairs
+            else "not measured, for no drive was played twice; at most what is unassigned. "
+        )
+        + "Linear: what one transfer function from the drive, the same at every gain of a configuration, takes away (resonances "
+        "narrower than a segment's resolution, a quarter of a hertz at best, count as amplitude). "
+        "Amplitude: what repeats or follows the drive beyond that. Time: transfer functions that differ between equal runs.",
+    )  # fmt: skip
+
+
+def _shares(parts: FloatArray) -> dict[str, float]:
+    whole = parts.sum(axis=0)
+    return dict(zip(NATURES, (whole / max(float(whole.sum()), 1e-300)).tolist(), strict=True))
+
+
+def _intervals(parts: FloatArray) -> dict[str, tuple[float, float, float]]:
+    by_run = parts.sum(axis=1)
+    picks = np.random.default_rng(23).integers(0, len(by_run), (DRAWS, len(by_run)))
+    drawn = by_run[picks].sum(axis=1)
+    drawn /= np.maximum(drawn.sum(axis=1, keepdims=True), 1e-300)
+    low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
+    return {name: (value, float(low[k]), float(high[k])) for k, (name, value) in enumerate(_shares(by_run).items())}
+
+
+def _powers(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArray, shaken: FloatArray | None) -> FloatArray:
+    # Power of each nature, shape (runs, channels, natures). What repeats is measured in runs of one drive; in others it is what
+    # the disturbance found there leaves, or, where no drive was played twice, what follows the drive.
+    whole = np.stack([np.mean(error**2, axis=1) for error in left])
+    noise = np.minimum(noise, whole)
+    beyond = whole - noise
+    linear, coherent = np.minimum(_transfers(trials, left), beyond)
+    linear = np.minimum(linear, coherent)
+    repeats, drifts = _shared(trials, left, noise)
+    if shaken is not None:
+        repeats = np.where(np.isnan(repeats), np.maximum(beyond - shaken, coherent), repeats)
+    known = ~np.isnan(repeats)
+    repeats = np.where(known, np.clip(repeats, 0.0, beyond), coherent)
+    drifts = np.minimum(drifts, beyond - repeats)
+    amplitude = np.maximum(repeats - linear, 0.0)
+    linear = np.minimum(linear, repeats)
+    rest = np.maximum(beyond - linear - amplitude - drifts, 0.0)
+    disturbance, unassigned = np.where(known, rest, 0.0), np.where(known, 0.0, rest)
+    return np.stack([noise, disturbance, linear, amplitude, drifts, unassigned], axis=2)
+
+
+def _segment(trial: Trial, length: int) -> int:
+    # Samples of a segment of a record of that length.
+    return min(round(SEGMENT * trial.sample_rate), 2 * length // (SEGMENTS + 1))
+
+
+def _segments(trial: Trial, values: FloatArray) -> ComplexArray:
+    # Spectra of Hann-windowed segments with 50 % overlap, shape (segments, lines).
+    n = _segment(trial, len(values))
+    if n < FEWEST:
+        return np.zeros((0, 1), dtype=np.complex128)
+    starts = range(0, len(values) - n + 1, n // 2)
+    window = np.hanning(n)
+    return np.asarray(np.fft.rfft(np.stack([values[s : s + n] * window for s in starts]), axis=1))
+
+
+def _transfers(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
+    """Power that a transfer function from the drive takes away: one for all gains of a configuration, and each run's own.
+
+    Shape (2, runs, channels). What chance alone takes away, one part in the number of averages, is left out.
+    """
+    found = np.zeros((2, len(trials), len(left[0])))
+    groups: dict[tuple[str, int], list[int]] = defaultdict(list)  # segments of one length have the same lines
+    for k, trial in enumerate(trials):
+        groups[trial.run.configuration, _segment(trial, trial.samples - trial.fitted)].append(k)
+    for group in groups.values():
+        driven = {k: _segments(trials[k], trials[k].excitation.recorded[trials[k].fitted : trials[k].samples]) for k in group}
+        drives = {k: spectra for k, spectra in driven.items() if len(spectra)}
+        members = list(drives)
+        for channel in range(len(left[0])):
+            errors = {k: _segments(trials[k], left[k][channel]) for k in members}
+            cross = {k: np.mean(drives[k].conj() * errors[k], axis=0) for k in members}
+            auto = {k: np.mean(np.abs(drives[k]) ** 2, axis=0) + 1e-300 for k in members}
+            size = {k: float(np.sum(np.mean(np.abs(errors[k]) ** 2, axis=0))) + 1e-300 for k in members}
+            weight = {k: 1.0 / float(auto[k].sum()) for k in members}
+            if not members:
+                continue
+            total = np.sum([weight[k] * auto[k] for k in members], axis=0)
+            common = np.sum([weight[k] * cross[k] for k in members], axis=0) / total
+            averages = {k: 0.5 * len(drives[k]) for k in members}
+            for k in members:
+                own = float(np.sum(np.abs(cross[k]) ** 2 / auto[k])) / size[k]
+                shared = float(np.sum(2.0 * np.real(common.conj() * cross[k]) - np.abs(common) ** 2 * auto[k])) / size[k]
+                chance = 1.0 / averages[k], 1.0 / sum(averages.values())
+                power = float(np.mean(left[k][channel] ** 2))
+                for row, (value, luck) in enumerate(((shared, chance[1]), (own, chance[0]))):
+                    found[row, k, channel] = power * min(max((value - luck) / (1.0 - luck), 0.0), 1.0)
+    return found
+
+
+def _shared(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # What repeats when the drive is played again (NaN where it was not), and what its transfer functions lost meanwhile.
+    shape = len(trials), len(left[0])
+    repeats, drifts = np.full(shape, np.nan), np.zeros(shape)
+    for one, other in repeated(trials):
+        n = min(left[one].shape[1], left[other].shape[1])
+        a, b = left[one][:, :n], left[other][:, :n]
+        same = np.mean(a * b, axis=1)
+        apart = 0.5 * (a - b)
+        drive = _segments(trials[one], trials[one].excitation.recorded[trials[one].fitted :][:n])
+        for channel in range(shape[1]):
+            error = _segments(trials[one], apart[channel])
+            if len(drive) and len(error) == len(drive):
+                size = float(np.sum(np.mean(np.abs(error) ** 2, axis=0))) + 1e-300
+                own = np.abs(np.mean(drive.conj() * error, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300)
+                luck = 2.0 / len(drive)
+                share = max((float(np.sum(own)) / size - luck) / (1.0 - luck), 0.0)
+                drifts[[one, other], channel] = share * float(np.mean(apart[channel] ** 2))
+        repeats[one] = repeats[other] = same
+    return repeats, drifts

@@ -1,0 +1,117 @@
+"""Every cause that was considered, whatever the verdict: what it removes, how it stands, and what these runs could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.kinds import FORMS, kind_of
+from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.diagnose.observe import swings
+from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.diagnose.step import Entry, Step
+from isorig.analysis.fitting.excess import excess, ratio
+from isorig.analysis.fitting.score import Score
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.model.rig_model import RigModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """A cause that was considered.
+
+    Parameters
+    ----------
+    cause, kind, location
+        Names of the findings.
+    holdout_error
+        The campaign's figure with it; None where it was not fitted.
+    share
+        Share of the baseline's excess that it removes; None where it was not fitted.
+    standing
+        "established", "main contributor", "one of several", "ruled out" or "not tested".
+    why
+        One sentence.
+    """
+
+    cause: str
+    kind: Kind
+    location: str
+    holdout_error: float | None
+    share: float | None
+    standing: str
+    why: str
+
+
+def all_told(
+    searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], first: Score, floors: FloatArray,
+    model: RigModel, trials: Sequence[Trial],
+) -> tuple[Told, ...]:  # fmt: skip
+    """All candidates of all searches, the largest contribution first, and then what was not tested."""
+    named = {(step.cause, step.location) for step in steps}
+    sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
+    whole = max(excess(first.error, floors), 1e-300)
+    found: dict[tuple[str, str], Told] = {}
+    for before, entries in searches:
+        best = min(entries, key=lambda entry: excess(entry.score.error, floors))
+        for entry in entries:
+            share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
+            key = entry.candidate.key
+            if key not in found or key in named:
+                found[key] = _told(entry, share, best, floors, key in named, any(key in one for one in sets))
+    untested = [told for told in not_tested(model, trials) if (told.cause, told.location) not in found]
+    return (*sorted(found.values(), key=lambda told: -(told.share or 0.0)), *untested)
+
+
+def _told(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool) -> Told:
+    behind = ratio(entry.score.error, best.score.error, floors)
+    percent = f"{100 * max(share, 0.0):.3g} % of the baseline's reproducible excess"
+    if together:
+        standing, why = "one of several", f"It removes {percent}; the data cannot tell it from others."
+    elif named:
+        standing = "established" if share >= POLICY.explained else "main contributor"
+        why = f"It removes {percent} on data that no fit saw."
+    elif share >= POLICY.main and behind < POLICY.form_close:
+        standing = "one of several"
+        why = f"It removes {percent}; the best candidate errs {behind:.3g} times less, which is too little to rule this one out."
+    elif share >= POLICY.main and entry is best:
+        standing, why = "main contributor", f"It removes {percent}, less than a name needs."
+    else:
+        standing = "ruled out"
+        rival = f"{best.candidate.cause} at {best.candidate.location}"
+        why = f"It removes {percent}; {rival} errs {behind:.3g} times less." if entry is not best else f"It removes {percent}."
+    return Told(
+        cause=entry.candidate.cause, kind=entry.kind, location=entry.candidate.location,
+        holdout_error=entry.score.figure, share=share, standing=standing, why=why,
+    )  # fmt: skip
+
+
+def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[Told]:
+    """Causes that these runs could not have shown."""
+    deflection, _ = swings(model, trials)
+    configurations = {trial.run.configuration for trial in trials}
+    blocked = {name for setup in model.configurations.values() for name in setup.rigid}
+    found = []
+    for link in model.links:
+        if link.name in blocked or not blocked:
+            reach = deflection.get(link.name, 0.0)
+            why = f"The runs deflect it by at most {1e3 * reach:.3g} mm; a stop beyond that does not show."
+            found.append(_untested("end_stop", link.name, why))
+            free = [trial for trial in trials if link.name not in model.configurations[trial.run.configuration].rigid]
+            if not free:
+                why = "No run leaves it free to move; record one in a configuration that does not block it."
+                found += [_untested(form, link.name, why) for kind in ("spring_shape", "friction_shape") for form in FORMS[kind]]
+    if blocked and not any(model.configurations[name].rigid for name in configurations):
+        found.append(_untested("imperfect_lock", "lock", "No run was recorded with the lock closed; record one."))
+    spans = [trial.start_time for trial in trials]
+    if len(spans) < 2 or np.ptp(spans) == 0.0:
+        why = "The runs do not say when they were recorded, or there is only one; record several, minutes apart."
+        found += [_untested("stiffness_drift", link.name, why) for link in model.links if link.stiffness > 0.0]
+    return found
+
+
+def _untested(cause: str, place: str, why: str) -> Told:
+    return Told(cause=cause, kind=kind_of(cause), location=place, holdout_error=None, share=None, standing="not tested", why=why)

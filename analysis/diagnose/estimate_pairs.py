@@ -1,0 +1,167 @@
+"""The same estimate from data and from simulation: every run beside its double, driven by the same record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from isorig.analysis.campaign import BROAD, Channel, ComplexArray, FloatArray, Run
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.welch import Spectra, estimate
+
+#: Distance of lines in Hz (short runs have fewer, of at least this many segments), and the coherence from which a line speaks.
+RESOLUTION, SEGMENTS = 0.5, 10
+SPEAKS = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Double:
+    """A run as measured and as simulated.
+
+    Parameters
+    ----------
+    trial
+        Where it comes from.
+    measured, simulated
+        Two runs with the same drive.
+    drive
+        The drive's channel.
+    """
+
+    trial: Trial
+    measured: Run
+    simulated: Run
+    drive: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lines:
+    """Transfer functions of a response, measured and simulated, over the drive's band.
+
+    Parameters
+    ----------
+    frequency
+        Hz, shape (lines,).
+    measured, simulated
+        Complex, shape (lines,).
+    std
+        Relative standard deviation of the measured one's magnitude, shape (lines,).
+    coherence, simulated_coherence
+        Shape (lines,); the simulated one with the sensor's noise.
+    averages
+        Effective number of averages.
+    """
+
+    frequency: FloatArray
+    measured: ComplexArray
+    simulated: ComplexArray
+    std: FloatArray
+    coherence: FloatArray
+    simulated_coherence: FloatArray
+    averages: float
+
+    @property
+    def ratio(self) -> ComplexArray:
+        """Measured over simulated, shape (lines,)."""
+        return np.asarray(self.measured / self.simulated)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs of one configuration and gain, in the order in which they were measured; their spectra are estimated once."""
+
+    pairs: tuple[Double, ...]
+
+    @cached_property
+    def spectra(self) -> tuple[Spectra, Spectra]:
+        """Measured and simulated, of all channels, averaged over the runs."""
+        reference = [self.pairs[0].drive]
+        return (
+            estimate([p.measured for p in self.pairs], references=reference, resolution=self.resolution),
+            estimate([p.simulated for p in self.pairs], references=reference, resolution=self.resolution),
+        )
+
+    @property
+    def resolution(self) -> float:
+        """Distance of lines, Hz."""
+        return max(RESOLUTION, *(SEGMENTS / p.measured.duration for p in self.pairs))
+
+    def lines(self, response: str, *, coherence: float = SPEAKS) -> Lines | None:
+        """The response's transfer functions to the drive; None where no line has that much coherence."""
+        measured, simulated = (spectra.frf(response, self.pairs[0].drive) for spectra in self.spectra)
+        bands = [p.trial.run.band for p in self.pairs if p.trial.run.band is not None]
+        top = self.pairs[0].trial.sample_rate / 2.56
+        low, high = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (1.0, top)
+        f = measured.frequency
+        kept = (f >= max(low, self.resolution)) & (f <= high) & (measured.coherence > coherence) & (np.abs(simulated.value) > 0.0)
+        if kept.sum() < 3:
+            return None
+        return Lines(
+            frequency=f[kept], measured=measured.value[kept], simulated=simulated.value[kept],
+            std=measured.magnitude_std[kept] / np.abs(measured.value[kept]), coherence=measured.coherence[kept],
+            simulated_coherence=simulated.coherence[kept] * self._clean_share(response)[kept], averages=measured.averages,
+        )  # fmt: skip
+
+    def _clean_share(self, response: str) -> FloatArray:
+        # What of a recorded power would be the simulated motion's: the sensor's noise lowers the coherence by as much.
+        trial = self.pairs[0].trial
+        density = 2.0 * trial.noise[trial.channels.index(response)] ** 2 / trial.sample_rate
+        power = self.spectra[1].density(response)
+        return np.asarray(power / np.maximum(power + density, 1e-300))
+
+    @cached_property
+    def halves(self) -> tuple[Group, Group]:
+        """The first and the second halves of the runs: how far they disagree tells what chance does to an estimate."""
+
+        def cut(pair: Double, second: bool) -> Double:
+            middle = len(pair.measured) // 2
+            part = slice(middle, 2 * middle) if second else slice(0, middle)
+            measured, simulated = (
+                replace(run, channels={name: Channel(name=name, samples=run.read(name)[part]) for name in run.channels})
+                for run in (pair.measured, pair.simulated)
+            )
+            return replace(pair, measured=measured, simulated=simulated)
+
+        first, second = (Group(tuple(cut(pair, last) for pair in self.pairs)) for last in (False, True))
+        return first, second
+
+
+@dataclass(frozen=True)
+class Doubles:
+    """Every run beside its double; none of a trial that is judged by its drive."""
+
+    pairs: tuple[Double, ...]
+
+    @cached_property
+    def groups(self) -> dict[tuple[str, float], Group]:
+        """Broad-band runs by configuration and gain, in the order in which they were measured."""
+        found: dict[tuple[str, float], list[Double]] = {}
+        for pair in self.pairs:
+            run = pair.trial.run
+            if run.excitation in BROAD:
+                found.setdefault((run.configuration, run.gain), []).append(pair)
+        return {key: Group(tuple(pairs)) for key, pairs in found.items()}
+
+
+def doubles(model: RigModel, trials: Sequence[Trial]) -> Doubles:
+    """Every run beside its simulation."""
+    return Doubles(tuple(_double(model, trial) for trial in trials if trial.motion is None))
+
+
+def _double(model: RigModel, trial: Trial) -> Double:
+    drive = Channel(name=model.drive.channel, samples=trial.excitation.recorded)
+    measured, simulated = (
+        replace(
+            trial.run, gaps=(), spectra=(),
+            channels={
+                drive.name: drive,
+                **{name: Channel(name=name, samples=row) for name, row in zip(trial.channels, rows, strict=True)},
+            },
+        )
+        for rows in (trial.measured, expected(model, trial))
+    )  # fmt: skip
+    return Double(trial=trial, measured=measured, simulated=simulated, drive=drive.name)

@@ -1,0 +1,394 @@
+"""Free shapes: at a place, the curve that the data choose where a law would give a formula.
+
+A free shape says that something of its kind sits at its place, and no law of that kind can do better there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis import laws
+from isorig.analysis.campaign import SI_UNIT, FloatArray
+from isorig.analysis.diagnose.mechanisms.base import SHARE_OF_PUSH, Evidence, Kind, exchange
+from isorig.analysis.diagnose.mechanisms.chain import with_chain
+from isorig.analysis.fitting.candidate import Candidate, Shape
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.rig_model import Contact, Link, RigModel
+
+#: Points of a curve over a two-sided range (odd, so that one lies in the middle), over speeds, over a session, of a
+#: sensor's static curve, and taps of its filter.
+POINTS, LEVELS, MOMENTS, BENDS, TAPS = 15, 8, 5, 9, 5
+#: Points up to which a curve of force over deflection or speed may be refined, and one of friction: it runs over speed for
+#: either direction and levels off, and its simulation takes longer the closer its points lie.
+FINEST_POINTS, FINEST_LEVELS = 57, 15
+#: Points of a curve that starts from what a record says of it.
+RECORDED_POINTS = 45
+#: A curve reaches this far, in largest swings.
+REACH = 1.05
+#: A finite difference of a value, and what a point may stray from its neighbours' mean (see `Free.give`), as shares of the
+#: largest force there.
+STEP, GIVE = 2e-4, 0.05
+#: Displacements at which the sliders of a bundle yield, as shares of the largest swing.
+YIELDS = (0.01, 0.05, 0.2, 0.6)
+#: Friction where none is known, as a share of the link's largest force; of a link without a spring.
+RUBS, ALONE = 0.02, 1.0
+#: Where no friction is known a second start has this many times as much: from little friction no slope leads to sticking.
+RUBS_MORE = 8.0
+#: Speed in m/s that stands for sliding that has just begun.
+SLOWEST = 1e-9
+#: Laws that a curve over deflection and one over speed take the place of.
+SPRINGS = (laws.Cubic, laws.BoundedSoftening, laws.Backlash, laws.EndStop)
+DAMPERS = (laws.QuadraticDamping,)
+
+
+def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+    """Every free shape at every place of a rig that has none of its kind there."""
+    jobs = [(make, place) for kind, makers in AT_LINKS.items() for make in makers for place in _places(model, kind)]
+    found = [make(model, evidence, place) for make, place in jobs]
+    found += [make(model, evidence, sensor.channel) for make in (_bend, _taps) for sensor in model.sensors]
+    return tuple(shape for shape in found if shape is not None)
+
+
+def _places(model: RigModel, kind: Kind) -> tuple[str, ...]:
+    # At links with a spring, or at those whose ends slide.
+    blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
+    own = [link for link in model.links if not link.name.endswith("_rider") and link.name != "bearing"]
+    if kind in ("spring_shape", "drift"):
+        return tuple(link.name for link in own if link.stiffness > 0.0)
+    return tuple(link.name for link in own if link.name in blocked or not blocked)
+
+
+def _two_sided(reach: float, points: int = POINTS) -> FloatArray:
+    return REACH * reach * np.linspace(-1.0, 1.0, points)
+
+
+def _curve(
+    model: RigModel, link: Link, over: Literal["deflection", "speed", "time"], at: FloatArray, replaced: tuple[type, ...]
+) -> tuple[RigModel, str] | None:
+    # The rig with the laws of these types at a link replaced by a curve that starts as they are, and the curve's path.
+    if any(isinstance(law, laws.Curve) and law.over == over for law in link.laws):
+        return None
+    kept = tuple(law for law in link.laws if not isinstance(law, replaced))
+    still = np.zeros(len(at))
+    d, v = (still, at) if over == "speed" else (at, still)
+    gone = [law.force(d, v, still, still[None], link.stiffness) for law in link.laws if isinstance(law, replaced)]
+    values = np.sum([still, *gone], axis=0)
+    curve = laws.Curve(over=over, at=tuple(at.tolist()), values=tuple(values.tolist()))
+    free = tuple(path for path in model.free if not path.startswith(f"links.{link.name}.laws"))
+    changed = msgspec.structs.replace(model, free=free, links=exchange(model.links, link.name, laws=(*kept, curve)))
+    return changed, f"links.{link.name}.laws.{len(kept)}"
+
+
+def _spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    link, at = model.link(place), _two_sided(evidence.deflection[place])
+    # The spring's straight part is the curve's own; a constant force would only move the middle.
+    scale = max(link.stiffness, 1e-9) * evidence.deflection[place]
+    begun = _curve(model, link, "deflection", at, SPRINGS)
+    return begun and _added_curve("spring_shape", place, *begun, at, scale, ("deflection", "m", "N"), "stiffness")
+
+
+def _recorded_spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    # The same of many points, from what the record says of the force: a force that goes up and down has no way from flat.
+    if place not in evidence.bends:
+        return None
+    link, at = model.link(place), _two_sided(evidence.deflection[place], RECORDED_POINTS)
+    begun = _curve(model, link, "deflection", at, SPRINGS)
+    if begun is None:
+        return None
+    start, path = begun
+    bent = np.interp(at, *evidence.bends[place])
+    start = start.replace({f"{path}.values.{k}": float(v) for k, v in enumerate(bent - bent[len(at) // 2])})
+    scale = max(link.stiffness, 1e-9) * evidence.deflection[place]
+    return _added_curve("spring_shape", place, start, path, at, scale, ("deflection", "m", "N"), "stiffness")
+
+
+def _damping(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    link, at = model.link(place), _two_sided(evidence.speed[place])
+    begun = _curve(model, link, "speed", at, DAMPERS)
+    rubbing = max((_level(contact.law) for contact in model.contacts if contact.name == place), default=0.0)
+    scale = max(link.damping * evidence.speed[place], rubbing, 1e-3 * _largest_force(link, evidence))
+    return begun and _added_curve("damping_shape", place, *begun, at, scale, ("speed", "m/s", "N"), "damping")
+
+
+def _added_curve(
+    kind: Kind, place: str, start: RigModel, path: str, at: FloatArray, scale: float, units: tuple[str, str, str], straight: str
+) -> Candidate:
+    first = Free(path="", low=-np.inf, log=False, step=STEP * scale, give=GIVE * scale)
+    free = _points(first, path, "values", len(at), len(at) // 2, straight=True)
+    over, unit, value_unit = units
+    shape = Shape(over=over, unit=unit, value_unit=value_unit, path=path, tables=("values",))
+    return Candidate(
+        cause=kind, location=place, family=f"{kind} curve", starts=(start,), free=free, reported=(),
+        dropped=(f"links.{place}.{straight}", f"links.{place}.laws"), rank=9, shape=shape, denser=finer,
+    )  # fmt: skip
+
+
+def _points(first: Free, path: str, table: str, count: int, middle: int, *, straight: bool) -> tuple[Free, ...]:
+    """The points of a table as parameters like `first`, each followed by its neighbour further from the middle.
+
+    Where no data reach, a force goes `straight` on through its fixed middle, and a level stays what it is.
+    """
+
+    def one(k: int) -> Free:
+        inner = k - int(np.sign(k - middle))
+        further = 2 * inner - k
+        follows: tuple[tuple[int, float], ...]
+        if not straight:
+            follows = () if k == middle else ((inner, 1.0),)
+        elif inner == middle:
+            follows = ((further, -1.0),)
+        else:
+            follows = ((inner, 2.0), (further, -1.0))
+        return replace(first, path=f"{path}.{table}.{k}", follows=tuple((f"{path}.{table}.{i}", w) for i, w in follows))
+
+    return tuple(one(k) for k in range(count) if not straight or k != middle)
+
+
+def _largest_force(link: Link, evidence: Evidence) -> float:
+    """Of the link's spring or damper, N."""
+    return max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name], 1e-9)
+
+
+def _level(law: laws.FrictionLaw) -> float:
+    """A contact's typical sliding force, N."""
+    if isinstance(law, laws.FrictionCurve):
+        return float(np.mean(law.levels))
+    if isinstance(law, laws.Asymmetric):
+        return 0.5 * (law.forward_force + law.backward_force)
+    return float(getattr(law, "friction_force", 0.0))
+
+
+def _levels(law: laws.FrictionLaw, speed: FloatArray, way: float) -> FloatArray:
+    # Force while sliding one way (1 or -1) at speeds >= 0 (m/s), N; of a law that remembers, its typical one.
+    if law.remembers:
+        return np.full(len(speed), _level(law))
+    still = np.zeros(len(speed))
+    return way * law.force(still, way * np.maximum(speed, SLOWEST), still, still[None], 0.0)
+
+
+def _rubbed(model: RigModel, evidence: Evidence, place: str, law: laws.FrictionLaw) -> tuple[RigModel, laws.FrictionLaw, float]:
+    # The rig with another friction at a place, the friction that was there, and its level in N.
+    link = model.link(place)
+    old = next((contact.law for contact in model.contacts if contact.name == place), None)
+    least = RUBS * _largest_force(link, evidence)
+    if old is None:
+        contacts = (*model.contacts, Contact(name=place, a=link.a, b=link.b, law=law))
+        return msgspec.structs.replace(model, contacts=contacts), laws.Coulomb(friction_force=least), least
+    free = tuple(path for path in model.free if not path.startswith(f"contacts.{place}.law"))
+    changed = msgspec.structs.replace(model, contacts=exchange(model.contacts, place, law=law), free=free)
+    return changed, old, max(_level(old), 1e-2 * least)
+
+
+def _pushed(model: RigModel, evidence: Evidence, place: str) -> float:
+    # Friction that the drive lets one expect where none is known; 0 where some is.
+    return 0.0 if any(contact.name == place for contact in model.contacts) else SHARE_OF_PUSH * evidence.push
+
+
+def _friction_by_speed(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    # Points lie closer together where it is slow: there friction varies most.
+    at = REACH * evidence.speed[place] * np.linspace(0.0, 1.0, LEVELS) ** 2
+    flat = laws.FrictionCurve(over="speed", at=tuple(at.tolist()), levels=(0.0,) * LEVELS)
+    start, old, level = _rubbed(model, evidence, place, flat)
+    ways = (tuple(np.maximum(_levels(old, at, way), 1e-3 * level).tolist()) for way in (1.0, -1.0))
+    return _friction(
+        start, place, dict(zip(("levels", "backward"), ways, strict=True)), level, "speed", "m/s", _pushed(model, evidence, place)
+    )
+
+
+def _friction_by_position(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    at = _two_sided(evidence.deflection[place])
+    flat = laws.FrictionCurve(over="position", at=tuple(at.tolist()), levels=(0.0,) * len(at))
+    start, _, level = _rubbed(model, evidence, place, flat)
+    return _friction(start, place, {"levels": (level,) * len(at)}, level, "position", "m", _pushed(model, evidence, place))
+
+
+def _friction_by_time(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    if evidence.end_time <= 0.0:
+        return None
+    at = evidence.end_time * np.linspace(0.0, 1.0, MOMENTS)
+    flat = laws.FrictionCurve(over="time", at=tuple(at.tolist()), levels=(0.0,) * len(at))
+    start, _, level = _rubbed(model, evidence, place, flat)
+    found = _friction(start, place, {"levels": (level,) * len(at)}, level, "time", "s", _pushed(model, evidence, place))
+    return replace(found, cause="drift", family="drift curve")
+
+
+def _friction(
+    start: RigModel, place: str, tables: Mapping[str, tuple[float, ...]], level: float, over: str, unit: str, push: float
+) -> Candidate:
+    path = f"contacts.{place}.law"
+    law = msgspec.structs.replace(start.contact(place).law, **tables)
+    start = msgspec.structs.replace(start, contacts=exchange(start.contacts, place, law=law))
+    first = Free(path="", low=0.0, high=max(50.0 * level, 5.0 * push), log=False, step=1e-3 * level, give=2.0 * GIVE * level)
+    free = tuple(
+        point
+        for table, values in tables.items()
+        for point in _points(first, path, table, len(values), len(values) // 2 if over == "position" else 0, straight=False)
+    )
+    shape = Shape(over=over, unit=unit, value_unit="N", path=path, tables=tuple(tables))
+    more = max(RUBS_MORE, push / level)
+    starts = (start, start.replace({point.path: more * start.get(point.path) for point in free})) if push else (start,)
+    return Candidate(
+        cause="friction_shape", location=place, family="friction_shape curve", starts=starts, free=free, reported=(),
+        dropped=(path, "drive.chain.offset"), rank=9, shape=shape, denser=finer,
+    )  # fmt: skip
+
+
+def _memory(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    # Sliders behind play and springs that yield one after another, beside what is left of the friction there.
+    link = model.link(place)
+    if any(isinstance(law, laws.ElastoSlip) for law in link.laws):
+        return None
+    contact = next((contact for contact in model.contacts if contact.name == place), None)
+    dahl = contact is not None and isinstance(contact.law, laws.Dahl)
+    rubs = RUBS if link.stiffness > 0.0 else ALONE
+    level = max(_level(contact.law) if contact is not None else 0.0, rubs * _largest_force(link, evidence))
+    share, swing = level * (1.0 if dahl else 0.2) / len(YIELDS), evidence.deflection[place]
+    row = tuple(laws.ElastoSlip(spring_stiffness=share / (give * swing), slip_force=share) for give in YIELDS)
+    contacts, free = model.contacts, model.free
+    if contact is not None:
+        left = laws.Coulomb(friction_force=0.0 if dahl else 0.8 * level)
+        contacts = exchange(contacts, place, law=left)
+        free = tuple(path for path in free if not path.startswith(f"contacts.{place}.law"))
+    start = msgspec.structs.replace(
+        model, free=free, links=exchange(model.links, place, laws=(*link.laws, *row)), contacts=contacts
+    )
+    path = f"links.{place}.laws"
+    own = [
+        Free(path=f"{path}.{len(link.laws) + k}.{name}", low=1e-6 * value, high=1e4 * value)
+        for k, law in enumerate(row)
+        for name, value in (("spring_stiffness", law.spring_stiffness), ("slip_force", law.slip_force))
+    ]
+    own += [
+        Free(path=f"{path}.{len(link.laws) + k}.clearance", high=swing, log=False, step=1e-3 * swing) for k in range(len(row))
+    ]
+    if contact is not None:
+        own.append(Free(path=f"contacts.{place}.law.friction_force", high=50.0 * level, log=False, step=1e-3 * level))
+    return Candidate(
+        cause="memory", location=place, family="memory curve", starts=(start,), free=tuple(own), reported=(), rank=9,
+        dropped=(f"contacts.{place}.law",), shape=Shape(over="", unit="m", value_unit="N", path=path, tables=()),
+    )  # fmt: skip
+
+
+def _drift(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    if evidence.end_time <= 0.0:
+        return None
+    link, at = model.link(place), evidence.end_time * np.linspace(0.0, 1.0, MOMENTS)
+    begun = _curve(model, link, "time", at, (laws.Drift,))
+    if begun is None:
+        return None
+    start, path = begun
+    free = tuple(
+        Free(path=f"{path}.values.{k}", low=-0.95 * link.stiffness, log=False, step=1e-3 * link.stiffness)
+        for k in range(1, len(at))
+    )
+    shape = Shape(over="time", unit="s", value_unit="N/m", path=path, tables=("values",))
+    return Candidate(
+        cause="drift", location=place, family="drift curve", starts=(start,), free=free, reported=(), rank=9, shape=shape
+    )
+
+
+def _bend(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None:
+    chain, peak = model.sensor(channel).chain, evidence.peak.get(channel, 0.0)
+    if chain.bend or peak <= 0.0:
+        return None
+    at = _two_sided(peak, BENDS)
+    start = with_chain(model, channel, msgspec.structs.replace(chain, bend=tuple((float(x), 0.0) for x in at)))
+    path = f"sensors.{channel}.chain.bend"
+    free = tuple(
+        Free(path=f"{path}.{k}.1", low=-np.inf, log=False, step=1e-3 * peak) for k in range(len(at)) if k != len(at) // 2
+    )
+    unit = SI_UNIT[model.sensor(channel).quantity]
+    shape = Shape(over="value", unit=unit, value_unit=unit, path=path, tables=())
+    return Candidate(
+        cause="sensor", location=channel, family="sensor curve", starts=(start,), free=free, reported=(), rank=9, shape=shape,
+        dropped=(f"sensors.{channel}.chain.gain",),
+    )  # fmt: skip
+
+
+def _taps(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None:
+    chain = model.sensor(channel).chain
+    if chain.taps:
+        return None
+    middle = TAPS // 2
+    taps = tuple(1.0 if k == middle else 0.0 for k in range(TAPS))
+    start = with_chain(model, channel, msgspec.structs.replace(chain, taps=taps))
+    path = f"sensors.{channel}.chain.taps"
+    free = tuple(Free(path=f"{path}.{k}", low=-5.0, high=5.0, log=False, step=1e-3) for k in range(TAPS))
+    return Candidate(
+        cause="sensor", location=channel, family="sensor curve", starts=(start,), free=free, reported=(), rank=9,
+        dropped=(f"sensors.{channel}.chain.gain",), shape=Shape(over="", unit="s", value_unit="1", path=path, tables=()),
+    )  # fmt: skip
+
+
+Maker = Callable[[RigModel, Evidence, str], Candidate | None]
+AT_LINKS: Mapping[Kind, Sequence[Maker]] = {
+    "spring_shape": (_spring, _recorded_spring),
+    "damping_shape": (_damping,),
+    "friction_shape": (_friction_by_speed, _friction_by_position, _friction_by_time),
+    "memory": (_memory,),
+    "drift": (_drift,),
+}
+
+
+def finer(candidate: Candidate, fitted: RigModel) -> Candidate | None:
+    """A free shape with twice as many intervals, started from a fitted one; None where it is fine enough or no single curve."""
+    shape = candidate.shape
+    if shape is None or shape.over not in ("deflection", "speed", "position"):
+        return None
+    law = _at(fitted, shape.path)
+    at, count = np.array(law.at), 2 * len(law.at) - 1
+    if count > (FINEST_LEVELS if shape.over == "speed" and isinstance(law, laws.FrictionCurve) else FINEST_POINTS):
+        return None
+    from scipy.interpolate import CubicSpline
+
+    places = np.interp(np.linspace(0, len(at) - 1, count), np.arange(len(at)), at)
+    lowest = 0.0 if isinstance(law, laws.FrictionCurve) else -np.inf
+    tables = {
+        table: tuple(np.maximum(CubicSpline(at, getattr(law, table), bc_type="natural")(places), lowest).tolist())
+        for table in shape.tables
+    }
+    denser = msgspec.structs.replace(law, at=tuple(places.tolist()), **tables)
+    first = candidate.free[0]
+    straight = isinstance(law, laws.Curve)
+    middle = count // 2 if shape.over in ("deflection", "position") or straight else 0
+    free = tuple(point for table in shape.tables for point in _points(first, shape.path, table, count, middle, straight=straight))
+    return replace(candidate, free=free, starts=(_exchanged(fitted, shape.path, denser),))
+
+
+def _at(model: RigModel, path: str) -> laws.Curve | laws.FrictionCurve:
+    group, name, _, *rest = path.split(".")
+    law = model.link(name).laws[int(rest[0])] if group == "links" else model.contact(name).law
+    assert isinstance(law, laws.Curve | laws.FrictionCurve)
+    return law
+
+
+def _exchanged(model: RigModel, path: str, law: laws.Curve | laws.FrictionCurve) -> RigModel:
+    group, name, _, *rest = path.split(".")
+    if group == "links":
+        link, k = model.link(name), int(rest[0])
+        changed = tuple(law if i == k else old for i, old in enumerate(link.laws))
+        return msgspec.structs.replace(model, links=exchange(model.links, name, laws=changed), free=())
+    return msgspec.structs.replace(model, contacts=exchange(model.contacts, name, law=law), free=())
+
+
+def tabulated(
+    model: RigModel, shape: Shape, evidence: Evidence
+) -> tuple[tuple[float, ...], dict[str, tuple[float, ...]], float, tuple[float, float]]:
+    """Points of a shape's curve in a model: places, values by table, the link's straight part, and what the runs reached."""
+    law = _at(model, shape.path)
+    place = shape.path.split(".")[1]
+    straight, swing = 0.0, evidence.deflection.get(place, law.at[-1])
+    if isinstance(law, laws.Curve) and shape.over != "time":
+        link = model.link(place)
+        straight = link.stiffness if shape.over == "deflection" else link.damping
+    if shape.over == "time":
+        reached = (0.0, evidence.end_time)
+    else:
+        most = evidence.speed.get(place, law.at[-1]) if shape.over == "speed" else swing
+        reached = (-most, most)
+    return law.at, {table: getattr(law, table) for table in shape.tables}, straight, reached

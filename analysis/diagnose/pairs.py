@@ -1,0 +1,110 @@
+"""Two causes at once: where no form explains the data alone, second forms are fitted on top of the promising first ones.
+
+One cause may hide another: alone neither fits well, and the better of the two may be a wrong one. Over a run's first moments a
+fit takes a fraction of a second, and only a model that lacks nothing agrees with the data there, so many pairs can be tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import msgspec
+
+from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.mechanisms.base import Evidence
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.ladder import TELLING, Race, Rung, tried
+from isorig.analysis.fitting.screen import Progress, Screen
+from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.model.rig_model import RigModel
+
+#: First causes that second ones are tried on, second ones that are fitted on each, and pairs that are fitted to the end.
+FIRSTS, SECONDS, FINISHED = 4, 4, 3
+#: A pair whose misfit, in allowances, is below this lacks nothing on a rung: no further first causes are tried.
+AGREES = 1.0
+#: Share of the first cause's misfit that a second one must not promise to leave more than: otherwise it is not fitted.
+PROMISED = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two causes and the fit of a model that has both.
+
+    Parameters
+    ----------
+    first, second
+        The causes; the second extends the model that the first has extended.
+    alone, fit
+        The fits with the first one alone, over a short stretch, and with both.
+    """
+
+    first: Candidate
+    second: Candidate
+    alone: Fit
+    fit: Fit
+
+    @property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Cause and place of both."""
+        return frozenset((self.first.key, self.second.key))
+
+
+def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence], progress: Progress) -> list[Pair]:
+    """Pairs of forms that agree with the data on every rung from the first that tells candidates apart, best first.
+
+    Parameters
+    ----------
+    run
+        The race of the single forms.
+    rungs
+        Its ladder.
+    seen
+        The evidence on a model.
+    progress
+        Called with one line per fit.
+    """
+    if run.telling is None:
+        return []
+    at, singles = run.telling
+    found: list[Pair] = []
+    queue = list(singles[:FIRSTS])
+    while queue:
+        first, alone = queue.pop(0)
+        model = msgspec.structs.replace(alone.model, free=tuple(free.path for free in alone.free))
+        evidence = seen(model)
+        candidates = [c for mechanism in CATALOGUE for c in mechanism.candidates(model, evidence)]
+        looks = Screen(alone, rungs[at].problem).ranked([c for c in candidates if _apart(c, first)])
+        for look in (look for look in looks[:SECONDS] if look.cost < PROMISED * alone.cost):
+            second = look.candidate
+            progress(f"fitting {first.cause} ({first.location}) and {second.cause} ({second.location})")
+            free = second.parameters(alone.model, alone.free)
+            fits = [done for start in look.models if (done := tried(start, free, rungs[at])) and second.plausible(done.model)]
+            both = min(fits, key=lambda done: done.cost, default=None)
+            if both is not None and both.cost < TELLING:
+                found.append(Pair(first=first, second=second, alone=alone, fit=both))
+        best = min(found, key=lambda pair: pair.fit.cost, default=None)
+        if best is not None and best.fit.cost < AGREES:
+            # What may stand in the first one's place is seen from the second one.
+            queue = [single for single in singles if single[0].key == best.second.key and first.key == best.first.key]
+    for rung in rungs[at + 1 :]:
+        climbed = [(pair, tried(pair.fit.model, pair.fit.free, rung)) for pair in _distinct(found)]
+        found = [
+            Pair(first=pair.first, second=pair.second, alone=pair.alone, fit=done)
+            for pair, done in climbed
+            if done is not None and done.cost < TELLING and pair.second.plausible(done.model)
+        ]
+    return _distinct(found)[:FINISHED]
+
+
+def _apart(second: Candidate, first: Candidate) -> bool:
+    # Two forms at one place are an attempt at a form that the catalogue does not have, but for friction and a spring or damper.
+    kinds = {kind_of(first.cause), kind_of(second.cause)}
+    return first.location != second.location or kinds in ({"friction_shape", "spring_shape"}, {"friction_shape", "damping_shape"})
+
+
+def _distinct(found: Sequence[Pair]) -> list[Pair]:
+    # The same two in either order are one pair.
+    ranked = sorted(found, key=lambda pair: pair.fit.cost)
+    return [pair for k, pair in enumerate(ranked) if all(pair.keys != other.keys for other in ranked[:k])]

@@ -1,0 +1,254 @@
+"""The verdict's rules: every threshold with its meaning and source, and the decisions as functions of errors alone.
+
+Errors are held-out errors by run and channel, rms(predicted - measured) / rms(measured); floors are what nobody could explain,
+of the same shape. The excess is the mean square of an error beyond its floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.excess import ADEQUATE, excess, is_adequate, log_excess, pooled, ratio, share_removed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policy:
+    """The thresholds of a diagnosis.
+
+    Parameters
+    ----------
+    enough
+        Adequacy threshold: a model whose largest error of any run and channel stays below this multiple of its floor is
+        adequate. Chosen by the study: 406 campaigns without an effect stayed below it.
+    explained
+        Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
+    contributes
+        Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then
+        remove as much. (Findings, version 2, call a cause a main contributor from 0.3 on; that is told as its standing.)
+    main
+        Share from which a candidate is a main contributor (findings, version 2).
+    certain
+        Share of resampled runs in which a cause must beat its rivals: 1.96 standard errors.
+    matters
+        Ratio of rms errors from which a difference between rivals matters: nearer ones stand together, whatever its
+        significance. Chosen: a few per cent of error are what another starting value or grid of a fit makes.
+    worth
+        Share of the remaining excess, or fall of the errors' mean logarithm, from which a step is tried further. Chosen by
+        the study.
+    rest
+        Share of the baseline's excess below which nothing more is looked for behind a free shape: what a curve of finite
+        many points leaves.
+    later
+        Share of the baseline's excess that a further step must remove unless it makes the model adequate.
+    of_rest, of_rest_here
+        Share of the remaining excess that it must remove then; at a place that has a step already.
+    form_share
+        Share of what the free shape removes that a form must remove too (findings, version 2).
+    form_errors
+        Standard errors over runs by which a form's error may exceed the free shape's (findings, version 2).
+    settled
+        Share of the excess below which what a form leaves is another matter, and no free shape is fitted beside it. Chosen: a
+        tenth of the error; forms that are merely the nearest leave several per cent.
+    form_alike
+        Ratio of rms errors up to which a form counts as within those standard errors, however small they are. Chosen as
+        `matters`, a few per cent, and twice that for what a curve of many points fits of a soiled rig's dirt in every run.
+    form_close
+        Ratio of rms errors up to which a form is as good as the free shape. Chosen: a free shape fits a soiled rig's dirt
+        along and so errs up to a third less than the true form; forms that are merely the nearest err by twice and more.
+    form_apart
+        Standard errors over blocks by which a form's rival must lie behind it to be another answer: 95 % of a normal variable.
+    distinguishable
+        Multiple of the adequacy threshold from which a form's rival is another answer than an adequate form, however few blocks
+        show it. Chosen: what shows for a moment only raises the largest error, and leaves most blocks alike.
+    doubtful
+        Multiple of the adequacy threshold up to which the baseline's largest error may be the floor's own scatter, so that data
+        simulated with the baseline are fitted and scored for comparison. Chosen: that costs a fit, so only near the threshold.
+    beyond_calibration
+        How many times the error of such simulated data the measured error must be. Chosen: one draw of such data scatters.
+    refitted
+        Fall of the errors' mean logarithm from which a model fitted anew from where a step led it is another model. Chosen:
+        a tenth, about twice what `matters` takes for the same.
+    """
+
+    enough: float = ADEQUATE
+    explained: float = 0.8
+    contributes: float = 0.5
+    main: float = 0.3
+    certain: float = 0.95
+    matters: float = 1.05
+    worth: float = 0.15
+    rest: float = 0.1
+    later: float = 0.05
+    of_rest: float = 0.5
+    of_rest_here: float = 0.8
+    form_share: float = 0.9
+    form_errors: float = 4.0
+    settled: float = 0.01
+    form_alike: float = 1.1
+    form_close: float = 1.5
+    form_apart: float = 2.0
+    distinguishable: float = 1.5
+    doubtful: float = 4.0
+    beyond_calibration: float = 1.2
+    refitted: float = 0.1
+
+
+POLICY = Policy()
+
+
+def wins(best: FloatArray, rivals: Sequence[FloatArray], *, draws: int = 1000) -> float:
+    """Share of resampled runs in which a model's pooled square error is below that of every rival.
+
+    Parameters
+    ----------
+    best, rivals
+        Square errors by independent unit (run, or block of time where there are few runs), shape (units,).
+    """
+    if not rivals:
+        return 1.0
+    picks = np.random.default_rng(11).integers(0, len(best), (draws, len(best)))
+    own = best[picks].sum(axis=1)
+    return float(np.mean([own <= rival[picks].sum(axis=1) for rival in rivals], axis=1).min())
+
+
+def form_stands(before: FloatArray, shape: FloatArray, form: FloatArray, floors: FloatArray, policy: Policy = POLICY) -> bool:
+    """Whether a form comes within the data's reach of the free shape of its kind at its place.
+
+    Parameters
+    ----------
+    before, shape, form
+        Errors without either, with the free shape and with the form, shape (runs, channels).
+    floors
+        Shape (runs, channels).
+    """
+    if share_removed(before, form, floors) < policy.form_share * share_removed(before, shape, floors):
+        return False
+    behind = ratio(form, shape, floors)
+    if behind > policy.form_close:
+        return False
+    worse = np.sqrt(pooled(form, floors)) - np.sqrt(pooled(shape, floors))
+    spread = float(np.std(worse, ddof=1) / np.sqrt(len(worse))) if len(worse) > 1 else np.inf
+    return behind <= policy.form_alike or bool(np.mean(worse) <= policy.form_errors * spread)
+
+
+def rivals_alike(best: FloatArray, rival: FloatArray, floors: FloatArray, behind: float, policy: Policy = POLICY) -> bool:
+    """Whether the data cannot tell a form's rival from it.
+
+    Parameters
+    ----------
+    best, rival, floors
+        Shape (runs, channels).
+    behind
+        Standard errors over blocks by which the rival lies behind.
+    """
+    adequate = is_adequate(best, floors, policy.enough)
+    if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):
+        return False
+    return behind < policy.form_apart or ratio(rival, best, floors) < policy.matters
+
+
+def explains_own_channel(
+    before: FloatArray, after: FloatArray, floors: FloatArray, own: Sequence[int], policy: Policy = POLICY
+) -> bool:
+    """Whether a fault of sensors explains their own channels, not only what a spoilt channel did to the rest of a fit.
+
+    Parameters
+    ----------
+    before, after, floors
+        Errors without and with the fault, shape (runs, channels).
+    own
+        Columns of the faulty sensors' channels; empty for a cause that is no sensor's fault.
+    """
+    if not own:
+        return True
+    left = [log_excess(error[:, list(own)], floors[:, list(own)]) for error in (before, after)]
+    return left[0] - left[1] >= policy.worth * left[0]
+
+
+def may_be_noise(worst: float, policy: Policy = POLICY) -> bool:
+    """Whether a model's largest error over its floor may be the floor's own scatter, so that it is worth a calibration."""
+    return policy.enough <= worst < policy.doubtful * policy.enough
+
+
+def adequacy_threshold(calibration: float | None, policy: Policy = POLICY) -> float:
+    """The threshold for these data: the policy's, or above what data simulated with the model itself reach (None: not asked)."""
+    return max(policy.enough, policy.beyond_calibration * (calibration or 0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A model on the way of a diagnosis as the verdict sees it.
+
+    Parameters
+    ----------
+    error
+        Its held-out errors, shape (runs, channels).
+    place
+        Where the step that led to it sits; empty for the baseline.
+    certain
+        Whether that step beats every rival of another kind or place, and a free shape says how far any law of its kind could
+        get: without one the nearest of few guesses may remove much and still be the wrong one.
+    refines
+        Whether that step replaces the law that an earlier one put there by a more general one of its kind.
+    paired
+        Whether that step and the next one belong together: neither makes the model adequate without the other.
+    """
+
+    error: FloatArray
+    place: str = ""
+    certain: bool = True
+    refines: bool = False
+    paired: bool = False
+
+
+def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: float, policy: Policy = POLICY) -> bool:
+    """Whether the step to stage k says something that the stages before it do not."""
+    if k == 0:
+        return True
+    if is_adequate(stages[k].error, floors, enough):
+        return True
+    if stages[k].paired and k + 1 < len(stages) and is_adequate(stages[k + 1].error, floors, enough):
+        return True
+    whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
+    if k == 1:
+        return now - then >= policy.worth * whole
+    if stages[k].refines:
+        return now - then >= policy.worth * now
+    here = any(stages[k].place == stage.place for stage in stages[1:k])
+    least = policy.of_rest_here if here else policy.of_rest
+    return now - then >= policy.later * whole and now - then >= least * now
+
+
+def verdict(
+    stages: Sequence[Stage], floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
+) -> tuple[str, int]:
+    """The verdict's word, and how many steps it keeps.
+
+    Parameters
+    ----------
+    stages
+        The baseline and the models after each step.
+    floors
+        Shape (runs, channels).
+    enough
+        The adequacy threshold for these data.
+    tolerance
+        Error that the user does not mind.
+    """
+    first = stages[0].error
+    if is_adequate(first, floors, enough, tolerance):
+        return "adequate", 0
+    counted = next((k - 1 for k in range(1, len(stages)) if not step_counts(stages, k, floors, enough, policy)), len(stages) - 1)
+    if counted and (
+        is_adequate(stages[counted].error, floors, enough, tolerance)
+        or share_removed(first, stages[counted].error, floors) >= policy.explained
+    ):
+        return "explained", counted
+    certain = next((k - 1 for k in range(1, counted + 1) if not stages[k].certain), counted)
+    if certain and share_removed(first, stages[certain].error, floors) >= policy.contributes:
+        return "partly explained", certain
+    return "unexplained", 0

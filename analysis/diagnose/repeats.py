@@ -1,0 +1,80 @@
+"""What runs of one drive do not share: motion that the drive did not cause, measured and not assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel
+
+#: Two drives are one, played twice, where they differ by less than this share of their rms.
+SAME_DRIVE = 0.03
+
+
+def repeated(trials: Sequence[Trial]) -> list[tuple[int, int]]:
+    """Pairs of trials in which the same drive was played: said so by the recording, or alike to `SAME_DRIVE`."""
+    index = {trial.run.id: k for k, trial in enumerate(trials)}
+    pairs = []
+    for k, trial in enumerate(trials):
+        if trial.run.repeat_of in index:
+            pairs.append((index[str(trial.run.repeat_of)], k))
+            continue
+        for j in range(k):
+            if _alike(trials[j], trial):
+                pairs.append((j, k))
+                break
+    return pairs
+
+
+def _alike(one: Trial, other: Trial) -> bool:
+    if one.run.configuration != other.run.configuration or one.sample_rate != other.sample_rate:
+        return False
+    a, b = one.excitation.recorded, other.excitation.recorded
+    n = min(len(a), len(b))
+    if abs(len(a) - len(b)) > 0.02 * n:
+        return False
+    size = float(np.mean(a[:n] ** 2))
+    return size > 0.0 and float(np.mean((a[:n] - b[:n]) ** 2)) < SAME_DRIVE**2 * size
+
+
+def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = True) -> FloatArray:
+    """Error of every run and channel that repeated runs of one drive do not share, beyond the sensors' noise, (runs, channels).
+
+    Half the power of the difference of two residuals of one drive, less the noise. Zero where no drive was played twice.
+
+    Parameters
+    ----------
+    model, trials
+        The model whose residuals are compared, and what judges it.
+    at_most
+        Whether a run that was not repeated gets the smaller (else the larger) of the same power and the same share of the
+        signal: an allowance must not hide what the model lacks.
+    """
+    pairs = repeated(trials)
+    shape = len(trials), trials[0].measured.shape[0]
+    if not pairs:
+        return np.zeros(shape)
+    signal = np.stack([np.mean(t.measured[:, t.fitted :] ** 2, axis=1) for t in trials])
+    power = np.full(shape, np.nan)
+    share = []
+    for one, other in pairs:
+        a, b = trials[one], trials[other]
+        part = slice(max(a.fitted, b.fitted), min(a.samples, b.samples))
+        if part.stop - part.start < 16:
+            continue
+        left = [trial.measured[:, part] - expected(model, trial)[:, part] for trial in (a, b)]
+        noise = 0.5 * (a.noise**2 + b.noise**2)
+        apart = np.maximum(0.5 * np.mean((left[0] - left[1]) ** 2, axis=1) - noise, 0.0)
+        share.append(apart / np.maximum(0.5 * (signal[one] + signal[other]), 1e-300))
+        for k in (one, other):
+            power[k] = apart if np.isnan(power[k]).any() else np.maximum(power[k], apart)
+    if not share:
+        return np.zeros(shape)
+    known = ~np.isnan(power).any(axis=1)
+    usual, typical = np.mean(share, axis=0), np.mean(power[known], axis=0)
+    for k in np.flatnonzero(~known).tolist():
+        power[k] = (np.minimum if at_most else np.maximum)(typical, usual * signal[k])
+    return np.asarray(np.sqrt(power / np.maximum(signal, 1e-300)))

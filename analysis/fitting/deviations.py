@@ -1,0 +1,116 @@
+"""How well a fit knows its values: how far each spectral line of the residual moves them.
+
+Noise in the recorded drive reaches all channels of a line together, and lines of a stationary residual are independent
+whatever its autocorrelation. So the values are worked out once without each line, all channels of it (the jackknife, to first
+order the HC3 of MacKinnon and White 1985).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.solve import Fit, Problem, fit
+from isorig.analysis.fitting.trials import Trial
+
+#: Rounds of fits with finer differences, and the relative fall of the cost from which one more is worth it.
+ROUNDS, FALL = 4, 1e-5
+#: Bounds of the relative size of a finite difference.
+FINEST, COARSEST = 1e-6, 1e-3
+#: A value whose whole size changes the residual by less than this, in deviations of the noise, leaves no trace in the data.
+TRACE = 2.0
+#: Shares of a friction force that leaves no trace because nothing slides against it: the data may slide all the same.
+SMALLER = np.geomspace(0.95, 0.05, 30).tolist()
+
+
+def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
+    """A fit taken to where its cost is least to a small part of a deviation, its finite differences as small as its deviations.
+
+    A step of a deviation is seen against the noise by one in the cost, of as many as there are lines; fits that compare models
+    stop long before.
+    """
+    problem = Problem(trials, share=SIMULATION_LIMIT)
+    for _ in range(ROUNDS):
+        size = {path: abs(value) or 1.0 for path, value in done.values.items()}
+        free = tuple(
+            replace(f, step=float(np.clip(done.std[f.path] / size[f.path], FINEST, COARSEST))) if f.log else f for f in done.free
+        )
+        before = done.cost
+        done = fit(done.model, free, problem, iterations=8, tolerance=FALL / 10.0)
+        if before - done.cost <= FALL * before:
+            break
+    return done
+
+
+def untraced(done: Fit) -> frozenset[str]:
+    """Paths of the fitted values that leave no trace in the data, so that nothing is known of them."""
+    sizes = np.sqrt((done.jacobian**2).sum(axis=0))
+    return frozenset(f.path for f, size in zip(done.free, sizes, strict=True) if f.log and size < TRACE)
+
+
+def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
+    """The fit, begun again from a smaller friction where its own lets nothing slide, if that explains the data better."""
+    problem = Problem(trials, share=SIMULATION_LIMIT)
+    for path in sorted(path for path in untraced(done) if path.endswith("friction_force")):
+        smaller = [done.model.replace({path: share * done.values[path]}) for share in SMALLER]
+        costs = np.nan_to_num((problem.residuals(smaller) ** 2).mean(axis=1), nan=np.inf)
+        begun = fit(smaller[int(np.argmin(costs))], done.free, problem, iterations=12, tolerance=1e-3)
+        done = min(done, begun, key=lambda f: f.cost)
+    return done
+
+
+def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
+    """How far leaving out each spectral line would move the fitted values, shape (lines, values), in the values' units."""
+    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
+    jacobian = done.jacobian / scale
+    bread = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+    scores = []
+    ends = np.cumsum(done.sizes)
+    for trial, start, end in zip((t for t in trials if t.fitted), ends - np.array(done.sizes), ends, strict=True):
+        # Real and imaginary parts of all channels, line by line.
+        rows = 2 * len(trial.channels)
+        own = jacobian[start:end].reshape(rows, -1, len(scale)).transpose(1, 0, 2)
+        residual = done.residual[start:end].reshape(rows, -1).T
+        left = np.eye(rows) - np.einsum("kap,pq,kbq->kab", own, bread, own, optimize=True)
+        alone = np.linalg.solve(left + 1e-9 * np.eye(rows), residual[:, :, None])
+        scores.append(np.einsum("kap,ka->kp", own, alone[:, :, 0]))
+    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
+    return np.asarray(np.concatenate(scores) @ bread / scale * slope)
+
+
+def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) -> FloatArray:
+    """How far the fitted values go with what is taken as known, shape (given, values), in the values' units.
+
+    Parameters
+    ----------
+    done
+        The fit.
+    trials
+        Its runs.
+    given
+        What is taken as known, by its path in the model (a mass, a sensor's gain), and its standard deviation in its own unit.
+        Each row is for one such deviation.
+    """
+    if not given:
+        return np.zeros((0, len(done.free)))
+    moved = [done.model.replace({path: done.model.get(path) + std}) for path, std in given.items()]
+    changes = np.nan_to_num(Problem(trials, share=SIMULATION_LIMIT).residuals(moved) - done.residual)
+    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
+    jacobian = done.jacobian / scale
+    back = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) @ jacobian.T
+    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
+    return np.asarray(-(changes @ back.T) / scale * slope)
+
+
+def grid_shift(done: Fit, trials: Sequence[Trial]) -> FloatArray:
+    """How far a simulation on twice as fine a grid would move the fitted values, shape (values,), in their units."""
+    finer = tuple(replace(t, excitation=t.excitation.resampled(2 * t.excitation.oversample)) for t in trials)
+    change = Problem(finer, share=SIMULATION_LIMIT).residuals([done.model])[0] - done.residual
+    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
+    jacobian = done.jacobian / scale
+    moved = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) @ (jacobian.T @ np.nan_to_num(change)) / scale
+    return np.asarray(moved * [done.model.get(f.path) if f.log else 1.0 for f in done.free])

@@ -1,0 +1,295 @@
+"""The fits of a diagnosis: the baseline, many candidates in a race, and the winner to the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.errors import FitError, ModelError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.division import Divide, refined
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.score import score, worst
+from isorig.analysis.fitting.screen import Look, Progress, glanced
+from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
+from isorig.analysis.fitting.start import equation_start
+from isorig.analysis.fitting.trials import Trial, expected, prepare
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate import Excitation
+
+#: A fit sees the first seconds of each run, then more; steps that it may take at each, and the relative fall of the cost
+#: below which they end early.
+HORIZONS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
+STEPS = (8, 5, 5, 5, 5, 8)
+CLOSE = 1e-2
+#: What a short stretch does not show stays where it was.
+TETHER = 1.0
+#: Seconds of each run that a free shape's fit sees on its way to the whole, and its tether then.
+UNROLLED, HOLDS = (16.0, 30.0), 3.0
+#: Steps of a fit on all that fits may see.
+LAST_STEPS = 4
+#: Seconds of each run that a look at all candidates takes in, and the share of a model's misfit that must show in them.
+SCREENS = (4.0, 10.0)
+SHOWN = 0.3
+#: How many times a fit's misfit another's must be to be far worse.
+FAR_WORSE = 2.0
+#: A curve whose misfit, in allowances, is above this is tried with more points, as long as that lowers it by this share.
+FLAT, REFINES = 1.2, 0.15
+#: Leading curves that are tried with more points on a rung.
+REFINED = 3
+#: Candidates that race, beside the best of each family.
+RACING = 6
+#: Families that hold bodies still.
+STICKING = ("friction", "memory")
+#: Times as many steps that a free shape may take on its first rung, where it starts flat.
+SHAPE_STEPS = 2
+#: A free shape whose misfit grows by this factor from one rung to the next has lost its way: it starts flat once more.
+LOST = 10.0
+#: A candidate whose misfit is this many times the best's is out of the race.
+BEHIND = 6.0
+#: A refitted model's misfit, in allowances, from which a rung tells candidates apart; and the share by which one must lower it.
+TELLING, PROMISING = 2.0, 0.1
+#: A fit whose misfit over a run's first moments is more than this times its allowance has been bent by what it lacks.
+BENT = 10.0
+
+Running = list[tuple[Candidate, Fit]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Race:
+    """What a race came to.
+
+    Parameters
+    ----------
+    ranked
+        Candidates with their fits on the last rung, best first.
+    telling
+        The first rung, by its place on the ladder, that told candidates apart, and all candidates' fits there, best first; None
+        where no rung did.
+    """
+
+    ranked: Running
+    telling: tuple[int, Running] | None
+
+
+def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
+    """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
+    trials = prepare(campaign, model)
+    fine = tuple(refined(trial) for trial in trials)
+    rough = baseline_fit(guesses_of(model, trials), trials)
+    return finished(rough, fine), fine
+
+
+def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]:
+    """Where fits may start: the equations of motion, the same with the first guess of friction, and the first guesses."""
+    solved = equation_start(model, trials)
+    dry = [path for path in model.free if path.endswith("friction_force")]
+    between = (solved.replace({path: model.get(path) for path in dry}),) if dry else ()
+    return (solved, *between, model)
+
+
+def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
+    """The rig's own free parameters fitted to all runs, from the best of several starts, the most trusted first."""
+    rungs = ladder(trials)
+    free = base_parameters(starts[0])
+    begun = [done for start in starts if (done := tried(start, free, rungs[0]))]
+    if not begun:
+        raise FitError(f"the model {starts[0].name!r} cannot be simulated at its starting values; correct its parameters")
+    # Of starts that lead equally far the first is the most trusted: a rig that is not so may be bent to anything.
+    least = min(done.cost for done in begun)
+    done = next(done for done in begun if done.cost <= FAR_WORSE * least)
+    for rung in rungs[1:]:
+        done = fit(done.model, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
+    return finished(done, trials)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rung:
+    """What a fit sees on its way, and how many steps it may take there."""
+
+    problem: Problem
+    steps: int
+
+
+def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
+    """Problems from a run's first moments to its first ten seconds, without those that see less than `shows` seconds.
+
+    Waveforms are a rough ground to descend on: once two motions have drifted apart by half a period, no slope leads back. From a
+    known rest they cannot have at first, so a fit that sees more only once it agrees with less finds its way from far.
+    """
+    if any(trial.motion for trial in trials):  # judged by the drive, moment by moment: nothing drifts
+        shows = max(shows, HORIZONS[-1])
+    rungs = [rung for rung in zip(HORIZONS, STEPS, strict=True) if rung[0] >= shows] or [(shows, STEPS[-1])]
+    return tuple(Rung(problem=Problem(glanced(trials, seconds)), steps=steps) for seconds, steps in rungs)
+
+
+def horizon(model: RigModel, trials: Sequence[Trial]) -> float:
+    """Seconds of each run, from the first on, after which a model's misfit shows as it does in the whole."""
+    *short, whole = (*SCREENS, np.inf)
+    size = _largest(model, Problem(glanced(trials, whole)))
+    return next((s for s in short if _largest(model, Problem(glanced(trials, s))) > SHOWN * size), whole)
+
+
+def _largest(model: RigModel, problem: Problem) -> float:
+    # Mean square weighted residual of the trial that is worst.
+    parts = np.split(problem.residuals([model])[0], np.cumsum(problem.sizes)[:-1])
+    return max(float(np.mean(part**2)) for part in parts)
+
+
+def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
+    """A fit brought to its end on all that fits may see."""
+    return fit(rough.model, rough.free, Problem(trials, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
+
+
+def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
+    """A free shape's fit brought to its end: over longer and longer stretches, for each may reach points of the curve that no
+    shorter one did, and from far off the mark there is no way back."""
+    done = rough
+    longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
+    for seconds in (*(s for s in UNROLLED if s < longest), np.inf):
+        whole = np.isinf(seconds)
+        problem = Problem(trials, share=SIMULATION_LIMIT) if whole else Problem(glanced(trials, seconds))
+        steps = LAST_STEPS if whole else STEPS[-1]
+        done = fit(done.model, done.free, problem, iterations=steps, tolerance=1e-3, tether=HOLDS)
+    return done
+
+
+def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit | None:
+    """A fit on a rung, or None from a start whose motion grows without bound."""
+    try:
+        return fit(start, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
+    except FitError:
+        return None
+
+
+def widened(done: Fit) -> Fit:
+    """A fit whose deviations include how far the runs disagree."""
+    return replace(done, covariance=done.covariance + disagreement(done))
+
+
+def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
+    """The model as it was before a step, fitted from where the step has led its parameters."""
+    values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
+    try:
+        return finished(replace(current, model=current.model.replace(values)), trials)
+    except FitError:
+        return current
+
+
+def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float) -> float:
+    """What a rig that is the model itself would get for its largest error over what is allowed.
+
+    The fitted model is simulated with the data's own noise on responses and drive, fitted anew, and judged as data are.
+    """
+    generator = np.random.default_rng(17)
+
+    def twin(trial: Trial) -> Trial:
+        fine = refined(trial)
+        clean = expected(done.model, fine)
+        noise = generator.normal(0.0, 1.0, clean.shape) * trial.noise[:, None]
+        drive = trial.excitation.recorded + generator.normal(0.0, drive_noise, trial.samples)
+        excitation = Excitation.prepare(drive, trial.sample_rate, oversample=trial.excitation.oversample)
+        return replace(trial, measured=clean + noise, excitation=excitation)
+
+    twins = divide([twin(trial) for trial in trials])
+    again = fit(done.model, done.free, Problem(twins.fits, share=SIMULATION_LIMIT), iterations=3, tolerance=1e-3)
+    return worst(score(again.model, twins.judged), floors)
+
+
+def diverse(looks: Sequence[Look]) -> list[Look]:
+    """The best looks, and the best of each family, so that no kind is lost to a rough first step.
+
+    Friction and its like count place by place: while a body sticks, no small step shows what a larger force would do.
+    """
+
+    def kind(look: Look) -> tuple[str, str]:
+        candidate = look.candidate
+        return candidate.family, candidate.location if candidate.family in STICKING else ""
+
+    chosen = list(looks[:RACING])
+    for look in looks[RACING:]:
+        if all(kind(look) != kind(other) for other in chosen):
+            chosen.append(look)
+    return chosen
+
+
+Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
+
+
+def starts_of(looks: Sequence[Look], current: Fit, guess: RigModel, rung: Rung) -> Starts:
+    """Where looked-at candidates start a race: from the current fit.
+
+    The most promising, and all friction, also start from the rig's first guess where the current fit is so far off that what
+    is missing has bent all its parameters.
+    """
+    entered = [(look.candidate, model) for look in looks for model in look.models]
+    starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
+    if float(np.mean(rung.problem.residuals([current.model])[0] ** 2)) > BENT:
+        unsure = [*looks[:RACING], *(look for look in looks[RACING:] if look.candidate.family in STICKING)]
+        for c, model in ((look.candidate, model) for look in unsure for model in look.models):
+            free = c.parameters(current.model, current.free)
+            unbent = {f.path: guess.get(f.path) for f in free if f not in c.free and f.path in guess.free}
+            with suppress(ModelError):  # values that exclude the candidate's own
+                starts.append((c, free, model.replace(unbent)))
+    return starts
+
+
+def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress) -> Race:
+    """Fits of candidates up the ladder, best first; those that fall far behind on a rung are left there.
+
+    The current model climbs along. A rung on which it agrees with the data once refitted tells no candidate from another and
+    is skipped, and so is one on which no candidate fits better than it, but for the last.
+    """
+
+    costs: dict[int, float] = {}
+
+    def climb(candidate: Candidate, free: Sequence[Free], start: RigModel, rung: Rung) -> Fit | None:
+        progress(f"fitting {candidate.cause} ({candidate.location})")
+        longer = replace(rung, steps=SHAPE_STEPS * rung.steps)
+        flat = candidate.shape is not None and start in candidate.starts
+        done = tried(start, free, longer if flat else rung)
+        if candidate.shape is not None and not flat and (done is None or done.cost > LOST * costs.get(id(candidate), np.inf)):
+            others = [again for begin in candidate.starts if (again := tried(begin, free, longer))]
+            return min((fit for fit in (done, *others) if fit), key=lambda fit: fit.cost, default=None)
+        return done
+
+    running: Running = []
+    telling: tuple[int, Running] | None = None
+    for place, rung in enumerate(rungs):
+        last = rung is rungs[-1]
+        bare = tried(current.model, current.free, rung)
+        least = bare.cost if bare else np.inf
+        if least < TELLING and not last:
+            continue
+        climbed = [(c, done) for c, free, start in starts if (done := climb(c, free, start, rung)) and c.plausible(done.model)]
+        climbed.sort(key=lambda pair: pair[1].cost)
+        # From several starts the best goes on.
+        first = [p for k, p in enumerate(climbed) if all(p[0] is not other for other, _ in climbed[:k])]
+        for k, (candidate, done) in enumerate(first[:REFINED]):
+            if candidate.shape is not None and FLAT < done.cost < FAR_WORSE * climbed[0][1].cost:
+                first[k] = _refined(candidate, done, rung)
+        first.sort(key=lambda pair: pair[1].cost)
+        better = [pair for pair in first if least < TELLING or pair[1].cost < (1.0 - PROMISING) * least]
+        if not better and not last:
+            continue
+        telling = telling or (place, better)
+        running = [p for k, p in enumerate(better) if k < 2 or p[1].cost < BEHIND * better[0][1].cost]
+        starts = [(candidate, done.free, done.model) for candidate, done in running]
+        costs = {id(candidate): done.cost for candidate, done in running}
+    ranked = [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]
+    return Race(ranked=ranked, telling=telling)
+
+
+def _refined(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
+    # More points as long as they tell more.
+    while (denser := candidate.refined(rough.model)) is not None:
+        kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
+        done = tried(denser.starts[0], (*kept, *denser.free), rung)
+        if done is None or done.cost > (1.0 - REFINES) * rough.cost:
+            break
+        candidate, rough = denser, done
+    return candidate, rough

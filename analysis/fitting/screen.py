@@ -1,0 +1,147 @@
+"""Candidate fits: a short look at every candidate, a full fit of the best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.solve import Fit, Problem
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.model.rig_model import RigModel
+
+Progress = Callable[[str], None]
+#: Fine steps per sample of a short look, at most.
+GLANCE_OVERSAMPLE = 4
+#: Starts of a candidate that are looked at, and from how many of them it races.
+MOST_STARTS, RACED = 4, 2
+#: How far beyond a start the straight line to it is trusted, in distances to it.
+BEYOND = 3.0
+#: Candidates that are looked at more closely: the best of all, and the best of each family.
+CLOSER, CLOSER_OF_FAMILY = 8, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What a short fit promises of a candidate: mean square weighted residual, and the models it reached, best first."""
+
+    candidate: Candidate
+    cost: float
+    models: tuple[RigModel, ...]
+
+
+def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
+    """The same trials for a short look: fits see `seconds` from the drive's onset on, on a coarser grid."""
+
+    def cut(trial: Trial) -> Trial:
+        fitted = round(min(trial.fitted, trial.onset + seconds * trial.sample_rate))
+        coarse = trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE))
+        return replace(trial, fitted=fitted, excitation=coarse.beginning(fitted))
+
+    return tuple(cut(trial) for trial in trials)
+
+
+class Screen:
+    """Looks at candidates from a fitted model, with the model's own derivatives taken once.
+
+    The derivatives with respect to the model's parameters change little when a cause is added, so a candidate costs a
+    simulation per new parameter and step instead of one per parameter.
+    """
+
+    def __init__(self, current: Fit, problem: Problem) -> None:
+        self.current = current
+        self.problem = problem
+
+    def ranked(self, candidates: Sequence[Candidate]) -> list[Look]:
+        """All candidates, best first: one step for each, and some more for those that promise anything."""
+        first = sorted((self.look(candidate) for candidate in candidates), key=lambda look: look.cost)
+        met: dict[str, int] = {}
+        looks = []
+        for place, look in enumerate(first):
+            family = look.candidate.family
+            met[family] = met.get(family, 0) + 1
+            close = place < CLOSER or met[family] <= CLOSER_OF_FAMILY
+            looks.append(self._closer(look) if close and look.cost < np.inf else look)
+        return sorted((look for look in looks if look.cost < np.inf), key=lambda look: look.cost)
+
+    def look(self, candidate: Candidate) -> Look:
+        """One step from the candidate's first start, which is nearest to the current model, and from the most promising ones."""
+        starts = candidate.starts
+        residuals = self.problem.residuals(starts)
+        reached = self._reached(residuals)
+        order = dict.fromkeys([0, *np.argsort(reached)[: MOST_STARTS - 1].tolist()])
+        looks = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+        # A start far from the current model promises what the straight line to it reaches; a step from there falls short.
+        promised = min(looks[0].cost, float(reached.min()) / self.problem.size)
+        return Look(candidate=candidate, cost=promised, models=tuple(look.models[0] for look in looks[:RACED]))
+
+    def _reached(self, residuals: FloatArray) -> FloatArray:
+        # What is left after a linear step of the current parameters and along the straight line to each start and on.
+        span = np.linalg.qr(self.current.jacobian)[0]
+        here, away = (r - (r @ span) @ span.T for r in (self.current.residual, residuals - self.current.residual))
+        length = (away**2).sum(axis=1)
+        far = np.clip(-(away @ here) / np.maximum(length, 1e-300), 0.0, BEYOND)
+        left = here @ here + 2.0 * far * (away @ here) + far**2 * length
+        return np.where(np.isfinite(left), left, np.inf)
+
+    def _closer(self, look: Look) -> Look:
+        first, *others = look.models
+        closer = self._descend(look.candidate, first, self.problem.residuals([first])[0], 2)
+        return replace(look, cost=min(closer.cost, look.cost), models=(*closer.models, *others))
+
+    def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> Look:
+        free = candidate.parameters(self.current.model, self.current.free)
+        base = [f for f in free if f not in candidate.free]
+        columns = [self.current.free.index(f) for f in base]
+        known = self.current.jacobian[:, columns]
+        theta = np.array([f.encode(start.get(f.path)) for f in free])
+
+        def build(coordinates: FloatArray) -> RigModel | None:
+            try:
+                return start.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+            except ModelError:
+                return None
+
+        def cost_of(models: Sequence[RigModel | None]) -> list[FloatArray]:
+            whole = [model for model in models if model is not None]
+            found = iter(self.problem.residuals(whole)) if whole else iter(())
+            return [next(found) if model is not None else np.full(self.problem.size, np.nan) for model in models]
+
+        best = float(residual @ residual)
+        if not np.isfinite(best):
+            return Look(candidate=candidate, cost=np.inf, models=(start,))
+        for _ in range(steps):
+            moved = []
+            for i in range(len(base), len(free)):
+                other = theta.copy()
+                other[i] += free[i].step
+                moved.append(build(other))
+            fresh = np.array(cost_of(moved)) - residual
+            fresh = np.nan_to_num(fresh / np.array([f.step for f in candidate.free])[:, None]).T
+            jacobian = np.hstack([known, fresh])
+            normal = jacobian.T @ jacobian
+            scale = np.diag(normal).copy()
+            scale[scale <= 0.0] = 1.0
+            gradient = jacobian.T @ residual
+            before = best
+            for damping in (1e-3, 1.0):
+                step = -np.linalg.solve(normal + damping * np.diag(scale), gradient)
+                worst = max((abs(s) / 0.9 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
+                there = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + step / max(worst, 1.0), strict=True)])
+                found = cost_of([build(there)])[0]
+                cost = float(found @ found)
+                if np.isfinite(cost) and cost < best:
+                    theta, residual, best = there, found, cost
+                    break
+            if best > 0.999 * before:
+                break
+        reached = build(theta)
+        return Look(
+            candidate=candidate,
+            cost=best / self.problem.size,
+            models=(reached if reached is not None else start,),
+        )

@@ -1,0 +1,397 @@
+"""Fitting a rig's parameters to what was measured, on the simulation's own error.
+
+The model runs free from each run's first sample on, driven by the recorded drive alone, and its waveforms are compared up to each
+run's ceiling. Levenberg-Marquardt (Moré 1978) with finite differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import FitError, ModelError, SimulationError
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_motion
+from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.parallel import side_by_side
+
+#: Models whose motion a problem remembers.
+CACHED = 3
+#: A parameter whose column of the Jacobian has no more than this square has no effect but rounding.
+FAINT = 1e-6
+#: Directions of which all data know less than this share of what they know best are not counted; and share of what is known of a
+#: direction below which the other trials say nothing of it.
+SINGULAR, ALONE = 1e-12, 0.01
+#: A channel's allowance is never below this share of its largest rms in any run: nobody asks for more.
+QUIET = 1e-4
+#: What a point of a curve may move in one step, in what it may stray from its neighbours' mean.
+STRAYS = 20.0
+#: A step that lowers the cost by this share of what the derivatives foretold leaves them good for one more.
+FORETOLD = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Free:
+    """A parameter that a fit may change.
+
+    Parameters
+    ----------
+    path
+        Dotted path in the model.
+    low, high
+        Bounds of the value.
+    log
+        Whether it is searched on a logarithmic scale (it is positive).
+    step
+        Size of a finite difference: relative where `log`, absolute otherwise.
+    follows, give
+        Of a point of a curve: what its neighbours let one expect of it, as (path, weight), and by how much it may stray from
+        that before it costs as much as one residual of 1. It holds the points that the data never reach.
+    """
+
+    path: str
+    low: float = 0.0
+    high: float = np.inf
+    log: bool = True
+    step: float = 1e-5
+    follows: tuple[tuple[str, float], ...] = ()
+    give: float = np.inf
+
+    def encode(self, value: float) -> float:
+        """The search coordinate of a value."""
+        return float(np.log(max(value, 1e-300))) if self.log else value
+
+    def decode(self, coordinate: float) -> float:
+        """The value of a search coordinate, kept within the bounds."""
+        value = float(np.exp(min(coordinate, 700.0))) if self.log else coordinate
+        return float(min(max(value, self.low), self.high))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """A fitted model.
+
+    Parameters
+    ----------
+    model
+        The rig with the fitted values.
+    free
+        What was fitted.
+    covariance
+        Of the values in the order of `free`, shape (k, k), from the residuals with their autocorrelation.
+    cost
+        Mean square of the weighted residuals (1 where noise and `SIGNAL_SHARE` explain all).
+    evaluations
+        Number of simulated campaigns it took.
+    jacobian, residual, sizes
+        At the last step: derivatives of the weighted residual, shape (size, k), itself, shape (size,), and how many of its
+        entries belong to each trial.
+    """
+
+    model: RigModel
+    free: tuple[Free, ...]
+    covariance: FloatArray
+    cost: float
+    evaluations: int
+    jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    sizes: tuple[int, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted value by path."""
+        return {free.path: self.model.get(free.path) for free in self.free}
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation by path."""
+        # At the end of a range rounding may leave a variance below zero.
+        variances = np.maximum(np.diag(self.covariance), 0.0)
+        return dict(zip((free.path for free in self.free), np.sqrt(variances).tolist(), strict=True))
+
+
+class Waveform:
+    """Every line of a record as it is, weighted by what noise and the simulation's limit make of it.
+
+    An orthonormal transform of the residual in time, so least squares is the same, up to the trial's ceiling.
+    """
+
+    def __init__(self, trial: Trial, share: float, least: FloatArray) -> None:
+        n = trial.fitted
+        self._lines = int(trial.ceiling / trial.sample_rate * n) + 1
+        measured = trial.measured[:, :n]
+        sigma = np.maximum(np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2), least)
+        self._weights = (np.sqrt(2.0 / n) / sigma)[:, None]
+        self._measured = measured
+        self.size = 2 * self._lines * len(measured)
+
+    def residual(self, predicted: FloatArray) -> FloatArray:
+        """Weighted residual of predicted channels, shape (size,)."""
+        error = np.fft.rfft(predicted - self._measured, axis=1)[:, : self._lines] * self._weights
+        return np.concatenate([error.real.ravel(), error.imag.ravel()])
+
+
+class Problem:
+    """The residuals of models over a set of trials, as one weighted vector.
+
+    Parameters
+    ----------
+    trials
+        The runs, made ready.
+    share
+        Share of a channel's rms that counts as noise in the weights.
+    """
+
+    def __init__(self, trials: Sequence[Trial], *, share: float = SIGNAL_SHARE) -> None:
+        fitted = [trial for trial in trials if trial.fitted > 0]
+        if not fitted:
+            raise FitError("every run is held out, so nothing is left to fit; mark at least one run for fitting")
+        self.trials = tuple(fitted)
+        self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
+        # A body that friction holds still leaves a record without any noise.
+        sizes = np.max([trial.measured.std(axis=1) for trial in trials], axis=0)
+        least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
+        self._gauges = [Waveform(trial, share, least) for trial in self.trials]
+        self.sizes = tuple(gauge.size for gauge in self._gauges)
+        self.size = sum(self.sizes)
+
+    def residual_of(self, model: RigModel, index: int) -> FloatArray:
+        """Weighted residual of one trial."""
+        return self._gauges[index].residual(expected(model, self.trials[index], self._motion(model, index)))
+
+    def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
+        # The bodies' true motion; models that differ in their sensors' faults alone share it.
+        trial = self.trials[index]
+        sound = msgspec.structs.replace(
+            model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors), free=()
+        )
+        key = (index, msgspec.json.encode(sound))
+        if key in self._cache:
+            return self._cache[key]
+        motion = true_motion(sound, trial, trial.fitted)
+        if len(self._cache) >= CACHED * len(self.trials):
+            self._cache.pop(next(iter(self._cache)), None)
+        self._cache[key] = motion
+        return motion
+
+    def residuals(self, models: Sequence[RigModel]) -> FloatArray:
+        """Weighted residuals of several models side by side, shape (models, size); NaN where a model blew up."""
+
+        def one(job: tuple[int, int]) -> FloatArray:
+            which, index = job
+            try:
+                return self.residual_of(models[which], index)
+            except (SimulationError, ModelError):  # it grows without bound, or moves too quickly for any step
+                return np.full(self._gauges[index].size, np.nan)
+
+        jobs = [(which, index) for which in range(len(models)) for index in range(len(self.trials))]
+        parts = side_by_side(one, jobs)
+        count = len(self.trials)
+        return np.stack([np.concatenate(parts[i * count : (i + 1) * count]) for i in range(len(models))])
+
+
+def fit(
+    model: RigModel,
+    free: Sequence[Free],
+    problem: Problem,
+    *,
+    iterations: int = 12,
+    tolerance: float = 1e-4,
+    tether: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit the free parameters by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    model
+        Where the search starts.
+    free
+        What may change.
+    problem
+        The residuals.
+    iterations
+        Jacobians at most.
+    tolerance
+        The search ends when a step lowers the cost by less than this share.
+    tether
+        Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, beside residuals of 1: so
+        small that it holds only what the data do not show.
+    progress
+        Called with one line of text per step.
+
+    Raises
+    ------
+    FitError
+        Where the starting model cannot be simulated.
+    """
+    free = tuple(free)
+    theta = np.array([f.encode(model.get(f.path)) for f in free])
+
+    def build(coordinates: FloatArray) -> RigModel:
+        return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+
+    begun, hold = theta, np.diag([_tethered(f, tether) for f in free])
+    bend, straight = _bending(model, free)
+
+    def misfit(coordinates: FloatArray) -> FloatArray:
+        try:
+            seen = problem.residuals([build(coordinates)])[0]
+        except ModelError:
+            seen = np.full(problem.size, np.nan)
+        return np.concatenate([seen, hold @ (coordinates - begun), bend @ coordinates + straight])
+
+    residual = misfit(theta)
+    cost = float(residual @ residual)
+    if not np.isfinite(cost):
+        raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
+    evaluations, damping = 1, 1e-3
+    jacobian = np.zeros((len(residual), len(free)))
+    taken, fresh = 0, True
+    while taken < iterations or not fresh:
+        if fresh:
+            jacobian = jacobian_of(problem, build, theta, free, residual[: problem.size])
+            jacobian = np.vstack([jacobian, hold, bend])
+            normal = jacobian.T @ jacobian
+            evaluations += len(free)
+            taken += 1
+        gradient = jacobian.T @ residual
+        before = foretold = cost
+        for _ in range(6 if fresh else 1):
+            scale = np.diag(normal)
+            # What leaves no trace stays: its step would be rounding's, and shorten all others.
+            live = np.flatnonzero(scale > FAINT)
+            step = np.zeros(len(free))
+            step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
+            trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + _limited(step, free), strict=True)])
+            candidate = misfit(trial)
+            evaluations += 1
+            new = float(candidate @ candidate)
+            linear = float(np.sum((residual + jacobian @ (trial - theta)) ** 2))
+            if np.isfinite(new) and new < cost:
+                theta, residual, cost, foretold = trial, candidate, new, linear
+                damping = max(damping / 9.0, 1e-9)
+                break
+            damping *= 8.0
+        if progress is not None:
+            progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
+        if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
+            break
+        fresh = not fresh or before - cost < FORETOLD * (before - foretold)
+    fitted, jacobian, residual = build(theta), jacobian[: problem.size], residual[: problem.size]
+    return Fit(
+        model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
+        evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
+    )  # fmt: skip
+
+
+def _tethered(free: Free, tether: float) -> float:
+    # Points of a curve that no data reach follow their neighbours, not their start.
+    return 0.0 if free.follows else tether / (1.0 if free.log else 100.0 * free.step)
+
+
+def _bending(model: RigModel, free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
+    # Rows on the coordinates, and constants, that say how far points of curves stray from what their neighbours let expect.
+    index = {f.path: k for k, f in enumerate(free)}
+    points = [f for f in free if f.follows]
+    rows, constants = np.zeros((len(points), len(free))), np.zeros(len(points))
+    for row, point in enumerate(points):
+        for path, weight in ((point.path, -1.0), *point.follows):
+            if path in index:
+                rows[row, index[path]] += weight / point.give
+            else:
+                constants[row] += weight * model.get(path) / point.give
+    return rows, constants
+
+
+def jacobian_of(
+    problem: Problem,
+    build: Callable[[FloatArray], RigModel],
+    theta: FloatArray,
+    free: Sequence[Free],
+    residual: FloatArray,
+) -> FloatArray:
+    """Forward differences of the residual, shape (size, parameters)."""
+    shifted = []
+    steps = np.array([parameter.step for parameter in free])
+    for i, parameter in enumerate(free):
+        moved = theta.copy()
+        moved[i] += parameter.step
+        try:
+            shifted.append(build(moved))
+        except ModelError:  # the step left what physics allows; the other side is inside
+            moved[i] -= 2.0 * parameter.step
+            steps[i] = -parameter.step
+            try:
+                shifted.append(build(moved))
+            except ModelError:  # held on both sides: it stays
+                shifted.append(build(theta))
+    columns = (problem.residuals(shifted) - residual) / steps[:, None]
+    return np.asarray(np.nan_to_num(columns).T)
+
+
+def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:
+    # No parameter on a logarithmic scale moves by more than a factor e^0.7 at once, no point of a curve by more than some of
+    # what it may stray: the data hardly hold points that they seldom reach.
+    worst = max((abs(s) / 0.7 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
+    most = np.array([STRAYS * f.give for f in free])
+    return np.clip(step / max(worst, 1.0), -most, most)
+
+
+def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, free: Sequence[Free]) -> FloatArray:
+    # White's (1980) sandwich: lines of a spectrum are independent, so colour of the residual is only unequal variance.
+    if jacobian.shape[1] == 0:
+        return np.zeros((0, 0))
+    normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
+    meat = jacobian.T @ (jacobian * (residual**2)[:, None])
+    covariance = normal @ meat @ normal
+    slope = np.array([f.decode(c) if f.log else 1.0 for f, c in zip(free, theta, strict=True)])
+    return np.asarray(covariance * np.outer(slope, slope))
+
+
+def positive(path: str, value: float, *, span: float = 1e3) -> Free:
+    """A positive parameter that may move by a factor `span` either way from its starting value."""
+    return Free(path=path, low=value / span, high=value * span)
+
+
+def base_parameters(model: RigModel) -> tuple[Free, ...]:
+    """The parameters that the rig's description marks as free; an offset may have either sign."""
+    return tuple(_described(path, model.get(path)) for path in model.free)
+
+
+def _described(path: str, value: float) -> Free:
+    if path.endswith(".offset"):
+        return Free(path=path, low=-np.inf, log=False, step=1e-4)
+    # A first guess may have lost the friction altogether.
+    return positive(path, value, span=1e6 if path.endswith("friction_force") else 1e3)
+
+
+def disagreement(fitted: Fit) -> FloatArray:
+    """Covariance of the fitted values from how far the runs disagree: the jackknife over trials, shape (k, k).
+
+    Leaving one trial out moves the values by (A - A_g)^-1 J_g' r_g to first order, A = J'J and A_g the trial's share of it. A
+    model that is wrong asks for other values in every run, which residuals taken as noise do not tell (Efron and Stein 1981).
+    """
+    whole = fitted.jacobian.T @ fitted.jacobian
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    # Along the axes in which all trials together know as much in every direction.
+    sizes, axes = np.linalg.eigh(whole / np.outer(scale, scale))
+    kept = sizes > SINGULAR * sizes[-1]
+    axes = axes[:, kept] / np.sqrt(sizes[kept])
+    moves = []
+    ends = np.cumsum(fitted.sizes)
+    for start, end in zip(ends - np.array(fitted.sizes), ends, strict=True):
+        own, residual = fitted.jacobian[start:end] / scale @ axes, fitted.residual[start:end]
+        shares, ways = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
+        # What this trial alone knows, no other can disagree with.
+        inverse = np.where(shares > ALONE, 1.0 / np.maximum(shares, ALONE), 0.0)
+        moves.append(axes @ (ways @ (inverse * (ways.T @ (own.T @ residual)))) / scale)
+    count = len(moves)
+    if count < 2:
+        return np.zeros_like(whole)
+    steps = np.array(moves) - np.mean(moves, axis=0)
+    slope = np.array([fitted.model.get(f.path) if f.log else 1.0 for f in fitted.free])
+    return np.asarray((count - 1.0) / count * steps.T @ steps * np.outer(slope, slope))

@@ -1,0 +1,251 @@
+"""Runs made ready for fitting: the drive interpolated once, the measured responses, their noise, and what is held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.analysis.simulate import Excitation, record, simulate, true_drive
+from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
+from isorig.analysis.spectra.hum import hum
+
+#: Share of every run that a fit may see; the rest takes part in no fit.
+FIT_SHARE = 0.6
+#: Share of its rms from which a drive is taken to act. A drive that fades in does not before it has faded in: held by friction
+#: a rig moves as if it had a stiffer spring, and that says nothing of the rest of the run.
+ACTS = 1.0
+#: Samples that a run must have before its first gap.
+SHORTEST = 256
+#: A drive whose rms stays below this multiple of its channel's noise does not move the rig: such a run is rest, and shows the
+#: sensors' noise alone. Chosen: the level that `noise_levels` reads off half a spectrum is true to a few per cent.
+AT_REST = 1.5
+#: Errors below this share of a channel's rms are not worth a parameter: weights add it to the noise.
+SIGNAL_SHARE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One run made ready.
+
+    Parameters
+    ----------
+    run
+        The run it comes from.
+    start_time
+        Seconds since the campaign began.
+    excitation
+        The drive as recorded, interpolated.
+    channels
+        The responses' names, in the order of the model's sensors.
+    measured
+        What they recorded, shape (channels, n).
+    noise
+        Standard deviation of each channel's sensor noise, shape (channels,).
+    fitted
+        Number of leading samples that fits may see.
+    ceiling
+        Highest frequency in Hz at which residuals count while a fit converges.
+    onset
+        First sample at which the drive acts: what comes before is rest, and tells nothing.
+    motion
+        Of a rig that no spring holds: what its bodies did. Such a trial is judged by its drive: `measured` is its channel,
+        decimated, and `shaken` the same motion with the sensors' noise put on once more.
+    """
+
+    run: Run
+    start_time: float
+    excitation: Excitation
+    channels: tuple[str, ...]
+    measured: FloatArray
+    noise: FloatArray
+    fitted: int
+    ceiling: float
+    onset: int = 0
+    motion: Motion | None = None
+    shaken: Motion | None = None
+
+    @property
+    def sample_rate(self) -> float:
+        """Of what is compared, Hz."""
+        return self.excitation.sample_rate
+
+    @property
+    def samples(self) -> int:
+        """Length of the record."""
+        return int(self.measured.shape[1])
+
+
+def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
+    """What a rig's sensors would have recorded in a trial, running free from its first sample, shape (channels, n).
+
+    Parameters
+    ----------
+    model
+        The rig with the faults of its measurement chain. The phase of a hum is taken from what fits may see.
+    trial
+        The run.
+    motion
+        The true values of drive and sensors where they are known already; simulated where None.
+
+    Raises
+    ------
+    SimulationError
+        Where the motion grows without bound.
+    """
+    if trial.motion is not None:
+        return required_drive(model, trial.motion)[None, : trial.samples if motion is None else trial.fitted]
+    if motion is None:
+        motion = true_motion(model, trial, trial.samples)
+    recorded = record(model, motion, trial.sample_rate)
+    predicted = np.stack([recorded[name] for name in trial.channels])
+    for row, name in enumerate(trial.channels):
+        mains = model.sensor(name).chain.mains_frequency
+        if mains is not None and trial.fitted > 0:
+            n = min(trial.fitted, predicted.shape[1])
+            left = trial.measured[row, :n] - predicted[row, :n]
+            predicted[row] += hum(left, trial.sample_rate, mains, predicted.shape[1])
+    return predicted
+
+
+def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> dict[str, FloatArray]:
+    """The true values of drive and sensors in a trial by channel, each shape (samples,); none of a trial judged by its drive."""
+    if trial.motion is not None:
+        return {}
+    response = simulate(
+        model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
+    )
+    return {model.drive.channel: true_drive(model, trial.excitation)[:samples], **response.channels}
+
+
+def noise_levels(campaign: Campaign) -> dict[str, float]:
+    """Standard deviation of each channel's sensor noise, in the channel's unit.
+
+    The noise is taken as white. Its level is the lowest median power of any run in any quarter of the spectrum below
+    0.95 of half the sample rate: somewhere neither the drive nor friction reaches. The median of a chi-square
+    variable with 2 degrees of
+    freedom is ln 2 times its mean.
+    """
+    levels: dict[str, float] = {}
+    for run in campaign.runs:
+        for name in run.channels:
+            values = run.read(name)
+            n = len(values)
+            if n < 256:
+                continue
+            power = np.abs(np.fft.rfft(values * np.hanning(n))) ** 2 / (n * 0.375)
+            top = int(0.95 * len(power))
+            quarters = [np.median(part) / np.log(2.0) for part in np.array_split(power[n // 64 : top], 6)]
+            level = float(np.sqrt(min(quarters)))
+            levels[name] = min(level, levels.get(name, np.inf))
+    return levels
+
+
+def drive_noise(campaign: Campaign, channel: str) -> float:
+    """Standard deviation of the drive channel's sensor noise, in its unit.
+
+    The spectrum of a drive that moves in steps has no quiet part, but between its steps nothing but noise changes: the level is
+    that of `noise_levels`, or what the median difference of neighbouring samples says of white noise where that is less
+    (0.6745 times the standard deviation is the median magnitude of a normal variable).
+    """
+    levels = [noise_levels(campaign).get(channel, np.inf)]
+    for run in campaign.runs:
+        if channel in run.channels and len(run) > 1:
+            levels.append(float(np.median(np.abs(np.diff(run.read(channel))))) / (0.6745 * np.sqrt(2.0)))
+    level = min(levels)
+    return level if np.isfinite(level) else 0.0
+
+
+def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tuple[Trial, ...]:
+    """Make the campaign's runs ready for fits of this rig; a run at rest serves for the noise alone.
+
+    Parameters
+    ----------
+    campaign
+        What was measured.
+    model
+        The rig: its drive and sensors say which channels are needed.
+    oversample
+        Fine steps per sample for a drive up to half the sample rate; a drive limited to a low band gets fewer.
+
+    Raises
+    ------
+    DataError
+        Where a needed channel is missing or no run is left.
+    """
+    noise = noise_levels(campaign)
+    trials = []
+    for run in campaign.runs:
+        if run.configuration not in model.configurations:
+            raise DataError(
+                f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
+                f"{', '.join(model.configurations)}; add it to the rig's description"
+            )
+        # What comes after a gap began in a state that nobody knows.
+        stop = min((gap.first_tick for gap in run.gaps), default=len(run))
+        if stop < SHORTEST:
+            continue
+        if floats(model):
+            trials.append(_by_drive(campaign, model, run, stop, noise))
+            continue
+        drive = run.channel(model.drive.channel).read(0, stop)
+        if rests(drive, noise.get(model.drive.channel, 0.0)):
+            continue
+        names = tuple(sensor.channel for sensor in model.sensors)
+        measured = np.stack([run.channel(name).read(0, stop) for name in names])
+        low = run.band is not None and run.band[1] <= run.sample_rate / 20.0
+        trials.append(
+            Trial(
+                run=run,
+                start_time=campaign.seconds_since_start(run),
+                excitation=Excitation.prepare(drive, run.sample_rate, oversample=max(2, oversample // 4) if low else oversample),
+                channels=names,
+                measured=measured,
+                noise=np.array([noise.get(name, 0.0) for name in names]),
+                fitted=0 if run.use == "holdout" else round(stop * FIT_SHARE),
+                ceiling=min(run.sample_rate / 2.0, 4.0 * run.band[1] if low and run.band else run.sample_rate / 2.0),
+                onset=onset_of(drive),
+            )
+        )
+    if not trials:
+        raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
+    return tuple(trials)
+
+
+def rests(drive: FloatArray, noise: float) -> bool:
+    """Whether a record of the drive, shape (n,), holds the noise of its channel alone: the rig was at rest."""
+    return bool(np.std(drive) < AT_REST * noise)
+
+
+def onset_of(drive: FloatArray) -> int:
+    """First sample of a record that exceeds `ACTS` of its rms about its value at the start."""
+    away = np.abs(drive - drive[0])
+    return int(np.argmax(away > ACTS * np.sqrt(np.mean(away**2)))) if away.any() else 0
+
+
+def _by_drive(campaign: Campaign, model: RigModel, run: Run, stop: int, noise: Mapping[str, float]) -> Trial:
+    sensors = {sensor.body: sensor for sensor in model.sensors}
+    other = next((s for s in model.sensors if s.quantity != "displacement" or s.relative_to != GROUND), None)
+    if other is not None or len(sensors) != len(model.bodies):
+        raise DataError(
+            f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
+            "that takes the absolute position of every body, so measure those or add the spring to the description"
+        )
+    generator = np.random.default_rng(5)
+    positions = {body: run.channel(sensor.channel).read(0, stop) for body, sensor in sensors.items()}
+    shaken = {
+        body: values + generator.normal(0.0, noise.get(sensors[body].channel, 0.0), stop) for body, values in positions.items()
+    }
+    force = decimated(run.channel(model.drive.channel).read(0, stop))
+    rate = run.sample_rate / DECIMATION
+    return Trial(
+        run=run, start_time=campaign.seconds_since_start(run), excitation=Excitation.prepare(force, rate, oversample=1),
+        channels=(model.drive.channel,), measured=force[None, :],
+        noise=np.array([noise.get(model.drive.channel, 0.0) / np.sqrt(DECIMATION)]),
+        fitted=0 if run.use == "holdout" else round(len(force) * FIT_SHARE), ceiling=rate / 2.0,
+        motion=motion_from(positions, run.sample_rate), shaken=motion_from(shaken, run.sample_rate),
+    )  # fmt: skip

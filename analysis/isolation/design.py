@@ -1,0 +1,231 @@
+"""The design study: how far the isolated motor strokes on softer or stiffer springs, and how well it isolates then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor, direction, matrices
+from isorig.analysis.simulate import Excitation, scan, simulate
+from isorig.analysis.simulate.compiled import constraint_basis
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrokeStudy:
+    """Largest stroke against isolation frequency.
+
+    Parameters
+    ----------
+    frequency
+        Isolation frequencies sqrt(k / m) / 2 pi of the motor alone, Hz, ascending, shape (n,).
+    stroke
+        Largest displacement of the motor relative to the table, m, for the parameters as they are, shape (n,).
+    draws
+        The same for parameters drawn from their uncertainty, shape (draws, n).
+    allowed
+        The limit over the safety factor, m.
+    lowest
+        Lowest frequency from which on the stroke stays inside `allowed`, Hz; NaN where none does.
+    lowest_of_draws
+        The same for each draw, shape (draws,).
+    """
+
+    frequency: FloatArray
+    stroke: FloatArray
+    draws: FloatArray
+    allowed: float
+    lowest: float
+    lowest_of_draws: FloatArray
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the lowest frequency from the parameters' uncertainty, Hz."""
+        found = self.lowest_of_draws[np.isfinite(self.lowest_of_draws)]
+        return float(found.std(ddof=1)) if len(found) > 1 else 0.0
+
+    @property
+    def recommended(self) -> float:
+        """Frequency that stays inside for 95 % of the draws, Hz; `lowest` where nothing was drawn; NaN where too few do."""
+        if len(self.lowest_of_draws) == 0:
+            return self.lowest
+        return float(np.quantile(np.where(np.isfinite(self.lowest_of_draws), self.lowest_of_draws, np.inf), 0.95))
+
+
+def isolated(model: RigModel, frequency: float, *, link: str = "isolation") -> RigModel:
+    """The rig with its isolation at another frequency: k = (2 pi f)^2 m, the damping ratio kept."""
+    present = model.link(link)
+    mass = model.body(present.a).mass
+    stiffness = (2.0 * pi * frequency) ** 2 * mass
+    if present.stiffness <= 0.0:
+        raise DataError(f"link {link!r} has no stiffness, so no damping ratio to keep; give the present design's")
+    damping = present.damping * (stiffness / present.stiffness) ** 0.5
+    links = tuple(msgspec.structs.replace(p, stiffness=stiffness, damping=damping) if p.name == link else p for p in model.links)
+    return msgspec.structs.replace(model, links=links, free=())
+
+
+def frictionless(model: RigModel) -> RigModel:
+    """The rig without its contacts."""
+    return msgspec.structs.replace(model, contacts=(), free=())
+
+
+def strokes(
+    models: Sequence[RigModel], frequencies: FloatArray, head: FloatArray, sample_rate: float, *, link: str = "isolation"
+) -> FloatArray:
+    """Largest relative displacement across the isolation of every rig at every frequency, shape (models, frequencies), m."""
+    ends = models[0].link(link)
+    stroke = Sensor(channel="stroke", body=ends.a, relative_to=ends.b, quantity="displacement")
+    watched = [msgspec.structs.replace(model, sensors=(stroke,), free=()) for model in models]
+    designs = [isolated(model, float(f), link=link) for model in watched for f in frequencies]
+    # Samples are moments apart that are short beside a move: straight lines between them keep its momentum.
+    excitation = Excitation.prepare(head, sample_rate, oversample=1)
+    largest = scan(designs, excitation, lambda batch: np.abs(batch.channels["stroke"]).max(axis=1))
+    return largest.astype(np.float64).reshape(len(models), len(frequencies))
+
+
+def lowest_inside(frequency: FloatArray, stroke: FloatArray, allowed: float) -> float:
+    """Lowest frequency from which on the stroke stays at or below `allowed`, between grid points by a straight line; or NaN."""
+    outside = np.flatnonzero(stroke > allowed)
+    if len(outside) == 0:
+        return float(frequency[0])
+    k = int(outside[-1])
+    if k == len(frequency) - 1:
+        return float("nan")
+    share = (stroke[k] - allowed) / (stroke[k] - stroke[k + 1])
+    return float(frequency[k] + share * (frequency[k + 1] - frequency[k]))
+
+
+def stroke_study(
+    models: Sequence[RigModel],
+    frequencies: FloatArray,
+    head: FloatArray,
+    sample_rate: float,
+    *,
+    limit: float,
+    safety: float = 1.0,
+    link: str = "isolation",
+) -> StrokeStudy:
+    """Stroke against isolation frequency, and the lowest frequency that stays inside a limit.
+
+    Parameters
+    ----------
+    models
+        The present rig; behind it the same with parameters drawn from their uncertainty.
+    frequencies
+        Isolation frequencies to try, ascending, Hz.
+    head
+        The drive, shape (n,), m/s^2 at `sample_rate` Hz.
+    limit
+        Largest stroke either way, m.
+    safety
+        The stroke must stay inside limit / safety.
+    link
+        The isolation's link.
+
+    Raises
+    ------
+    DataError
+        Where frequencies, limit or safety factor cannot be used.
+    """
+    frequencies = np.asarray(frequencies, dtype=np.float64)
+    if len(frequencies) < 2 or not (np.diff(frequencies) > 0.0).all() or frequencies[0] <= 0.0:
+        raise DataError("the frequencies to try must be positive and ascending, two at least")
+    if not 0.0 < limit < np.inf or not 1.0 <= safety < np.inf:
+        raise DataError(f"a limit of {limit:g} m with a safety factor of {safety:g} cannot be used; give limit > 0, safety >= 1")
+    found = strokes(models, frequencies, head, sample_rate, link=link)
+    allowed = limit / safety
+    lowest = np.array([lowest_inside(frequencies, row, allowed) for row in found])
+    return StrokeStudy(
+        frequency=frequencies, stroke=found[0], draws=found[1:], allowed=allowed, lowest=float(lowest[0]),
+        lowest_of_draws=lowest[1:],
+    )  # fmt: skip
+
+
+def histories(model: RigModel, head: FloatArray, sample_rate: float) -> dict[str, FloatArray]:
+    """Displacement of every body under a drive by name, each shape (n,), m (rad for an angle)."""
+    sensors = tuple(Sensor(channel=body.name, body=body.name, quantity="displacement") for body in model.bodies)
+    watched = msgspec.structs.replace(model, sensors=sensors, free=())
+    return simulate(watched, Excitation.prepare(head, sample_rate, oversample=1)).channels
+
+
+def linear_frf(model: RigModel, frequency: FloatArray, channel: str, *, configuration: str = "unlocked") -> ComplexArray:
+    """Response of a sensor over the drive channel, of the rig without friction and laws, shape (n,).
+
+    (K + i w C - w^2 M) x = push for a unit drive; an acceleration is -w^2 x.
+    """
+    setup = model.configurations[configuration]
+    basis = constraint_basis(model, [model.link(name) for name in setup.rigid])
+    mass, damping, stiffness = (basis.T @ part @ basis for part in matrices(model))
+    push = sum((w * direction(model, name, "ground", {}) for name, w in model.drive.pushes.items()), np.zeros(len(model.bodies)))
+    force = basis.T @ (model.drive.factor * push)
+    sensor = model.sensor(channel)
+    row = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+    omega = 2.0 * pi * np.asarray(frequency)[:, None, None]
+    dynamic = stiffness + 1j * omega * damping - omega**2 * mass
+    motion = np.linalg.solve(dynamic, np.broadcast_to(force, (len(frequency), len(force)))[..., None])[..., 0] @ row
+    order = {"acceleration": 2, "velocity": 1}.get(sensor.quantity, 0)
+    return np.asarray(motion * (1j * omega[:, 0, 0]) ** order)
+
+
+def linear_ratio(model: RigModel, frequency: FloatArray, *, channel: str = "heatblock") -> FloatArray:
+    """Isolation ratio |unlocked| / |locked| of the rig without friction, shape (n,); thesis, Eq. 6."""
+    both = [np.abs(linear_frf(model, frequency, channel, configuration=c)) for c in ("unlocked", "locked")]
+    return np.asarray(both[0] / both[1])
+
+
+def rocking(
+    model: RigModel,
+    offset: float,
+    *,
+    frequency: float,
+    radius: float = 0.1,
+    damping_ratio: float = 0.03,
+    bearing_height: float = 0.02,
+    link: str = "isolation",
+) -> RigModel:
+    """The rig whose drive pushes off the motor's centre of gravity, so that the motor rocks on its bearings.
+
+    Parameters
+    ----------
+    model
+        The rig.
+    offset
+        Distance of the drive's line from the centre of gravity, m.
+    frequency
+        Rocking frequency on the bearings, Hz.
+    radius
+        Radius of gyration of the motor, m: its moment of inertia is m r^2.
+    damping_ratio
+        Of the rocking.
+    bearing_height
+        Distance of the springs' line from the centre of gravity, m: how rocking reaches the table.
+    link
+        The isolation's link.
+    """
+    name = model.link(link).a
+    inertia = model.body(name).mass * radius**2
+    omega = 2.0 * pi * frequency
+    bearing = Link(name="bearing", a="rocking", stiffness=inertia * omega**2, damping=2.0 * damping_ratio * inertia * omega)
+    links = tuple(msgspec.structs.replace(p, arms={"rocking": bearing_height}) if p.name == link else p for p in model.links)
+    contacts = tuple(
+        msgspec.structs.replace(p, arms={"rocking": bearing_height}) if p.name == link else p for p in model.contacts
+    )
+    configurations = {
+        key: msgspec.structs.replace(c, rigid=(*c.rigid, "bearing")) if link in c.rigid else c
+        for key, c in model.configurations.items()
+    }
+    pushes = {**model.drive.pushes, "rocking": offset * model.drive.pushes[name]}
+    return msgspec.structs.replace(
+        model,
+        bodies=(*model.bodies, Body(name="rocking", mass=inertia)),
+        links=(*links, bearing),
+        contacts=contacts,
+        drive=msgspec.structs.replace(model.drive, pushes=pushes),
+        configurations=configurations,
+        free=(),
+    )

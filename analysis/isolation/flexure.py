@@ -1,0 +1,134 @@
+"""Flexures instead of bearings: leaf springs on edge that guide the motor without friction, sized by closed formulas.
+
+Every leaf is clamped at both ends and bends in an S as the motor moves along the axis. It stands on edge, its width upright, so
+that the motor's weight bends it in its stiff direction and does not buckle it. With length L, width b, thickness t and n leaves
+
+    k = n E b t^3 / L^3                      stiffness along the axis
+    s = 3 E t d / L^2                        largest bending stress at a deflection d
+    f_up = f (b / t)                         the motor's frequency up and down, by the same formula with b and t exchanged
+    f_leaf = 22.37 / (2 pi L^2) sqrt(E t^2 / (12 rho))   first bending mode of a leaf by itself
+    u = 3 d^2 / (5 L)                        sideways shift of one-sided leaves; opposite pairs stretch instead
+    P = 4.013 sqrt(E I G J) / (L / 2)^2      load at which a leaf twists out sideways, I = b t^3 / 12, J = b t^3 / 3
+
+The last takes each half of a leaf for a cantilever that is loaded at the leaf's middle, where the moment is zero. Leaves that
+are not much longer than wide are softer upright than the beam formula says.
+
+(Euler-Bernoulli beams; Smith, Flexures: Elements of Elastic Mechanisms, 2000, ch. 4; Blevins, Formulas for Natural Frequency and
+Mode Shape, 1979, table 8-1; Timoshenko and Gere, Theory of Elastic Stability, 1961, ch. 6.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, pi, sqrt
+
+from isorig.analysis.errors import DataError
+
+GRAVITY = 9.81
+#: (beta L)^2 of the first mode of a beam clamped at both ends.
+CLAMPED = 22.3733
+#: Lateral buckling of a narrow cantilever under a load at its end.
+SIDEWAYS = 4.013
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """A spring material: its moduli of tension and shear, N/m^2, density, kg/m^3, and the stress it bears for ever, N/m^2."""
+
+    name: str
+    modulus: float
+    shear: float
+    density: float
+    endurance: float
+
+
+#: Cold-rolled spring steel, 1.4310 and the like: handbook values, endurance with polished edges and half its usual value.
+SPRING_STEEL = Material(name="spring steel", modulus=190e9, shear=73e9, density=7900.0, endurance=300e6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flexure:
+    """A set of leaves.
+
+    Parameters
+    ----------
+    leaves, length, width, thickness
+        How many, and m.
+    stiffness, frequency
+        Along the axis, N/m and Hz.
+    stress
+        Largest at the stroke, N/m^2.
+    upright, leaf
+        Frequencies of the motor up and down on the leaves and of a leaf by itself, Hz.
+    sag
+        How far the motor's weight bends the leaves in their stiff direction, m.
+    sideways
+        Shift of one-sided leaves at the stroke, m.
+    buckling
+        Load at which a leaf twists out sideways, over the share of the motor's weight that it bears.
+    """
+
+    leaves: int
+    length: float
+    width: float
+    thickness: float
+    stiffness: float
+    frequency: float
+    stress: float
+    upright: float
+    leaf: float
+    sag: float
+    sideways: float
+    buckling: float
+
+
+def flexure(
+    mass: float, frequency: float, stroke: float, *, thickness: float, width: float, leaves: int = 4,
+    material: Material = SPRING_STEEL,
+) -> Flexure:  # fmt: skip
+    """The leaves that give a mass a frequency, and what they bear.
+
+    Parameters
+    ----------
+    mass, frequency, stroke
+        Of the motor: kg, Hz, m either way.
+    thickness, width
+        Of a leaf, m.
+    leaves
+        How many bear the motor together.
+    material
+        What they are made of.
+
+    Raises
+    ------
+    DataError
+        Where a number cannot be used.
+    """
+    given = {"mass": mass, "frequency": frequency, "stroke": stroke, "thickness": thickness, "width": width, "leaves": leaves}
+    for name, value in given.items():
+        if not (isfinite(value) and value > 0.0):
+            raise DataError(f"the flexure's {name} is {value:g}; give a finite value above zero")
+    stiffness = (2.0 * pi * frequency) ** 2 * mass
+    length = thickness * (leaves * material.modulus * width / stiffness) ** (1.0 / 3.0)
+    upright = leaves * material.modulus * thickness * width**3 / length**3
+    bending, twisting = material.modulus * width * thickness**3 / 12.0, material.shear * width * thickness**3 / 3.0
+    load = SIDEWAYS * sqrt(bending * twisting) / (0.5 * length) ** 2
+    return Flexure(
+        leaves=leaves, length=length, width=width, thickness=thickness, stiffness=stiffness, frequency=frequency,
+        stress=3.0 * material.modulus * thickness * stroke / length**2, upright=frequency * width / thickness,
+        leaf=CLAMPED / (2.0 * pi * length**2) * sqrt(material.modulus * thickness**2 / (12.0 * material.density)),
+        sag=mass * GRAVITY / upright, sideways=0.6 * stroke**2 / length, buckling=load / (mass * GRAVITY / leaves),
+    )  # fmt: skip
+
+
+def thinnest(
+    mass: float, frequency: float, stroke: float, *, width: float, leaves: int = 4, material: Material = SPRING_STEEL,
+    safety: float = 1.5,
+) -> Flexure:  # fmt: skip
+    """The shortest leaves that bear the stroke for ever and the weight without twisting out, both with a safety factor.
+
+    With k given, L = t (n E b / k)^(1/3): the stress falls as 1 / t and the buckling load grows as t.
+    """
+    unit = flexure(mass, frequency, stroke, thickness=1e-3, width=width, leaves=leaves, material=material)
+    thickness = 1e-3 * max(unit.stress * safety / material.endurance, safety / unit.buckling)
+    return flexure(mass, frequency, stroke, thickness=thickness, width=width, leaves=leaves, material=material)

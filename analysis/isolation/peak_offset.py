@@ -1,0 +1,198 @@
+"""The offset of the heatblock's peaks, unlocked against locked: measured, and what may explain it.
+
+The locked motor rides on the table and makes it heavier, which lowers the heatblock's resonance: mass loading alone puts the
+unlocked peak a little higher. A motor that friction holds rides along too, so its peak stays where the locked one is. Whatever
+is left, or changes with the gain, is a nonlinearity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray, broad
+from isorig.analysis.errors import AnalysisError, DataError
+from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.simulate.compiled import constraint_basis
+from isorig.analysis.spectra.modes import Mode, fit_modes
+from isorig.analysis.spectra.welch import Frf, estimate
+
+#: Where the peak is looked for, as shares of its guess; lines wanted per bandwidth, and segments in a record at least.
+AROUND = (0.85, 1.2)
+LINES, SEGMENTS = 8.0, 12.0
+#: Deviations from which on a difference counts.
+SURE = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeakPair:
+    """The heatblock's peak unlocked and locked at one gain; `offset` is unlocked less locked, Hz."""
+
+    gain: float
+    unlocked: Mode
+    locked: Mode
+
+    @property
+    def offset(self) -> float:
+        """Hz."""
+        return self.unlocked.frequency - self.locked.frequency
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the offset, Hz."""
+        return float(np.hypot(self.unlocked.frequency_std, self.locked.frequency_std))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeakOffset:
+    """What the peaks say.
+
+    Parameters
+    ----------
+    pairs
+        By gain, highest first.
+    mass_loading
+        Offset that the linear rig predicts, its motor free against riding on the table, Hz.
+    slope, slope_std
+        Change of the offset with the gain, Hz per unit of gain; NaN with one gain.
+    change
+        Largest offset among the gains less the smallest, and its standard deviation, Hz; NaN with one gain.
+    verdict
+        One sentence: what the data supports.
+    """
+
+    pairs: tuple[PeakPair, ...]
+    mass_loading: float
+    slope: float
+    slope_std: float
+    change: tuple[float, float]
+    verdict: str
+
+
+def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblock", reference: str = "head") -> PeakOffset:
+    """Fit the heatblock's peak unlocked and locked at every gain whose drive reaches it.
+
+    Parameters
+    ----------
+    campaign
+        Measured or simulated.
+    model
+        The rig with values good enough to tell what mass loading does, e.g. fitted ones.
+    response, reference
+        Channels.
+
+    Raises
+    ------
+    DataError
+        Where no gain was driven around the peak both ways.
+    """
+    guess, loading = loaded_frequencies(model, response)
+    pairs = []
+    reason = ""
+    for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
+        runs = {c: broad(campaign.select(configuration=c, gain=gain)) for c in ("unlocked", "locked")}
+        there = {
+            c: [r for r in same if r.band is None or (r.band[0] < AROUND[0] * guess and r.band[1] > AROUND[1] * guess)]
+            for c, same in runs.items()
+        }
+        if not all(there.values()):
+            continue
+        try:
+            unlocked, locked = (_peak(campaign, gain, c, guess, response, reference) for c in ("unlocked", "locked"))
+        except AnalysisError as error:
+            reason = f" ({error})"
+            continue
+        pairs.append(PeakPair(gain=gain, unlocked=unlocked, locked=locked))
+    if not pairs:
+        raise DataError(
+            f"no gain shows the {response}'s peak near {guess:.4g} Hz both unlocked and locked{reason}; drive that band both ways"
+        )
+    slope, slope_std, change = _change(pairs)
+    return PeakOffset(
+        pairs=tuple(pairs), mass_loading=loading, slope=slope, slope_std=slope_std, change=change,
+        verdict=_verdict(pairs, loading, change),
+    )  # fmt: skip
+
+
+def loaded_frequencies(model: RigModel, body: str) -> tuple[float, float]:
+    """Frequency of the mode in which a body moves most, the motor riding along, and how far it rises with it free, Hz."""
+    found = []
+    for configuration in ("locked", "unlocked"):
+        rigid = [model.link(name) for name in model.configurations[configuration].rigid]
+        basis = constraint_basis(model, rigid)
+        mass, _, stiffness = (basis.T @ m @ basis for m in matrices(model))
+        squares, shapes = np.linalg.eig(np.linalg.solve(mass, stiffness))
+        row = [b.name for b in model.bodies].index(body)
+        motion = basis @ shapes.real
+        share = np.abs(motion[row]) / np.linalg.norm(motion, axis=0)
+        found.append(float(np.sqrt(squares.real[int(np.argmax(share))]) / (2.0 * np.pi)))
+    return found[0], found[1] - found[0]
+
+
+def _peak(campaign: Campaign, gain: float, configuration: str, guess: float, response: str, reference: str) -> Mode:
+    runs = broad(campaign.select(configuration=configuration, gain=gain))
+    longest = max(run.duration for run in runs)
+
+    def look(resolution: float) -> Frf:
+        found = estimate(runs, references=[reference], channels=[response], resolution=resolution)
+        return found.frf(response, reference)
+
+    finest = SEGMENTS / longest
+    frf = look(max(finest, guess / 300.0))
+    at, width = _top(frf, guess)
+    frf = look(max(finest, width / LINES))
+    reach = 3.0 * width + 4.0 * frf.resolution
+    return fit_modes(frf, (at - reach, at + reach), kind="general", guesses=[(at, width / (2.0 * at))]).modes[0]
+
+
+def _top(frf: Frf, guess: float) -> tuple[float, float]:
+    near = (frf.frequency > AROUND[0] * guess) & (frf.frequency < AROUND[1] * guess)
+    f, size = frf.frequency[near], np.abs(frf.value[near])
+    top = int(np.argmax(size))
+    if top in (0, len(f) - 1):
+        raise DataError(f"the magnitude has no peak between {f[0]:.4g} and {f[-1]:.4g} Hz")
+    return float(f[top]), float((size > size[top] / np.sqrt(2.0)).sum() * frf.resolution)
+
+
+def _change(pairs: list[PeakPair]) -> tuple[float, float, tuple[float, float]]:
+    if len(pairs) < 2:
+        return float("nan"), float("nan"), (float("nan"), float("nan"))
+    gain, offset, std = (np.array(v) for v in zip(*((p.gain, p.offset, p.std) for p in pairs), strict=True))
+    slope, slope_std = _line(gain, offset, std)
+    high, low = max(pairs, key=lambda p: p.offset), min(pairs, key=lambda p: p.offset)
+    return slope, slope_std, (high.offset - low.offset, float(np.hypot(high.std, low.std)))
+
+
+def _line(x: FloatArray, y: FloatArray, std: FloatArray) -> tuple[float, float]:
+    weight = 1.0 / std**2
+    middle = float((weight * x).sum() / weight.sum())
+    spread = float((weight * (x - middle) ** 2).sum())
+    return float((weight * (x - middle) * y).sum() / spread), float(spread**-0.5)
+
+
+def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float]) -> str:
+    best = min(pairs, key=lambda p: p.std)
+    told = f"at gain {best.gain:g} the unlocked peak lies {best.offset:+.3f} ± {best.std:.3f} Hz from the locked one"
+    loads = [abs(p.offset - loading) <= SURE * p.std for p in pairs]
+    moves = len(pairs) > 1 and change[0] > SURE * change[1]
+    if all(loads) and not moves:
+        said = f"which is what mass loading alone predicts ({loading:+.3f} Hz); no nonlinearity is needed"
+    elif any(loads) and moves:
+        said = (
+            f"mass loading predicts {loading:+.3f} Hz, and the offset changes by {change[0]:.3f} ± {change[1]:.3f} Hz with the "
+            "gain: the data supports both, mass loading at one gain and a nonlinearity that takes it away at another"
+        )
+    elif abs(best.offset) <= SURE * best.std:
+        said = (
+            f"so mass loading ({loading:+.3f} Hz) does not show: the unlocked motor rides on the table like the locked one, "
+            "as friction makes it do, which is a nonlinearity and not a matter of mass"
+        )
+    else:
+        away = abs(best.offset - loading) / best.std
+        said = (
+            f"{away:.0f} deviations from what mass loading alone predicts ({loading:+.3f} Hz): the data supports a nonlinearity "
+            "(friction that holds the motor part of the time lies between none and all of it) beside mass loading"
+        )
+    more = "" if len(pairs) > 1 else "; only one gain reaches the peak, so its change with the gain is not known"
+    return f"The heatblock's peak: {told}, {said}{more}."

@@ -1,0 +1,300 @@
+"""The isolation ratio: how much of the drive reaches the heatblock unlocked, over locked, stitched from several gains.
+
+Thesis, Eq. 6: |heatblock / head| unlocked over the same locked. The highest gain shows low frequencies, where its drive has
+power and friction is overcome; above, only a low gain can be driven.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.spectra.welch import Frf, estimate, frfs_on_common_lines
+
+#: Where the thesis stitches its gains, Hz.
+STITCH = 15.0
+#: Lines this far around the stitch tell its step, as a share of its frequency.
+AROUND = 0.25
+#: Slower than this share of the body's own rms speed, the sliding is at rest.
+AT_REST = 1e-3
+
+
+#: The isolation works from this multiple of its own frequency on: there a mass on a spring passes on less than it is given.
+ABOVE = float(np.sqrt(2.0))
+#: A Hann window ties neighbouring lines together, so that a sum over lines scatters by this factor more, as a variance.
+TIED = 2.0
+
+
+class Isolated(NamedTuple):
+    """The share of the heatblock's shaking that the isolation keeps away in a band (Hz) at a gain, and its deviation.
+
+    1 - sqrt(sum of |unlocked|^2 / sum of |locked|^2) over the lines: the rms of the heatblock's acceleration under a drive that
+    is flat over the band, unlocked against locked.
+    """
+
+    share: float
+    std: float
+    band: tuple[float, float]
+    gain: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % of a normal variable."""
+        return self.share - 1.96 * self.std, self.share + 1.96 * self.std
+
+
+class Peaks(NamedTuple):
+    """The heatblock's peaks: where the highest lines lie (Hz), their ratio each at its own place, and line by line.
+
+    `std` is that of `ratio`; `by_line` is the ratio at the unlocked peak's line.
+    """
+
+    unlocked: float
+    locked: float
+    ratio: float
+    std: float
+    by_line: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """The ratio at one gain.
+
+    Parameters
+    ----------
+    gain
+        Drive gain.
+    band
+        Band of the drive, Hz.
+    unlocked, locked
+        The two transfer functions.
+    ratio, std
+        |unlocked| / |locked| and its standard deviation, shape (lines,).
+    """
+
+    gain: float
+    band: tuple[float, float]
+    unlocked: Frf
+    locked: Frf
+    ratio: FloatArray
+    std: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolationRatio:
+    """The stitched ratio.
+
+    Parameters
+    ----------
+    frequency, ratio, std
+        Hz, 1, 1, shape (lines,): only where some gain's drive has power.
+    gain
+        Which gain each line comes from, shape (lines,).
+    pieces
+        The ratio at each gain, highest first.
+    stitches
+        Where one gain hands over to the next, Hz.
+    steps
+        Ratio of the higher gain over the lower's around each stitch, and its standard deviation.
+    peaks
+        Around the heatblock's peak, at the lowest gain; NaN where its drive does not reach it.
+    """
+
+    frequency: FloatArray
+    ratio: FloatArray
+    std: FloatArray
+    gain: FloatArray
+    pieces: tuple[Piece, ...]
+    stitches: tuple[float, ...]
+    steps: tuple[tuple[float, float], ...]
+    peaks: Peaks
+
+
+def isolation_ratio(
+    campaign: Campaign,
+    *,
+    response: str = "heatblock",
+    reference: str = "head",
+    resolution: float = 0.25,
+    stitch: float = STITCH,
+    around_peak: tuple[float, float] = (120.0, 220.0),
+) -> IsolationRatio:
+    """The isolation ratio of a campaign, measured or simulated.
+
+    Parameters
+    ----------
+    campaign
+        Needs broad-band runs unlocked and locked at one gain at least.
+    response, reference
+        Channels.
+    resolution
+        Distance of lines, Hz.
+    stitch
+        Where the highest gain hands over to the next, Hz; further stitches lie where a gain's band ends.
+    around_peak
+        Where the heatblock's peak is looked for, Hz.
+
+    Raises
+    ------
+    DataError
+        Where no gain was measured both ways.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.isolation_ratio(iso.read("campaign.h5"))
+    >>> found.stitches
+    (15.0,)
+    """
+    pieces = _pieces(campaign, response, reference, resolution)
+    frequency = pieces[0].unlocked.frequency
+    source = np.full(len(frequency), -1)
+    stitches: list[float] = []
+    low = min(piece.band[0] for piece in pieces)
+    for k, piece in enumerate(pieces):
+        last = k == len(pieces) - 1
+        high = piece.band[1] if last else min(stitch, piece.band[1])
+        source[(frequency >= low) & (frequency <= high) & (source < 0)] = k
+        if not last:
+            stitches.append(high)
+        low = max(low, high)
+    kept = source >= 0
+    rows = np.arange(len(frequency))[kept], source[kept]
+    ratios, stds = np.stack([p.ratio for p in pieces]), np.stack([p.std for p in pieces])
+    return IsolationRatio(
+        frequency=frequency[kept], ratio=ratios[rows[1], rows[0]], std=stds[rows[1], rows[0]],
+        gain=np.array([p.gain for p in pieces])[rows[1]], pieces=pieces, stitches=tuple(stitches),
+        steps=tuple(_step(a, b, at) for a, b, at in zip(pieces, pieces[1:], stitches, strict=False)),
+        peaks=_peaks(pieces[-1], around_peak),
+    )  # fmt: skip
+
+
+def isolated_share(found: IsolationRatio, above: float) -> Isolated:
+    """The isolation in one number: at the highest gain, where friction is overcome, from `above` (Hz) to the end of its drive.
+
+    Raises
+    ------
+    DataError
+        Where that gain's drive ends below.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.isolation_ratio(iso.read("campaign.h5"))
+    >>> isolated = iso.isolated_share(found, above=7.2)
+    >>> isolated.gain, 0.0 < isolated.share < 1.0
+    (70.0, True)
+    """
+    piece = found.pieces[0]
+    f = piece.unlocked.frequency
+    kept = (f >= max(above, piece.band[0])) & (f <= piece.band[1])
+    if kept.sum() < 2:
+        raise DataError(
+            f"gain {piece.gain:g} drives up to {piece.band[1]:g} Hz, below the {above:.3g} Hz from which the isolation works; "
+            "drive it higher"
+        )
+    squares, spreads = [], []
+    for frf in (piece.unlocked, piece.locked):
+        size = np.abs(frf.value[kept])
+        squares.append(float((size**2).sum()))
+        spreads.append(TIED * float(((2.0 * size * frf.magnitude_std[kept]) ** 2).sum()) / squares[-1] ** 2)
+    passed = float(np.sqrt(squares[0] / squares[1]))
+    band = (float(f[kept][0]), float(f[kept][-1]))
+    return Isolated(share=1.0 - passed, std=0.5 * passed * float(np.sqrt(sum(spreads))), band=band, gain=piece.gain)
+
+
+def isolation_frequency(model: RigModel) -> float:
+    """Frequency of the locked configuration's link by itself, sqrt(k / m) / 2 pi, Hz; 0 where nothing can be locked."""
+    locked = model.configurations.get("locked")
+    if locked is None or not locked.rigid:
+        return 0.0
+    link = model.link(locked.rigid[0])
+    return float(np.sqrt(link.stiffness / model.body(link.a).mass) / (2.0 * np.pi))
+
+
+def magnitude_ratio(upper: Frf, lower: Frf) -> tuple[FloatArray, FloatArray]:
+    """|upper| / |lower| line by line and its standard deviation, both shape (lines,)."""
+    tiny = np.finfo(float).tiny
+    size_u, size_l = np.abs(upper.value), np.maximum(np.abs(lower.value), tiny)
+    ratio = size_u / size_l
+    return ratio, ratio * np.hypot(upper.magnitude_std / np.maximum(size_u, tiny), lower.magnitude_std / size_l)
+
+
+def _pieces(campaign: Campaign, response: str, reference: str, resolution: float) -> tuple[Piece, ...]:
+    gains = []
+    for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
+        both = [broad(campaign.select(configuration=c, gain=gain)) for c in ("unlocked", "locked")]
+        if all(both):
+            gains.append((gain, both))
+    found = [
+        estimate(runs, references=[reference], channels=[response], resolution=resolution).frf(response, reference)
+        for _, both in gains
+        for runs in both
+    ]
+    # Runs may differ in their sample rates, and with them in their lines.
+    lined_up = frfs_on_common_lines(found) if found else []
+    pieces = []
+    for (gain, both), u, k in zip(gains, lined_up[::2], lined_up[1::2], strict=True):
+        ratio, std = magnitude_ratio(u, k)
+        bands = [run.band for runs in both for run in runs if run.band is not None]
+        band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (resolution, both[0][0].sample_rate / 2.56)
+        pieces.append(Piece(gain=gain, band=band, unlocked=u, locked=k, ratio=ratio, std=std))
+    if not pieces:
+        told = ", ".join(sorted({f"{run.configuration} at gain {run.gain:g}" for run in broad(campaign.runs)})) or "none"
+        raise DataError(
+            f"{campaign.source or 'the campaign'} has no gain measured both unlocked and locked with a broad-band drive "
+            f"(it has {told}); measure the missing one"
+        )
+    return tuple(pieces)
+
+
+def _step(high: Piece, low: Piece, at: float) -> tuple[float, float]:
+    f = high.unlocked.frequency
+    near = (np.abs(f - at) <= AROUND * at) & (f <= high.band[1]) & (f >= low.band[0])
+    if near.sum() < 2:
+        return float("nan"), float("nan")
+    relative = np.hypot(high.std[near] / high.ratio[near], low.std[near] / low.ratio[near])
+    weight = 1.0 / np.maximum(relative, 1e-9) ** 2
+    step = float(np.exp(np.average(np.log(high.ratio[near] / low.ratio[near]), weights=weight)))
+    return step, step / float(np.sqrt(weight.sum()))
+
+
+def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
+    f = piece.unlocked.frequency
+    near = np.flatnonzero((f >= around[0]) & (f <= min(around[1], piece.band[1])))
+    if len(near) < 3:
+        return Peaks(*[float("nan")] * 5)
+    both = (piece.unlocked, piece.locked)
+    u, k = tops = [int(near[np.argmax(np.abs(frf.value[near]))]) for frf in both]
+    (size_u, std_u), (size_k, std_k) = (
+        (float(np.abs(frf.value[top])), float(frf.magnitude_std[top])) for frf, top in zip(both, tops, strict=True)
+    )
+    ratio = size_u / size_k
+    return Peaks(
+        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * float(np.hypot(std_u / size_u, std_k / size_k)),
+        by_line=float(piece.ratio[u]),
+    )  # fmt: skip
+
+
+def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
+    """Share of a run's time in which the simulated bodies at the ends of a link do not slide on one another."""
+    joint = model.link(link)
+    sliding = Sensor(channel="sliding", body=joint.a, relative_to=joint.b, quantity="velocity")
+    moving = Sensor(channel="moving", body=joint.a, quantity="velocity")
+    watched = msgspec.structs.replace(model, sensors=(sliding, moving), free=())
+    excitation = Excitation.prepare(run.read(model.drive.channel), run.sample_rate)
+    seen = simulate(watched, excitation, configuration=run.configuration).channels
+    return float(np.mean(np.abs(seen["sliding"]) <= AT_REST * float(seen["moving"].std())))
+
+
+def friction_bound(ratio: IsolationRatio, shares: dict[float, float], most: float = 0.5) -> NDArray[np.bool_]:
+    """Lines that come from a gain at which the motor is stuck for more than `most` of the time, shape (lines,)."""
+    return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > most]))

@@ -1,0 +1,82 @@
+"""Dry friction smoothed: it creeps and never sticks."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.elements import Element, Formula, State
+from isorig.analysis.laws.shapes import falling
+
+
+class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
+    """(2 / pi) g(v) arctan(v / smoothing_velocity) + viscous_coefficient * v: never sticks.
+
+    g(v) = Fc + (Fs - Fc) exp(-|v / stribeck_velocity|^exponent) with friction_force Fc and static_force Fs (thesis; Armstrong-
+    Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994); Fc alone where static_force is None.
+    """
+
+    friction_force: float
+    smoothing_velocity: float
+    static_force: float | None = None
+    stribeck_velocity: float = 0.05
+    exponent: float = 1.0
+    viscous_coefficient: float = 0.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "friction_force": Parameter("N", 1.0, 12.0),
+        "smoothing_velocity": Parameter("m/s", 5e-3, 0.1),
+        "static_force": Parameter("N", 1.0, 20.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
+        "exponent": Parameter("1", 0.5, 2.0),
+        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("friction_force", "viscous_coefficient"):
+            self.require(name, least=0.0)
+        for name in ("smoothing_velocity", "stribeck_velocity", "exponent"):
+            self.require(name, above=0.0)
+        if self.static_force is not None:
+            breakaway(self.static_force, self.friction_force)
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        force = float(draw.uniform(1.0, 12.0))
+        return cls(
+            friction_force=force, smoothing_velocity=float(draw.uniform(5e-3, 0.05)),
+            static_force=force * float(draw.uniform(1.0, 1.6)), stribeck_velocity=float(draw.uniform(0.02, 0.1)),
+            exponent=float(draw.uniform(1.0, 2.0)), viscous_coefficient=float(draw.uniform(0.0, 20.0)),
+        )  # fmt: skip
+
+    def element(self, stiffness: float) -> Element:
+        top = self._static
+        falls = top - self.friction_force
+        return Element(
+            states=(State(v=self.viscous_coefficient),), formula=FORMULA,
+            params=(self.friction_force, self.smoothing_velocity, falls, self.stribeck_velocity, self.exponent),
+            steepest=(0.0, top / self.smoothing_velocity + 2.0 * falls / self.stribeck_velocity),
+        )  # fmt: skip
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        level = falling(v, self.friction_force, self._static, self.stribeck_velocity, self.exponent)
+        return np.asarray(level * (2.0 / np.pi) * np.arctan(v / self.smoothing_velocity) + self.viscous_coefficient * v)
+
+    @property
+    def _static(self) -> float:
+        return self.friction_force if self.static_force is None else self.static_force
+
+
+@kernel
+def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    level = p[0]
+    if p[2] > 0.0:
+        level += p[2] * np.exp(-((abs(v) / p[3]) ** p[4]))
+    return level * (2.0 / np.pi) * np.arctan(v / p[1])
+
+
+FORMULA = Formula(resist=resist)

@@ -1,0 +1,40 @@
+"""Dry and viscous friction that differ by direction."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.elements import Element, dry
+
+
+class Asymmetric(ContactLaw, frozen=True, kw_only=True, tag="asymmetric"):
+    """Another dry level (N) and another viscous coefficient (N s/m) each way, forward being v > 0."""
+
+    forward_force: float
+    backward_force: float
+    forward_viscosity: float = 0.0
+    backward_viscosity: float = 0.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "forward_force": Parameter("N", 1.0, 12.0),
+        "backward_force": Parameter("N", 1.0, 12.0),
+        "forward_viscosity": Parameter("N s/m", 0.0, 20.0),
+        "backward_viscosity": Parameter("N s/m", 0.0, 20.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.__struct_fields__:
+            self.require(name, least=0.0)
+
+    def element(self, stiffness: float) -> Element:
+        levels = (self.forward_force, self.backward_force)
+        return Element(states=dry(levels, levels, (self.forward_viscosity, self.backward_viscosity)))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        forward = self.forward_force + self.forward_viscosity * np.abs(v)
+        backward = self.backward_force + self.backward_viscosity * np.abs(v)
+        return np.asarray(np.where(v > 0.0, forward, np.where(v < 0.0, -backward, 0.0)))

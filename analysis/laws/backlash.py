@@ -1,0 +1,44 @@
+"""Play in a spring's mounting."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.elements import Element, Exit, State
+
+
+class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
+    """Spring acts only beyond `clearance` (m, half the play); inside a share `residual` of the stiffness stays."""
+
+    clearance: float
+    residual: float = 0.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "clearance": Parameter("m", 1e-4, 1e-2),
+        "residual": Parameter("1", 0.0, 0.5),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("clearance", least=0.0)
+        if not 0.0 <= self.residual <= 1.0:
+            raise ModelError(f"residual is {self.residual:g}, which must lie in [0, 1]; correct it")
+
+    def element(self, stiffness: float) -> Element | None:
+        slack, c = stiffness * (1.0 - self.residual), self.clearance
+        if slack == 0.0 or c == 0.0:
+            return None
+        return Element(
+            states=(
+                State(d=-slack, exits=(Exit(to=1, const=c, d=-1.0), Exit(to=2, const=c, d=1.0))),
+                State(const=-slack * c, exits=(Exit(to=0, const=-c, d=1.0),)),
+                State(const=slack * c, exits=(Exit(to=0, const=-c, d=-1.0),)),
+            )
+        )
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        return np.asarray(-stiffness * (1.0 - self.residual) * np.clip(d, -self.clearance, self.clearance))

@@ -1,0 +1,94 @@
+"""Hysteresis with a loop whose corners are as sharp as wanted."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.shapes import turning
+
+
+class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
+    """force = friction_force z, dz/dt = (k / F) (v - b |v| z |z|^(n - 1) - (1 - b) v |z|^n), |z| never above 1.
+
+    F is `friction_force` (N), k the `initial_stiffness` (N/m) from rest, n the `sharpness` of the loop's corners and b the
+    `pinching` in [0, 1]: 1 unloads as stiff as it loads. With n = 1 and b = 1 it is Dahl's law (Bouc 1967; Wen, J. Eng. Mech.
+    Div. 102, 1976).
+    """
+
+    friction_force: float
+    initial_stiffness: float
+    sharpness: float = 1.0
+    pinching: float = 0.5
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "friction_force": Parameter("N", 1.0, 12.0),
+        "initial_stiffness": Parameter("N/m", 1e3, 1e4),
+        "sharpness": Parameter("1", 1.0, 3.0),
+        "pinching": Parameter("1", 0.5, 1.0),
+    }
+    remembers: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("friction_force", above=0.0)
+        self.require("initial_stiffness", above=0.0)
+        self.require("sharpness", least=1.0)
+        if not 0.0 <= self.pinching <= 1.0:
+            raise ModelError(f"pinching is {self.pinching:g}, which must lie in [0, 1]; correct it")
+
+    def element(self, stiffness: float) -> Element:
+        params = (self.friction_force, self.initial_stiffness, self.sharpness, self.pinching)
+        return Element(formula=FORMULA, params=params, memories=1, steepest=(2.0 * self.initial_stiffness, 0.0))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        return self.friction_force * memory[0]
+
+    def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
+        z, n, b = memory, self.sharpness, self.pinching
+        bent = b * abs(v) * z * np.abs(z) ** (n - 1.0) + (1.0 - b) * v * np.abs(z) ** n
+        return np.asarray(self.initial_stiffness / self.friction_force * (v - bent))
+
+
+@kernel
+def rate(p: FloatArray, z: float, v: float) -> float:
+    """dz/dt."""
+    near = abs(z) ** (p[2] - 1.0) if p[2] != 1.0 else 1.0
+    return p[1] / p[0] * (v - near * (p[3] * abs(v) * z + (1.0 - p[3]) * v * abs(z)))
+
+
+@kernel
+def resist(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
+    return p[0] * memory[0]
+
+
+@kernel
+def carry(
+    p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
+    low: float, high: float, h: float,
+) -> None:  # fmt: skip
+    # RK4 in parts under a parabola of speeds, split where the speed turns: there the rate has a corner.
+    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    fastest = max(abs(v0), abs(vm), abs(v1))
+    z, x = memory[0], turning(v0, vm, v1, low, high)
+    for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
+        parts = 2 + int(10.0 * p[2] * p[1] / p[0] * fastest * (end - begin) * h)
+        dx = (end - begin) / parts
+        for k in range(parts):
+            x = begin + k * dx
+            xm, x1 = x + 0.5 * dx, x + dx
+            va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
+            k1 = rate(p, z, va)
+            k2 = rate(p, z + 0.5 * dx * h * k1, vb)
+            k3 = rate(p, z + 0.5 * dx * h * k2, vb)
+            k4 = rate(p, z + dx * h * k3, vc)
+            z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    after[0] = z
+
+
+FORMULA = Formula(resist=resist, carry=carry)

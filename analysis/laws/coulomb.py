@@ -1,0 +1,42 @@
+"""Dry friction."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.elements import Element, dry
+
+
+class Coulomb(ContactLaw, frozen=True, kw_only=True, tag="coulomb"):
+    """friction_force * sign(v) while sliding; at rest whatever holds, up to static_force (friction_force where None)."""
+
+    friction_force: float
+    static_force: float | None = None
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "friction_force": Parameter("N", 1.0, 12.0),
+        "static_force": Parameter("N", 1.0, 20.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("friction_force", least=0.0)
+        if self.static_force is not None:
+            breakaway(self.static_force, self.friction_force)
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        force = float(draw.uniform(1.0, 12.0))
+        return cls(friction_force=force, static_force=force * float(draw.uniform(1.0, 1.6)))
+
+    def element(self, stiffness: float) -> Element | None:
+        static = self.friction_force if self.static_force is None else self.static_force
+        if static == 0.0:
+            return None
+        return Element(states=dry((self.friction_force, self.friction_force), (static, static)))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        return self.friction_force * np.sign(v)

@@ -1,0 +1,31 @@
+"""A spring that hardens or softens with the cube of its deflection."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.elements import Element, Formula
+
+
+class Cubic(SpringLaw, frozen=True, kw_only=True, tag="cubic"):
+    """Force cubic_stiffness * d^3 added to the spring (N/m^3); negative softens."""
+
+    cubic_stiffness: float
+    parameters: ClassVar[dict[str, Parameter]] = {"cubic_stiffness": Parameter("N/m^3", 1e4, 1e7)}
+
+    def element(self, stiffness: float) -> Element:
+        return Element(formula=FORMULA, params=(self.cubic_stiffness,))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        return self.cubic_stiffness * d**3
+
+
+@kernel
+def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return p[0] * d * d * d
+
+
+FORMULA = Formula(resist=resist)

@@ -1,0 +1,67 @@
+"""A tabulated spring, damper or stiffness over time."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.shapes import read, spline, table, tabulated
+
+
+class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
+    """A tabulated law: a natural cubic spline through the points (`at`, `values`), straight beyond its ends.
+
+    over "deflection" (m) or "speed" (m/s): a force in N added to the link's; over "time" (s since the campaign's first
+    sample, constant beyond the ends): a stiffness in N/m added to the link's.
+    """
+
+    over: Literal["deflection", "speed", "time"]
+    at: tuple[float, ...]
+    values: tuple[float, ...]
+    parameters: ClassVar[dict[str, Parameter]] = {"at": Parameter("m", 1e-3, 2e-2), "values": Parameter("N", 0.0, 10.0)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        table(self.at, self.values)
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        at = np.linspace(-1.0, 1.0, 9) * draw.uniform(0.01, 0.02)
+        values = np.sort(draw.uniform(-5.0, 5.0, 9))
+        return cls(over="deflection", at=tuple(at.tolist()), values=tuple((values - values[4]).tolist()))
+
+    def element(self, stiffness: float) -> Element:
+        params, slope = spline(self.at, self.values)
+        if self.over == "deflection":
+            return Element(formula=OVER_DEFLECTION, params=params, steepest=(slope, 0.0))
+        if self.over == "speed":
+            return Element(formula=OVER_SPEED, params=params, steepest=(0.0, slope))
+        return Element(formula=OVER_TIME, params=params)
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        if self.over == "time":
+            return read(self.at, self.values, t, straight=False) * d
+        return read(self.at, self.values, d if self.over == "deflection" else v, straight=True)
+
+
+@kernel
+def over_deflection(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return tabulated(p, 0, d, True)
+
+
+@kernel
+def over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return tabulated(p, 0, v, True)
+
+
+@kernel
+def over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return tabulated(p, 0, t, False) * d
+
+
+OVER_DEFLECTION, OVER_SPEED, OVER_TIME = Formula(resist=over_deflection), Formula(resist=over_speed), Formula(resist=over_time)

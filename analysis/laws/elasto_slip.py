@@ -1,0 +1,87 @@
+"""Play, a spring and a slider in a row."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.shapes import dragged, turning, way
+
+
+class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
+    """Play, a spring and a slider in a row: force = spring_stiffness * (what d - u exceeds `clearance` by).
+
+    u is the slider's position. It moves only so far that |force| never exceeds slip_force (N). `clearance` (m) is half
+    the play; without play it is Jenkin's element, and several side by side are the Maxwell-slip (Iwan) model of hysteresis
+    (Iwan, J. Appl. Mech. 33, 1966).
+    """
+
+    spring_stiffness: float
+    slip_force: float
+    clearance: float = 0.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "spring_stiffness": Parameter("N/m", 3e2, 1e4),
+        "slip_force": Parameter("N", 1.0, 10.0),
+        "clearance": Parameter("m", 0.0, 5e-3),
+    }
+    remembers: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("spring_stiffness", above=0.0)
+        self.require("slip_force", least=0.0)
+        self.require("clearance", least=0.0)
+
+    def element(self, stiffness: float) -> Element:
+        params = (self.spring_stiffness, self.slip_force, self.clearance)
+        return Element(formula=FORMULA, params=params, memories=1, steepest=(self.spring_stiffness, 0.0))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        x = d - memory[0]
+        return np.asarray(self.spring_stiffness * np.sign(x) * np.maximum(np.abs(x) - self.clearance, 0.0))
+
+    def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
+        lead = d - memory[0]
+        slips = abs(lead) >= self.slip_force / self.spring_stiffness + self.clearance and lead * v > 0.0
+        return np.array([v if slips else 0.0])
+
+    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+        sliders = np.empty(len(d))
+        dragged_along(self.slip_force / self.spring_stiffness + self.clearance, np.ascontiguousarray(d), sliders)
+        return self.force(d, v, d, sliders[None], stiffness)
+
+
+@kernel
+def resist(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
+    x, clearance = d - memory[0], p[2]
+    return p[0] * (x - clearance if x > clearance else (x + clearance if x < -clearance else 0.0))
+
+
+@kernel
+def carry(
+    p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
+    low: float, high: float, h: float,
+) -> None:  # fmt: skip
+    # Split where the speed turns: between, the elongation goes straight.
+    give, x = p[1] / p[0] + p[2], turning(v0, vm, v1, low, high)
+    u = memory[0]
+    if x >= 0.0:
+        u = dragged(u, give, d0 + way(v0, vm, v1, low, x, h))
+    after[0] = dragged(u, give, d1)
+
+
+@kernel
+def dragged_along(give: float, d: FloatArray, out: FloatArray) -> None:
+    """Positions of a slider along elongations d (m) that go straight between samples, into `out`, shape (n,)."""
+    u = 0.0
+    for k in range(len(d)):
+        u = dragged(u, give, d[k])
+        out[k] = u
+
+
+FORMULA = Formula(resist=resist, carry=carry)

@@ -1,0 +1,93 @@
+"""Dry friction whose level is tabulated."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.elements import Element, Formula, dry, levelled
+from isorig.analysis.laws.shapes import read, spline, table, tabulated
+
+
+class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve"):
+    """Dry friction whose level is tabulated: a natural cubic spline through (`at`, `levels`), never below zero.
+
+    over "speed": the level at |v| (m/s), `backward` giving another one for v < 0; breakaway is the level at rest. Over
+    "position": the level at elongation d (m). Over "time": the level at a time (s since the campaign's first sample).
+    Beyond the ends the level stays what it is there.
+    """
+
+    over: Literal["speed", "position", "time"]
+    at: tuple[float, ...]
+    levels: tuple[float, ...]
+    backward: tuple[float, ...] = ()
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "at": Parameter("m/s", 1e-3, 1.0),
+        "levels": Parameter("N", 1.0, 12.0),
+        "backward": Parameter("N", 1.0, 12.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        table(self.at, self.levels)
+        if self.backward:
+            table(self.at, self.backward)
+        if self.backward and self.over != "speed":
+            raise ModelError(f"backward levels go with levels over speed, not over {self.over}; leave them out")
+        if self.over == "speed" and self.at[0] != 0.0:
+            raise ModelError(f"levels over speed begin at {self.at[0]:g} m/s; begin them at 0, which is breakaway")
+        lowest = min((*self.levels, *self.backward))
+        if lowest < 0.0:
+            raise ModelError(f"a friction level is {lowest:g} N; give levels of zero or more")
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        at = tuple((np.linspace(-0.02, 0.02, 7)).tolist())
+        return cls(over="position", at=at, levels=tuple(draw.uniform(3.0, 8.0, 7).tolist()))
+
+    def element(self, stiffness: float) -> Element:
+        params, slope = spline(self.at, self.levels)
+        if self.over == "speed":
+            back, other = spline(self.at, self.backward or self.levels)
+            at_rest = self.levels[0], (self.backward or self.levels)[0]
+            return Element(
+                states=dry(at_rest, at_rest), formula=OVER_SPEED, params=(*params, *back), gates=(0.0, 1.0, -1.0),
+                steepest=(0.0, max(slope, other)),
+            )  # fmt: skip
+        if self.over == "position":
+            return Element(states=levelled(), formula=OVER_POSITION, params=params, gates=(1.0, 1.0, -1.0), steepest=(slope, 0.0))
+        return Element(states=levelled(), formula=OVER_TIME, params=params, gates=(1.0, 1.0, -1.0))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        x = {"speed": np.abs(v), "position": d, "time": t}[self.over]
+        level = read(self.at, self.levels, x, straight=False)
+        if self.backward:
+            level = np.where(v < 0.0, read(self.at, self.backward, x, straight=False), level)
+        return np.asarray(np.maximum(level, 0.0) * np.sign(v))
+
+
+@kernel
+def over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    if gate == 0.0:
+        return 0.0
+    # The level beyond the one at rest, which the states carry; the backward table follows the forward one.
+    first = 0 if gate > 0.0 else 5 * int(p[0]) - 3
+    return gate * (max(tabulated(p, first, gate * v, False), 0.0) - tabulated(p, first, 0.0, False))
+
+
+@kernel
+def over_position(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return gate * max(tabulated(p, 0, d, False), 0.0)
+
+
+@kernel
+def over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return gate * max(tabulated(p, 0, t, False), 0.0)
+
+
+OVER_SPEED, OVER_POSITION, OVER_TIME = Formula(resist=over_speed), Formula(resist=over_position), Formula(resist=over_time)

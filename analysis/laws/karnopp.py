@@ -1,0 +1,92 @@
+"""Dry friction that holds within a band of speed."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.elements import Element, Exit, State
+from isorig.analysis.laws.shapes import falling
+from isorig.analysis.laws.stribeck import FORMULA
+
+
+class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
+    """Friction with a band of speed in which the contact holds; viscous_coefficient * v is added everywhere.
+
+    |v| < band (m/s): resists up to static_force Fs. Held there the speed stays what it was, it is not taken to zero (Karnopp,
+    J. Dyn. Syst. Meas. Control 107, 1985). Outside: g(v) sign(v), g(v) = Fc + (Fs - Fc) exp(-|v / stribeck_velocity|^exponent)
+    with friction_force Fc (thesis); Fc alone where stribeck_velocity is None.
+    """
+
+    friction_force: float
+    static_force: float
+    band: float
+    stribeck_velocity: float | None = None
+    exponent: float = 1.0
+    viscous_coefficient: float = 0.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "friction_force": Parameter("N", 1.0, 12.0),
+        "static_force": Parameter("N", 1.0, 20.0),
+        "band": Parameter("m/s", 1e-4, 0.03),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
+        "exponent": Parameter("1", 0.5, 2.0),
+        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("friction_force", "viscous_coefficient"):
+            self.require(name, least=0.0)
+        for name in ("band", "exponent"):
+            self.require(name, above=0.0)
+        if self.stribeck_velocity is not None:
+            self.require("stribeck_velocity", above=0.0)
+        breakaway(self.static_force, self.friction_force)
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        force = float(draw.uniform(1.0, 12.0))
+        return cls(
+            friction_force=force, static_force=force * float(draw.uniform(1.0, 1.6)), band=float(draw.uniform(1e-3, 0.03)),
+            stribeck_velocity=float(draw.uniform(0.02, 0.1)), exponent=float(draw.uniform(1.0, 2.0)),
+            viscous_coefficient=float(draw.uniform(0.0, 20.0)),
+        )  # fmt: skip
+
+    def element(self, stiffness: float) -> Element:
+        # Held within the band, pulled through it either way, sliding either way.
+        band, static, sliding, viscous = self.band, self.static_force, self.friction_force, self.viscous_coefficient
+        out = (Exit(to=1, const=static, v=viscous, hold=-1.0), Exit(to=2, const=static, v=-viscous, hold=1.0))
+        states = (
+            State(holds=True, exits=out),
+            State(const=static, v=viscous, exits=(Exit(to=3, const=band, v=-1.0), Exit(to=0, a=1.0))),
+            State(const=-static, v=viscous, exits=(Exit(to=4, const=band, v=1.0), Exit(to=0, a=-1.0))),
+            State(const=sliding, v=viscous, exits=(Exit(to=0, const=-band, v=1.0),)),
+            State(const=-sliding, v=viscous, exits=(Exit(to=0, const=-band, v=-1.0),)),
+        )  # fmt: skip
+        falls = static - sliding
+        if self.stribeck_velocity is None or falls == 0.0:
+            return Element(states=states)
+        return Element(
+            states=states, formula=FORMULA, params=(falls, self.stribeck_velocity, self.exponent, 0.0),
+            gates=(0.0, 0.0, 0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
+        )  # fmt: skip
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        # Within the band it is what holds, which no motion tells.
+        level: float | FloatArray = self.friction_force
+        if self.stribeck_velocity is not None:
+            level = falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
+        return np.where(np.abs(v) > self.band, level * np.sign(v), np.nan) + self.viscous_coefficient * v
+
+    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+        within = int(np.count_nonzero(np.abs(v) <= self.band))
+        if within:
+            raise SimulationError(
+                f"{within} of {len(v)} samples lie within Karnopp's band of {self.band:g} m/s, where the motion does not tell "
+                "the friction force; choose a law that has a force at every speed, as coulomb or stribeck"
+            )
+        return super().along(d, v, rate, stiffness)

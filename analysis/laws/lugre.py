@@ -1,0 +1,115 @@
+"""Friction of bristles: elastic before it slides, falling with the speed."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.shapes import falling, turning
+
+
+class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
+    """Bristles of mean deflection z: force = s0 z + s1 dz/dt + s2 v, dz/dt = v - s0 |v| z / g(v).
+
+    g(v) = Fc + (Fs - Fc) exp(-|v / vs|^exponent); s0 is `bristle_stiffness` (N/m), s1 `bristle_damping` and s2
+    `viscous_coefficient` (N s/m) (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 1995).
+    """
+
+    bristle_stiffness: float
+    friction_force: float
+    static_force: float
+    stribeck_velocity: float
+    bristle_damping: float = 0.0
+    viscous_coefficient: float = 0.0
+    exponent: float = 2.0
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "bristle_stiffness": Parameter("N/m", 1e3, 3e4),
+        "friction_force": Parameter("N", 1.0, 12.0),
+        "static_force": Parameter("N", 1.0, 20.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
+        "bristle_damping": Parameter("N s/m", 0.0, 20.0),
+        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0),
+        "exponent": Parameter("1", 1.0, 2.0),
+    }
+    remembers: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("bristle_stiffness", "friction_force", "stribeck_velocity", "exponent"):
+            self.require(name, above=0.0)
+        for name in ("bristle_damping", "viscous_coefficient"):
+            self.require(name, least=0.0)
+        breakaway(self.static_force, self.friction_force)
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        force = float(draw.uniform(1.0, 12.0))
+        return cls(
+            bristle_stiffness=float(draw.uniform(1e3, 1e4)), friction_force=force,
+            static_force=force * float(draw.uniform(1.0, 1.6)), stribeck_velocity=float(draw.uniform(0.02, 0.1)),
+            bristle_damping=float(draw.uniform(0.0, 20.0)), viscous_coefficient=float(draw.uniform(0.0, 20.0)),
+        )  # fmt: skip
+
+    def element(self, stiffness: float) -> Element:
+        return Element(
+            formula=FORMULA, memories=1,
+            steepest=(2.0 * self.bristle_stiffness, 2.0 * (self.bristle_damping + self.viscous_coefficient)),
+            params=(
+                self.bristle_stiffness, self.bristle_damping, self.viscous_coefficient, self.friction_force,
+                self.static_force - self.friction_force, self.stribeck_velocity, self.exponent,
+            ),
+        )  # fmt: skip
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        moving = v - self.bristle_stiffness * np.abs(v) * memory[0] / self._level(v)
+        return np.asarray(self.bristle_stiffness * memory[0] + self.bristle_damping * moving + self.viscous_coefficient * v)
+
+    def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
+        return np.asarray(v - self.bristle_stiffness * abs(v) * memory / self._level(np.array(v)))
+
+    def _level(self, v: FloatArray) -> FloatArray:
+        return falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
+
+
+@kernel
+def bristle_rate(p: FloatArray, z: float, v: float) -> float:
+    """dz/dt of the mean bristle."""
+    level = p[3] + p[4] * np.exp(-((abs(v) / p[5]) ** p[6]))
+    return v - p[0] * abs(v) * z / level
+
+
+@kernel
+def resist(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
+    return p[0] * memory[0] + p[1] * bristle_rate(p, memory[0], v) + p[2] * v
+
+
+@kernel
+def carry(
+    p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
+    low: float, high: float, h: float,
+) -> None:  # fmt: skip
+    # RK4 in parts under a parabola of speeds, split where the speed turns: there the rate has a corner.
+    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    fastest = max(abs(v0), abs(vm), abs(v1))
+    z, x = memory[0], turning(v0, vm, v1, low, high)
+    for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
+        parts = 2 + int(10.0 * p[0] / p[3] * fastest * (end - begin) * h)
+        dx = (end - begin) / parts
+        for k in range(parts):
+            x = begin + k * dx
+            xm, x1 = x + 0.5 * dx, x + dx
+            va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
+            k1 = bristle_rate(p, z, va)
+            k2 = bristle_rate(p, z + 0.5 * dx * h * k1, vb)
+            k3 = bristle_rate(p, z + 0.5 * dx * h * k2, vb)
+            k4 = bristle_rate(p, z + dx * h * k3, vc)
+            z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    after[0] = z
+
+
+FORMULA = Formula(resist=resist, carry=carry)

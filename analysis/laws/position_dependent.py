@@ -1,0 +1,55 @@
+"""Dry friction whose level depends on the place."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.elements import Element, Formula, levelled
+
+
+class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dependent"):
+    """Sliding and breakaway at max(friction_force + gradient d + ripple cos(2 pi d / pitch), 0) N.
+
+    `gradient` (N/m) is a rail that tightens, `ripple` (N) every `pitch` (m) the balls of a bearing or a screw
+    (Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994).
+    """
+
+    friction_force: float
+    gradient: float = 0.0
+    ripple: float = 0.0
+    pitch: float = 0.01
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "friction_force": Parameter("N", 3.0, 12.0),
+        "gradient": Parameter("N/m", -100.0, 100.0),
+        "ripple": Parameter("N", 0.0, 2.0),
+        "pitch": Parameter("m", 5e-3, 3e-2),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("friction_force", least=0.0)
+        self.require("pitch", above=0.0)
+
+    def element(self, stiffness: float) -> Element:
+        return Element(
+            states=levelled(), formula=FORMULA, gates=(1.0, 1.0, -1.0),
+            params=(self.friction_force, self.gradient, self.ripple, 2.0 * np.pi / self.pitch),
+            steepest=(abs(self.gradient) + 2.0 * np.pi * abs(self.ripple) / self.pitch, 0.0),
+        )  # fmt: skip
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        level = self.friction_force + self.gradient * d + self.ripple * np.cos(2.0 * np.pi * d / self.pitch)
+        return np.asarray(np.maximum(level, 0.0) * np.sign(v))
+
+
+@kernel
+def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return gate * max(p[0] + p[1] * d + p[2] * np.cos(p[3] * d), 0.0)
+
+
+FORMULA = Formula(resist=resist)

@@ -1,0 +1,37 @@
+"""Damping that grows with the square of the speed."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.elements import Element, Formula
+
+
+class QuadraticDamping(SpringLaw, frozen=True, kw_only=True, tag="quadratic_damping"):
+    """Force quadratic_damping * v |v| (N s^2/m^2)."""
+
+    quadratic_damping: float
+    parameters: ClassVar[dict[str, Parameter]] = {"quadratic_damping": Parameter("N s^2/m^2", 1.0, 300.0)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("quadratic_damping", least=0.0)
+
+    def element(self, stiffness: float) -> Element:
+        return Element(formula=FORMULA, params=(self.quadratic_damping,))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        return self.quadratic_damping * v * np.abs(v)
+
+
+@kernel
+def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return p[0] * v * abs(v)
+
+
+FORMULA = Formula(resist=resist)

@@ -1,0 +1,104 @@
+"""What several laws share: tabulated curves, a level that falls with the speed, and where the speed turns within a step."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from math import isfinite
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.jit import kernel
+
+#: Points of a tabulated law: at least two for a line, and so many that a spline through them stays quick.
+FEWEST_POINTS, MOST_POINTS = 2, 65
+
+
+def table(at: tuple[float, ...], values: tuple[float, ...]) -> None:
+    """Raise ModelError where a curve's points do not make one."""
+    if len(at) != len(values):
+        raise ModelError(f"a curve has {len(at)} points and {len(values)} values; give one value for each point")
+    if not FEWEST_POINTS <= len(at) <= MOST_POINTS:
+        raise ModelError(f"a curve has {len(at)} points; give {FEWEST_POINTS} to {MOST_POINTS}")
+    if not all(map(isfinite, (*at, *values))):
+        raise ModelError("a curve has a point that is not finite; give finite numbers")
+    if not all(a < b for a, b in pairwise(at)):
+        raise ModelError("a curve's points do not increase; sort them and leave repeated ones out")
+
+
+@lru_cache(maxsize=256)
+def spline(at: tuple[float, ...], values: tuple[float, ...]) -> tuple[tuple[float, ...], float]:
+    """Natural cubic spline as the kernel reads it (see `tabulated`), and its steepest slope between neighbours."""
+    from scipy.interpolate import CubicSpline
+
+    pieces = CubicSpline(at, values, bc_type="natural").c[::-1].T
+    slope = float(np.abs(np.diff(values) / np.diff(at)).max())
+    return (float(len(at)), *at, *pieces.ravel().tolist()), slope
+
+
+def read(at: tuple[float, ...], values: tuple[float, ...], x: FloatArray, *, straight: bool) -> FloatArray:
+    """The same spline in plain numpy, going on `straight` beyond its ends or staying what it is there."""
+    from scipy.interpolate import CubicSpline
+
+    curve = CubicSpline(at, values, bc_type="natural")
+    inside = np.clip(x, at[0], at[-1])
+    slope = np.where(x < at[0], curve(at[0], 1), curve(at[-1], 1))
+    return np.asarray(curve(inside) + (slope * (x - inside) if straight else 0.0))
+
+
+def falling(v: FloatArray, sliding: float, static: float, speed: float, exponent: float) -> FloatArray:
+    """Level of dry friction in N that falls from `static` at rest to `sliding`: by 1 - 1/e at that speed in m/s (Stribeck)."""
+    return np.asarray(sliding + (static - sliding) * np.exp(-((np.abs(v) / speed) ** exponent)))
+
+
+@kernel
+def tabulated(p: FloatArray, first: int, x: float, straight: bool) -> float:
+    """Spline through points from p[first] on: their number, their places, four coefficients an interval.
+
+    Beyond the ends it goes on `straight`, or stays what it is there.
+    """
+    count = int(p[first])
+    places, last = first + 1, first + count
+    if x < p[places]:
+        c = last + 1
+        return p[c] + (p[c + 1] * (x - p[places]) if straight else 0.0)
+    k = 0
+    while k < count - 2 and x > p[places + k + 1]:
+        k += 1
+    c, u = last + 1 + 4 * k, x - p[places + k]
+    if x > p[last]:
+        u = p[last] - p[places + k]
+        slope = p[c + 1] + u * (2.0 * p[c + 2] + 3.0 * u * p[c + 3])
+        return p[c] + u * (p[c + 1] + u * (p[c + 2] + u * p[c + 3])) + (slope * (x - p[last]) if straight else 0.0)
+    return p[c] + u * (p[c + 1] + u * (p[c + 2] + u * p[c + 3]))
+
+
+@kernel
+def turning(v0: float, vm: float, v1: float, low: float, high: float) -> float:
+    """Where between `low` and `high` (shares of a step) the parabola through three speeds changes sign; -1 if nowhere."""
+    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    at_low, at_high = v0 + low * (b + c * low), v0 + high * (b + c * high)
+    if at_low * at_high >= 0.0:
+        return -1.0
+    for _ in range(60):
+        x = 0.5 * (low + high)
+        if (v0 + x * (b + c * x)) * at_low > 0.0:
+            low = x
+        else:
+            high = x
+    return 0.5 * (low + high)
+
+
+@kernel
+def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> float:
+    """Way in m from share `low` of a step of h seconds to share x under the parabola through three speeds."""
+    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    return h * ((x - low) * v0 + b * (x * x - low * low) / 2.0 + c * (x**3 - low**3) / 3.0)
+
+
+@kernel
+def dragged(u: float, give: float, d: float) -> float:
+    """Position of a slider that is dragged once the elongation, gone straight to d, leads it by more than `give`."""
+    return d - give if d - u > give else (d + give if u - d > give else u)

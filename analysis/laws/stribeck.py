@@ -1,0 +1,75 @@
+"""Dry friction that falls with the speed."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
+from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.elements import Element, Formula, dry
+
+
+class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
+    """Falls from static_force Fs to friction_force Fc with speed.
+
+    exponential: Fc + (Fs - Fc) exp(-|v / vs|^exponent); rational: Fc + (Fs - Fc) / (1 + |v / vs|^exponent).
+    """
+
+    friction_force: float
+    static_force: float
+    stribeck_velocity: float
+    exponent: float = 1.0
+    shape: Literal["exponential", "rational"] = "exponential"
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "friction_force": Parameter("N", 1.0, 12.0),
+        "static_force": Parameter("N", 1.0, 20.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
+        "exponent": Parameter("1", 0.5, 2.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("friction_force", least=0.0)
+        self.require("stribeck_velocity", above=0.0)
+        self.require("exponent", above=0.0)
+        breakaway(self.static_force, self.friction_force)
+
+    @classmethod
+    def drawn(cls, draw: np.random.Generator) -> Self:
+        force = float(draw.uniform(1.0, 12.0))
+        return cls(
+            friction_force=force, static_force=force * float(draw.uniform(1.1, 1.6)),
+            stribeck_velocity=float(draw.uniform(0.02, 0.1)), exponent=float(draw.uniform(1.0, 2.0)),
+        )  # fmt: skip
+
+    def element(self, stiffness: float) -> Element | None:
+        if self.static_force == 0.0:
+            return None
+        falls = self.static_force - self.friction_force
+        return Element(
+            states=dry((self.friction_force, self.friction_force), (self.static_force, self.static_force)),
+            formula=FORMULA, params=(falls, self.stribeck_velocity, self.exponent, float(self.shape == "rational")),
+            gates=(0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
+        )  # fmt: skip
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        ratio = (np.abs(v) / self.stribeck_velocity) ** self.exponent
+        fall = np.exp(-ratio) if self.shape == "exponential" else 1.0 / (1.0 + ratio)
+        return np.asarray((self.friction_force + (self.static_force - self.friction_force) * fall) * np.sign(v))
+
+
+@kernel
+def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    if gate == 0.0:
+        return 0.0
+    # A trial step may run past the reversal that will cut it: go on smoothly there, or the parabola bends.
+    x = max(gate * v / p[1], -0.5)
+    if p[2] != 1.0:
+        x = abs(x) ** p[2]
+    return gate * p[0] * (np.exp(-x) if p[3] == 0.0 else 1.0 / (1.0 + x))
+
+
+FORMULA = Formula(resist=resist)

@@ -1,0 +1,26 @@
+"""Friction in proportion to the speed."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.elements import Element, State
+
+
+class Viscous(ContactLaw, frozen=True, kw_only=True, tag="viscous"):
+    """viscous_coefficient * v, N s/m."""
+
+    viscous_coefficient: float
+    parameters: ClassVar[dict[str, Parameter]] = {"viscous_coefficient": Parameter("N s/m", 1.0, 100.0)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require("viscous_coefficient", least=0.0)
+
+    def element(self, stiffness: float) -> Element:
+        return Element(states=(State(v=self.viscous_coefficient),))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+        return self.viscous_coefficient * v

@@ -1,0 +1,1 @@
+"""Rigs as data: bodies, links, contacts, drive, sensors; the built-in rigs."""

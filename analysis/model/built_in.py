@@ -1,0 +1,128 @@
+"""The built-in rigs: the wire bonder and the thesis's one-, two- and three-mass rigs, as values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import pi
+
+from isorig.analysis.errors import ModelError
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Contact, Drive, Link, RigModel, Sensor
+
+FREE = (
+    "bodies.table.mass",
+    "links.table.stiffness",
+    "links.table.damping",
+    "links.heatblock.stiffness",
+    "links.heatblock.damping",
+    "links.isolation.stiffness",
+    "links.isolation.damping",
+)
+FRICTION = "contacts.isolation.law.friction_force"
+
+#: Table 4 of the thesis, the breakaway force of its gauge, and an assumed head (see docs/thesis.md).
+THESIS: Mapping[str, float] = {
+    "head_mass": 6.5,
+    "table_mass": 80.0, "table_frequency": 10.8, "table_damping": 0.015,
+    "heatblock_mass": 6.0, "heatblock_frequency": 164.5, "heatblock_damping": 0.009,
+    "motor_mass": 16.4, "motor_frequency": 5.06, "motor_damping": 0.073,
+    "friction_force": 20.0,
+}  # fmt: skip
+
+
+def spring(name: str, a: str, b: str, *, mass: float, frequency: float, damping_ratio: float) -> Link:
+    """A link from the uncoupled figures: k = (2 pi f)^2 m, c = 2 zeta sqrt(k m) (thesis, Eq. 1-3)."""
+    if mass <= 0.0 or frequency < 0.0 or damping_ratio < 0.0:
+        raise ModelError(
+            f"link {name!r}: mass {mass:g} kg, frequency {frequency:g} Hz and damping ratio {damping_ratio:g} "
+            "must be positive; correct the negative one"
+        )
+    omega = 2.0 * pi * frequency
+    return Link(name=name, a=a, b=b, stiffness=omega**2 * mass, damping=2.0 * damping_ratio * omega * mass)
+
+
+def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) -> RigModel:
+    """Table on ground, heatblock and isolated motor on the table, dry friction between motor and table.
+
+    Parameters
+    ----------
+    values
+        The names of `THESIS`: masses in kg, uncoupled frequencies in Hz, damping ratios, friction force in N.
+    friction
+        Whether the contact between motor and table is there at all.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> iso.wire_bonder().contacts[0].law
+    Coulomb(friction_force=20.0, static_force=None)
+    >>> iso.wire_bonder(friction=False).contacts
+    ()
+    """
+    bodies = ("table", "heatblock", "motor")
+    links = tuple(
+        spring(
+            "isolation" if body == "motor" else body,
+            body,
+            "ground" if body == "table" else "table",
+            mass=values[f"{body}_mass"],
+            frequency=values[f"{body}_frequency"],
+            damping_ratio=values[f"{body}_damping"],
+        )
+        for body in bodies
+    )
+    contacts = (
+        (Contact(name="isolation", a="motor", b="table", law=Coulomb(friction_force=values["friction_force"])),)
+        if friction
+        else ()
+    )
+    return RigModel(
+        name="wire bonder",
+        bodies=tuple(Body(name=body, mass=values[f"{body}_mass"]) for body in bodies),
+        links=links,
+        contacts=contacts,
+        drive=Drive(channel="head", factor=values["head_mass"], pushes={"motor": -1.0}),
+        sensors=tuple(Sensor(channel=body, body=body) for body in ("motor", "table", "heatblock")),
+        configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
+        free=(*FREE, FRICTION) if friction else FREE,
+    )
+
+
+def one_mass(*, friction: float = 20.0, mass: float = 15.0) -> RigModel:
+    """The thesis's first step (Fig. 6-8): 5 Hz and 0.25 on rubbing ground; its mass is not given, 15 kg is that of the next."""
+    return _early("one mass", {"motor": (mass, 5.0, 0.25)}, friction)
+
+
+def two_mass(*, friction: float = 20.0) -> RigModel:
+    """The thesis's second step (Fig. 9-10): 300 kg at 10 Hz and 0.25 to ground, on it 15 kg at 5 Hz and 0.25 with friction."""
+    return _early("two masses", {"table": (300.0, 10.0, 0.25), "motor": (15.0, 5.0, 0.25)}, friction)
+
+
+def three_mass(*, friction: float = 20.0) -> RigModel:
+    """The thesis's third step (Fig. 11-13): as `two_mass`, and a heatblock of 15 kg at 166 Hz and 0.05 on the table."""
+    bodies = {"table": (300.0, 10.0, 0.25), "heatblock": (15.0, 166.0, 0.05), "motor": (15.0, 5.0, 0.25)}
+    return _early("three masses", bodies, friction)
+
+
+def _early(name: str, bodies: Mapping[str, tuple[float, float, float]], friction: float) -> RigModel:
+    # Mass, uncoupled frequency and damping ratio by body; a force on the motor drives it.
+    base = {body: "table" if body != "table" and "table" in bodies else GROUND for body in bodies}
+    links = tuple(
+        spring("isolation" if body == "motor" else body, body, base[body], mass=mass, frequency=frequency, damping_ratio=ratio)
+        for body, (mass, frequency, ratio) in bodies.items()
+    )
+    return RigModel(
+        name=name,
+        bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()),
+        links=links,
+        contacts=(Contact(name="isolation", a="motor", b=base["motor"], law=Coulomb(friction_force=friction)),),
+        drive=Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force"),
+        sensors=tuple(Sensor(channel=body, body=body, quantity="displacement") for body in bodies),
+        configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
+    )
+
+
+#: The built-in rigs by the names that commands take.
+BUILT_IN: Mapping[str, Callable[[], RigModel]] = {
+    "wire-bonder": wire_bonder, "one-mass": one_mass, "two-mass": two_mass, "three-mass": three_mass,
+}  # fmt: skip

@@ -1,0 +1,91 @@
+"""What a rig may be asked to do: limits as a description, a plan or a file of their own state them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+
+import msgspec
+
+from isorig.analysis.errors import ModelError
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What no run may exceed; None or absent where nothing is stated.
+
+    Parameters
+    ----------
+    stroke
+        Largest deflection of a link either way, m (rad of a rotation), by link.
+    drive
+        Largest magnitude of the drive's channel, in its unit: a head's acceleration in m/s^2.
+    force
+        Largest magnitude of the drive's force, N.
+    channels
+        Largest magnitude that a sensor may record, in the channel's unit, by channel.
+    gains
+        Lowest and highest drive gain.
+    band
+        Lowest and highest frequency of a drive, Hz.
+    seconds
+        Longest run, s.
+    lock_price
+        What a change of the configuration costs, in seconds of measuring.
+
+    Raises
+    ------
+    ModelError
+        Where a limit allows nothing.
+    """
+
+    stroke: dict[str, float] = {}
+    drive: float | None = None
+    force: float | None = None
+    channels: dict[str, float] = {}
+    gains: tuple[float, float] | None = None
+    band: tuple[float, float] | None = None
+    seconds: float | None = None
+    lock_price: float | None = None
+
+    def __post_init__(self) -> None:
+        single = {"drive": self.drive, "force": self.force, "seconds": self.seconds}
+        named = {f"{kind}.{name}": value for kind in ("stroke", "channels") for name, value in getattr(self, kind).items()}
+        for key, value in {**single, **named}.items():
+            if value is not None and not (isfinite(value) and value > 0.0):
+                raise ModelError(f"limits.{key} is {value:g}; give a finite value above zero, or leave it out")
+        for key in ("gains", "band"):
+            pair = getattr(self, key)
+            if pair is not None and not 0.0 <= pair[0] < pair[1] < float("inf"):
+                raise ModelError(f"limits.{key} is {list(pair)}; give [lowest, highest] with 0 <= lowest < highest")
+        if self.lock_price is not None and not 0.0 <= self.lock_price < float("inf"):
+            raise ModelError(f"limits.lock_price is {self.lock_price:g}; give seconds, 0 or more")
+
+    def within(self, other: Limits) -> Limits:
+        """The tighter of both, limit by limit; of two prices the other's."""
+        return Limits(
+            stroke=_tighter(self.stroke, other.stroke), drive=_least(self.drive, other.drive),
+            force=_least(self.force, other.force), channels=_tighter(self.channels, other.channels),
+            gains=_inside("gains", self.gains, other.gains), band=_inside("band", self.band, other.band),
+            seconds=_least(self.seconds, other.seconds),
+            lock_price=self.lock_price if other.lock_price is None else other.lock_price,
+        )  # fmt: skip
+
+
+def _least(one: float | None, other: float | None) -> float | None:
+    stated = [value for value in (one, other) if value is not None]
+    return min(stated) if stated else None
+
+
+def _tighter(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: min(each[name] for each in (one, other) if name in each) for name in {**one, **other}}
+
+
+def _inside(
+    key: str, one: tuple[float, float] | None, other: tuple[float, float] | None
+) -> tuple[float, float] | None:  # fmt: skip
+    if one is None or other is None:
+        return other if one is None else one
+    both = max(one[0], other[0]), min(one[1], other[1])
+    if not both[0] < both[1]:
+        raise ModelError(f"limits.{key} is {list(one)} in one place and {list(other)} in another, which have nothing in common")
+    return both

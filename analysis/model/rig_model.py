@@ -1,0 +1,378 @@
+"""A lumped rig as data: bodies, links, contacts, a drive, sensors and configurations.
+
+The one-, two- and three-mass rigs of the thesis and the wire bonder are values of `RigModel`, not classes; see
+`built_in`. A coordinate is a body's displacement along the axis (m), or an angle (rad) where a body's `mass`
+is a moment of inertia; `arms` lets an element act on further coordinates, which is how a rocking motor is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, NoReturn
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Quantity
+from isorig.analysis.errors import ModelError
+from isorig.analysis.laws import FrictionLaw, LinkLaw
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.refusals import explained
+
+GROUND = "ground"
+
+
+class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of the parts of a rig."""
+
+
+class Body(Part, frozen=True, kw_only=True):
+    """A coordinate with its mass in kg (kg m^2 where the coordinate is an angle)."""
+
+    name: str
+    mass: float
+
+
+class Link(Part, frozen=True, kw_only=True):
+    """A spring (N/m) and damper (N s/m) from body `a` to body `b` or to "ground".
+
+    `arms` adds factor * coordinate to the elongation x_a - x_b (m per rad for a rotation); `laws` add their forces.
+    """
+
+    name: str
+    a: str
+    b: str = GROUND
+    stiffness: float = 0.0
+    damping: float = 0.0
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+    laws: tuple[LinkLaw, ...] = ()
+
+
+class Contact(Part, frozen=True, kw_only=True):
+    """A friction law between body `a` and body `b` or "ground", on the velocity of a relative to b."""
+
+    name: str
+    a: str
+    law: FrictionLaw
+    b: str = GROUND
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+
+
+class Chain(Part, frozen=True, kw_only=True):
+    """What the measurement chain does to a channel: its faults. A sound channel has the defaults.
+
+    recorded(t) = clip(gain * true(t - delay) + offset + sum of fraction * true of another channel + hum, limit); the hum is
+    at `mains_frequency` (Hz; None where there is none) and its multiples, of any phase. A sensor's `bend` is a static
+    curve that adds to what it records, as pairs of (true value, added value), straight beyond its ends; its `taps` are a
+    short filter, the weights of `gain` * true at as many samples around the present one (an odd number, later ones
+    first), applied before the bend.
+    """
+
+    gain: float = 1.0
+    delay: float = 0.0
+    offset: float = 0.0
+    limit: float | None = None
+    crosstalk: dict[str, float] = msgspec.field(default_factory=dict)
+    mains_frequency: float | None = None
+    bend: tuple[tuple[float, float], ...] = ()
+    taps: tuple[float, ...] = ()
+
+
+class Drive(Part, frozen=True, kw_only=True):
+    """What pushes: the force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight.
+
+    For a head of mass m whose acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}.
+    """
+
+    channel: str
+    factor: float
+    pushes: dict[str, float]
+    quantity: Quantity = "acceleration"
+    chain: Chain = Chain()
+
+
+class Sensor(Part, frozen=True, kw_only=True):
+    """A channel that records a body's motion, absolute or relative to another body, with `arms` as in a link."""
+
+    channel: str
+    body: str
+    quantity: Quantity = "acceleration"
+    relative_to: str = GROUND
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+    chain: Chain = Chain()
+
+
+class Configuration(Part, frozen=True, kw_only=True):
+    """A way the rig is set up: the links in `rigid` are blocked, unless the lock yields.
+
+    `lock_stiffness` (N/m) and `lock_damping` (N s/m) put a spring in place of each rigid link; None is a perfect lock.
+    """
+
+    rigid: tuple[str, ...] = ()
+    lock_stiffness: float | None = None
+    lock_damping: float = 0.0
+
+
+class RigModel(Part, frozen=True, kw_only=True):
+    """A whole rig.
+
+    Parameters
+    ----------
+    name
+        What the rig is called.
+    bodies, links, contacts, drive, sensors, configurations
+        Its parts. Names are unique within a kind.
+    free
+        Paths of the parameters that a fit may change, e.g. "bodies.table.mass",
+        "links.isolation.stiffness", "contacts.isolation.law.friction_force".
+    limits
+        What no proposed run may exceed.
+
+    Raises
+    ------
+    ModelError
+        Where a part contradicts physics, or names a body that does not exist.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> rig = iso.wire_bonder()
+    >>> rig.get("bodies.motor.mass")
+    16.4
+    >>> rig.replace({"bodies.motor.mass": 20.0}).get("bodies.motor.mass")
+    20.0
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    drive: Drive
+    links: tuple[Link, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    configurations: dict[str, Configuration] = msgspec.field(default_factory=lambda: {"unlocked": Configuration()})
+    free: tuple[str, ...] = ()
+    note: str = ""
+    limits: Limits = Limits()
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def body(self, name: str) -> Body:
+        """The body of that name."""
+        return next((b for b in self.bodies if b.name == name), None) or _missing(self.bodies, name, "body")
+
+    def link(self, name: str) -> Link:
+        """The link of that name."""
+        return next((b for b in self.links if b.name == name), None) or _missing(self.links, name, "link")
+
+    def contact(self, name: str) -> Contact:
+        """The contact of that name."""
+        return next((b for b in self.contacts if b.name == name), None) or _missing(self.contacts, name, "contact")
+
+    def sensor(self, channel: str) -> Sensor:
+        """The sensor that records that channel."""
+        for sensor in self.sensors:
+            if sensor.channel == channel:
+                return sensor
+        raise ModelError(f"no sensor records {channel!r}; the rig has {[s.channel for s in self.sensors]}")
+
+    def get(self, path: str) -> float:
+        """Value of the parameter at a dotted path, e.g. "links.isolation.stiffness"."""
+        item: Any = self
+        for step in path.split("."):
+            item = _step(item, step, path)
+        if isinstance(item, bool) or not isinstance(item, int | float):
+            raise ModelError(f"{path!r} is not a number of this rig; give the path of a parameter")
+        return float(item)
+
+    def replace(self, values: Mapping[str, float]) -> RigModel:
+        """The same rig with the parameters at these dotted paths set anew."""
+        tree = to_tree(self)
+        for path, value in values.items():
+            self.get(path)
+            *way, last = path.split(".")
+            node: Any = tree
+            for step in way:
+                node = _tree_step(node, step)
+            node[int(last) if isinstance(node, list) else last] = float(value)
+        return from_tree(tree)
+
+
+def to_tree(model: RigModel) -> dict[str, Any]:
+    """The model as plain dicts, lists and numbers, ready for JSON."""
+    tree: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(model))
+    return tree
+
+
+def from_tree(tree: Mapping[str, Any]) -> RigModel:
+    """A model from plain dicts and lists.
+
+    Raises
+    ------
+    ModelError
+        Naming the key, the value found and what is allowed.
+    """
+    try:
+        return msgspec.convert(tree, RigModel)
+    except msgspec.ValidationError as error:
+        raise ModelError(explained(str(error), tree)) from None
+    except RecursionError:
+        raise ModelError("the rig's description is nested too deep; write its parts as flat tables") from None
+
+
+def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
+    raise ModelError(f"the rig has no {kind} {name!r}, only {[p.name for p in parts]}; name one of these")
+
+
+def _key(part: Any) -> str:
+    return str(part["channel"] if "channel" in part else part["name"])
+
+
+def _step(item: Any, step: str, path: str) -> Any:
+    if isinstance(item, tuple):
+        for part in item:
+            if getattr(part, "name", getattr(part, "channel", None)) == step:
+                return part
+        if step.isdigit() and int(step) < len(item):
+            return item[int(step)]
+    elif isinstance(item, dict):
+        if step in item:
+            return item[step]
+    elif hasattr(item, "__struct_fields__") and step in item.__struct_fields__:
+        return getattr(item, step)
+    raise ModelError(f"the rig has no parameter {path!r} ({step!r} is not there); give an existing path")
+
+
+def _tree_step(node: Any, step: str) -> Any:
+    if isinstance(node, list):
+        for part in node:
+            if ("name" in part or "channel" in part) and _key(part) == step:
+                return part
+        return node[int(step)]
+    return node[step]
+
+
+def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> FloatArray:
+    """Weights of the coordinates in x_a - x_b plus arms, shape (bodies,)."""
+    index = {body.name: i for i, body in enumerate(model.bodies)}
+    weights = np.zeros(len(index))
+    if a != GROUND:
+        weights[index[a]] += 1.0
+    if b != GROUND:
+        weights[index[b]] -= 1.0
+    for name, factor in arms.items():
+        weights[index[name]] += factor
+    return weights
+
+
+def matrices(model: RigModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mass, damping and stiffness matrices of the unconstrained linear part, each shape (bodies, bodies)."""
+    n = len(model.bodies)
+    mass = np.diag([body.mass for body in model.bodies])
+    damping, stiffness = np.zeros((n, n)), np.zeros((n, n))
+    for link in model.links:
+        w = direction(model, link.a, link.b, link.arms)
+        stiffness += link.stiffness * np.outer(w, w)
+        damping += link.damping * np.outer(w, w)
+    return mass, damping, stiffness
+
+
+def check(model: RigModel) -> None:
+    """Raise ModelError where the parts contradict each other or physics."""
+    names = [body.name for body in model.bodies]
+    _unique(names, "body")
+    _unique([link.name for link in model.links], "link")
+    _unique([contact.name for contact in model.contacts], "contact")
+    _unique([sensor.channel for sensor in model.sensors] + [model.drive.channel], "channel")
+    if not names:
+        raise ModelError("the rig has no bodies; give at least one")
+    if GROUND in names:
+        raise ModelError('a body is called "ground", which stands for the fixed world; rename it')
+    for body in model.bodies:
+        if not (0.0 < body.mass < float("inf")):
+            raise ModelError(f"body {body.name!r} has mass {body.mass:g}; give a finite mass above zero")
+    for link in model.links:
+        for key in ("stiffness", "damping"):
+            value = getattr(link, key)
+            if not (0.0 <= value < float("inf")):
+                raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
+    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
+    for part in joints:
+        _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
+        if part.a == part.b:
+            raise ModelError(f"{type(part).__name__.lower()} {part.name!r} joins {part.a!r} to itself; name two ends")
+    _grounded(names, joints)
+    for sensor in model.sensors:
+        _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
+    _known(names, tuple(model.drive.pushes), "the drive")
+    _finite(model)
+    links = [link.name for link in model.links]
+    for name, configuration in model.configurations.items():
+        for rigid in configuration.rigid:
+            if rigid not in links:
+                raise ModelError(f"configuration {name!r} blocks link {rigid!r}, which does not exist; the rig has {links}")
+    for path in model.free:
+        model.get(path)
+    for name in model.limits.stroke:
+        if name not in links:
+            raise ModelError(f"limits.stroke names link {name!r}, which does not exist; the rig has {links}")
+
+
+def _finite(model: RigModel) -> None:
+    numbers = {"drive.factor": model.drive.factor, "drive.chain.gain": model.drive.chain.gain}
+    for name, weight in model.drive.pushes.items():
+        numbers[f"drive.pushes.{name}"] = weight
+    for name, setup in model.configurations.items():
+        numbers[f"configurations.{name}.lock_stiffness"] = setup.lock_stiffness or 0.0
+        numbers[f"configurations.{name}.lock_damping"] = setup.lock_damping
+    for called, arms in [
+        *((part.name, part.arms) for part in model.links),
+        *((part.name, part.arms) for part in model.contacts),
+        *((sensor.channel, sensor.arms) for sensor in model.sensors),
+    ]:
+        for name, arm in arms.items():
+            numbers[f"the arm {name!r} of {called!r}"] = arm
+    for chain in (model.drive.chain, *(sensor.chain for sensor in model.sensors)):
+        numbers |= {"a chain's gain": chain.gain, "a chain's delay": chain.delay, "a chain's offset": chain.offset}
+        numbers |= {"a chain's bend": sum(map(sum, chain.bend)), "a chain's taps": sum(chain.taps)}
+        if len(chain.taps) % 2 == 0 and chain.taps:
+            raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
+        if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
+            raise ModelError("a chain's bend is no curve; give at least two points with increasing true values")
+    if model.drive.chain.bend or model.drive.chain.taps:
+        raise ModelError("the drive's chain has a bend or taps, which only a sensor's may have; leave them out")
+    for key, value in numbers.items():
+        if not np.isfinite(value):
+            raise ModelError(f"{key} is {value:g}; give a finite number")
+    if model.drive.chain.gain == 0.0:
+        raise ModelError("drive.chain.gain is 0, so the drive's true value cannot be known; give the gain of its channel")
+
+
+def _grounded(names: list[str], joints: Sequence[Link | Contact]) -> None:
+    joined = [{part.a, part.b, *part.arms} for part in joints]
+    held = {GROUND}
+    while grown := [ends for ends in joined if ends & held and not ends <= held]:
+        held |= set().union(*grown)
+    for name in names:
+        if name not in held:
+            raise ModelError(
+                f"body {name!r} floats: no link or contact joins it to the ground, directly or through others; "
+                'add a link or contact, to "ground" at the last'
+            )
+
+
+def _unique(names: list[str], kind: str) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ModelError(f"the {kind} name {name!r} stands {names.count(name)} times; give each its own")
+
+
+def _known(names: list[str], used: tuple[str, ...], where: str) -> None:
+    for name in used:
+        if name != GROUND and name not in names:
+            raise ModelError(f"{where} names body {name!r}, which does not exist; the rig has {names}")
+
+
+# msgspec works out how to read a type when it is first read, which crashes where two threads do so at once: done here, by one.
+msgspec.json.Decoder(RigModel)

@@ -1,0 +1,1 @@
+"""Parameter tables of the wire bonder: the joint fit, and the thesis's four set-ups."""

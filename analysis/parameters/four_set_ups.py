@@ -1,0 +1,288 @@
+"""The thesis's own way to the parameters: four set-ups read one by one, and the table by an error surface.
+
+Heatblock from table to heatblock, motor from head to motor, table from head to table, each by half-power and by a fit of modes;
+then the table's effective mass and damping where |measured - simulated| / measured, averaged over frequency, is least (thesis,
+Eq. 5, Fig. 23). These are linear and see friction as damping; the joint fit of `joint_fit` is the better estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
+from isorig.analysis.errors import AnalysisError, DataError
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
+from isorig.analysis.spectra.modes import Kind, ModalFit, Mode, fit_modes
+from isorig.analysis.spectra.welch import Frf, estimate
+
+#: Lines wanted per bandwidth, and segments wanted in a record at least.
+LINES, SEGMENTS = 12.0, 12.0
+#: Band in which head to motor and head to table are read, as shares of the motor's and the table's guessed frequency.
+LOW_BAND = (0.4, 1.7)
+#: Points of the error surface each way, and redraws of the measured magnitudes that tell its minimum's deviation.
+GRID, DRAWS = 41, 20
+
+Name = Literal["heatblock", "motor", "table"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetUp:
+    """One transfer function and what is read off it.
+
+    Parameters
+    ----------
+    name
+        The body whose frequency and damping it gives.
+    frf
+        Measured.
+    band
+        Hz: what was read.
+    half_power, fit
+        The two readings; `fit` is None where refused.
+    refused
+        Why there is no fit, empty where there is one.
+    mode
+        The better reading of this body's mode: the fit's, else half-power's, else None.
+    method
+        How `mode` came about.
+    """
+
+    name: Name
+    frf: Frf
+    band: tuple[float, float]
+    half_power: HalfPower
+    fit: ModalFit | None
+    refused: str
+    mode: Mode | None
+    method: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorSurface:
+    """Mean relative error of the simulated head-to-table magnitude over table mass and damping (thesis, Eq. 5).
+
+    Parameters
+    ----------
+    mass, damping
+        Axes: kg and ratio to critical.
+    error
+        Shape (damping, mass).
+    best
+        (mass, damping ratio, error) where it is least.
+    std
+        Deviations of mass and damping ratio by the measured magnitudes' error bars.
+    frequency, measured, simulated
+        Hz and magnitudes: the best simulation over what was measured.
+    """
+
+    mass: FloatArray
+    damping: FloatArray
+    error: FloatArray
+    best: tuple[float, float, float]
+    std: tuple[float, float]
+    frequency: FloatArray
+    measured: FloatArray
+    simulated: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Classic:
+    """The four set-ups; `refused` says by name what could not be read at all."""
+
+    set_ups: tuple[SetUp, ...]
+    surface: ErrorSurface | None
+    refused: dict[str, str]
+
+
+def classic(campaign: Campaign, model: RigModel) -> Classic:
+    """Read the thesis's four set-ups of a campaign.
+
+    Parameters
+    ----------
+    campaign
+        The wire bonder's; each set-up needs a run whose drive reaches its band.
+    model
+        The wire bonder with first guesses: where to look, and the known masses.
+    """
+    guess = {name: _frequency(model, name) for name in ("table", "heatblock", "motor")}
+    low = LOW_BAND[0] * guess["motor"], LOW_BAND[1] * guess["table"]
+    unlocked = broad(campaign.select(configuration="unlocked"))
+    wanted: tuple[tuple[Name, str, str, tuple[float, float], list[Run], Kind], ...] = (
+        (
+            "heatblock", "table", "heatblock", (0.75 * guess["heatblock"], 1.35 * guess["heatblock"]), broad(campaign.runs),
+            "transmissibility",
+        ),
+        ("motor", "head", "motor", low, unlocked, "general"),
+        ("table", "head", "table", low, unlocked, "general"),
+    )  # fmt: skip
+    set_ups: list[SetUp] = []
+    refused: dict[str, str] = {}
+    for name, reference, response, band, runs, kind in wanted:
+        try:
+            set_ups.append(_read(name, _reaching(runs, band, name), reference, response, band, kind, guess))
+        except AnalysisError as error:
+            refused[name] = str(error)
+    surface = None
+    try:
+        surface = error_surface({s.name: s for s in set_ups}, model)
+    except AnalysisError as error:
+        refused["effective table mass"] = str(error)
+    return Classic(set_ups=tuple(set_ups), surface=surface, refused=refused)
+
+
+def as_read(read: Classic, model: RigModel) -> RigModel:
+    """The wire bonder with the values that were read; first guesses where nothing was."""
+    changes: dict[str, float] = {}
+    if read.surface is not None:
+        mass = read.surface.best[0]
+        changes["bodies.table.mass"] = mass
+        changes["links.table.stiffness"] = (2.0 * np.pi * _frequency(model, "table")) ** 2 * mass
+    for item in read.set_ups:
+        link = "isolation" if item.name == "motor" else item.name
+        mass = changes.get(f"bodies.{item.name}.mass", model.body(item.name).mass)
+        if item.mode is not None:
+            omega = 2.0 * np.pi * item.mode.frequency
+            changes[f"links.{link}.stiffness"] = omega**2 * mass
+            changes[f"links.{link}.damping"] = 2.0 * item.mode.damping * omega * mass
+    return model.replace(changes)
+
+
+def _frequency(model: RigModel, body: str) -> float:
+    link = model.link("isolation" if body == "motor" else body)
+    return float(np.sqrt(link.stiffness / model.body(body).mass) / (2.0 * np.pi))
+
+
+def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run]:
+    # The hardest driven of the runs whose drive reaches over the band.
+    there = [run for run in runs if run.band is None or (run.band[0] <= band[0] and run.band[1] >= 0.95 * band[1])]
+    if not there:
+        raise DataError(f"no run drives {band[0]:.3g} to {band[1]:.3g} Hz, where the {name} is read; measure one")
+    hardest = max(run.gain for run in there)
+    return [run for run in there if run.gain == hardest]
+
+
+def _read(
+    name: Name, runs: list[Run], reference: str, response: str, band: tuple[float, float], kind: Kind, guess: dict[str, float]
+) -> SetUp:  # fmt: skip
+    seconds = max(run.duration for run in runs)
+    rate = runs[0].sample_rate
+
+    def look(resolution: float) -> Frf:
+        length = rate / resolution
+        asked = max(rate / (2.0 * round(length / 2.0)), 2.0 / seconds)
+        return estimate(runs, references=[reference], channels=[response], resolution=asked).frf(response, reference)
+
+    # A coarse look tells the bandwidth, the bandwidth the resolution.
+    coarse = look(max(guess[name] / 100.0, SEGMENTS / seconds))
+    width = _width(coarse, guess[name], band)
+    frf = look(max(width / LINES, SEGMENTS / seconds))
+    found = half_power(frf, _around(guess, name, band))
+    fit, reason, mode, method = None, "", found.mode, "half-power"
+    try:
+        if kind == "transmissibility":
+            at = max(_inside(peaks(frf), band), key=lambda f: _size(frf, f), default=guess[name])
+            width = 2.0 * found.mode.damping * at if found.mode else width
+            reach = (max(band[0], at - 5.0 * width), min(band[1], at + 5.0 * width))
+            fit = fit_modes(frf, reach, kind=kind, guesses=[(at, width / (2.0 * at))], residuals=1)
+            mode = fit.modes[0]
+        else:
+            fit = fit_modes(frf, band, kind=kind, guesses=[(guess["motor"], 0.1), (guess["table"], 0.03)])
+            mode = fit.modes[0 if name == "motor" else 1]
+        method = "fit of the mode" if len(fit.modes) == 1 else "fit of two modes"
+    except AnalysisError as error:
+        reason = str(error)
+    return SetUp(name=name, frf=frf, band=band, half_power=found, fit=fit, refused=reason, mode=mode, method=method)
+
+
+def _inside(found: tuple[float, ...], band: tuple[float, float]) -> list[float]:
+    return [f for f in found if band[0] <= f <= band[1]]
+
+
+def _size(frf: Frf, frequency: float) -> float:
+    return float(np.abs(frf.value[np.argmin(np.abs(frf.frequency - frequency))]))
+
+
+def _around(guess: dict[str, float], name: Name, band: tuple[float, float]) -> tuple[float, float]:
+    # The band of one peak: halfway to the neighbour.
+    middle = float(np.sqrt(guess["motor"] * guess["table"]))
+    return band if name == "heatblock" else (band[0], middle) if name == "motor" else (middle, band[1])
+
+
+def _width(frf: Frf, guess: float, band: tuple[float, float]) -> float:
+    near = (frf.frequency >= max(band[0], 0.75 * guess)) & (frf.frequency <= min(band[1], 1.35 * guess))
+    size = np.abs(frf.value[near])
+    if len(size) < 3:
+        raise DataError(f"the records are too short to resolve {guess:.3g} Hz; measure longer")
+    return float(max((size >= size.max() / np.sqrt(2.0)).sum() * frf.resolution, 0.5 * frf.resolution))
+
+
+def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> ComplexArray:
+    """Transfer function head to table of the unlocked wire bonder without friction, shape (lines,).
+
+    `values` as `isorig.analysis.model.built_in.THESIS`, masses in kg.
+    """
+    mass, damping, stiffness = matrices(wire_bonder(values, friction=False))
+    s = 2j * np.pi * frequency[:, None, None]
+    push = np.zeros((len(mass), 1))
+    push[2] = -values["head_mass"]
+    motion = np.linalg.solve(s**2 * mass + s * damping + stiffness, push.astype(np.complex128)[None])
+    return np.asarray((s[:, 0] ** 2 * motion[:, 0])[:, 0])
+
+
+def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurface:
+    """The error surface over table mass and damping, the other values as read off the set-ups.
+
+    Raises
+    ------
+    DataError
+        Where a set-up gave no mode.
+    """
+    from scipy.optimize import minimize
+
+    values = {"head_mass": model.drive.factor, "friction_force": 0.0}
+    names: tuple[Name, ...] = ("table", "heatblock", "motor")
+    for name in names:
+        values[f"{name}_mass"] = model.body(name).mass
+        mode = set_ups[name].mode if name in set_ups else None
+        if mode is None:
+            raise DataError(f"the {name}'s set-up gave no mode, which the error surface needs; see why there")
+        values |= {f"{name}_frequency": mode.frequency, f"{name}_damping": mode.damping}
+    frf, band = set_ups["table"].frf, set_ups["table"].band
+    kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
+    f, measured, std = frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept]
+
+    def simulated(mass: float, zeta: float) -> FloatArray:
+        return np.abs(head_to_table({**values, "table_mass": mass, "table_damping": zeta}, f))
+
+    def off(mass: float, zeta: float, target: FloatArray) -> float:
+        return float(np.mean(np.abs(target - simulated(mass, zeta)) / target))
+
+    masses = np.geomspace(20.0, 1.2 * max(values["table_mass"], 100.0), GRID)
+    zetas = np.geomspace(0.002, 0.2, GRID)
+    error = np.array([[off(m, z, measured) for m in masses] for z in zetas])
+    row, column = np.unravel_index(int(np.argmin(error)), error.shape)
+
+    def least(target: FloatArray, start: FloatArray) -> FloatArray:
+        def at(place: FloatArray) -> float:
+            return off(float(np.exp(place[0])), float(np.exp(place[1])), target)
+
+        solved = minimize(at, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
+        return np.asarray(solved.x, dtype=np.float64)
+
+    best = least(measured, np.log([masses[column], zetas[row]]))
+    generator = np.random.default_rng(0)
+    drawn = [
+        np.exp(least(np.maximum(measured + std * generator.normal(size=len(std)), 0.1 * measured), best)) for _ in range(DRAWS)
+    ]
+    mass, zeta = (float(v) for v in np.exp(best))
+    spread = np.std(drawn, axis=0)
+    return ErrorSurface(
+        mass=masses, damping=zetas, error=error, best=(mass, zeta, off(mass, zeta, measured)),
+        std=(float(spread[0]), float(spread[1])), frequency=f, measured=measured, simulated=simulated(mass, zeta),
+    )  # fmt: skip

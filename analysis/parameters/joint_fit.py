@@ -1,0 +1,202 @@
+"""The parameter table of the wire bonder: a joint fit of all runs with friction in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.fitting.deviations import awakened, given_moves, grid_shift, line_moves, polished, untraced
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.ladder import fit_baseline
+from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
+from isorig.analysis.fitting.solve import Fit, disagreement
+from isorig.analysis.fitting.trials import Trial, drive_noise
+from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.quality import Fault, faults, without
+
+BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
+#: Relative deviation by what the estimate itself cannot see, the instrument's sampling filter: found by fitting recordings
+#: made through filters of three quarters to two and a half times the length of ours.
+UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+#: The drive's factor: the head's mass.
+HEAD = "drive.factor"
+#: Names under which a recording tells how well it is known what it takes as known: masses in kg, and all sensors' sensitivities
+#: as a share of themselves.
+CALIBRATION = "calibration_std"
+MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
+WEIGHED = "weighed"
+NO_TRACE = "it leaves no trace in these runs: take one in which it moves"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A row of the table; `value` is None where the data cannot support a figure, and `note` says why."""
+
+    value: float | None
+    std: float | None
+    unit: str
+    method: str
+    note: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Characterization:
+    """The table by name, the fit behind it, the runs, and how it does on what was held out beside the noise floor.
+
+    `faults` are of the records: runs with spoilt channels took no part where their configuration has others. `head_mass` is
+    fitted where nobody has weighed it. `calibrated` says whether the recording tells how well its sensors are calibrated.
+    """
+
+    table: dict[str, Entry]
+    head_mass: Entry
+    calibrated: bool
+    fit: Fit
+    trials: tuple[Trial, ...]
+    score: Score
+    floor: float
+    adequate: bool
+    faults: tuple[Fault, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def error(self) -> float:
+        """Held-out error: the median over runs and channels."""
+        return self.score.figure
+
+
+def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None) -> Characterization:
+    """Fit all free parameters to all runs at once, and say how well each is known.
+
+    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Deviations come from the residuals line
+    by line (`deviations`), given the recorded head; from a simulation on a finer grid; from how far the runs disagree
+    and how much of the signal is left, where the model does not explain it; and include `UNSEEN`. Where the recording tells
+    how well its sensors are calibrated and its masses weighed (`CALIBRATION`, `MASS_STD`), that is carried through the fit;
+    without it they are taken as exact. The head's mass is fitted too where the recording does not have it.
+
+    Parameters
+    ----------
+    campaign
+        What was measured; needs locked and unlocked runs for all figures.
+    model
+        The wire bonder with first guesses.
+    progress
+        Called with one line per stage.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.characterize(iso.read("campaign.h5"), iso.wire_bonder())
+    >>> entry = found.table["motor_frequency"]
+    >>> print(f"{entry.value:.2f} {entry.unit}")
+    5.06 Hz
+    """
+    progress("looking for bad data")
+    wrong = faults(campaign, reference=model.drive.channel)
+    needed = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
+    campaign = without(campaign, wrong, needed, from_rest=True)
+    if "head_mass" not in campaign.known:
+        model = msgspec.structs.replace(model, free=(*model.free, HEAD))
+    progress("fitting all runs with friction in the model")
+    rough, fine = fit_baseline(campaign, model)
+    progress("working out how well each value is known")
+    fitted = polished(awakened(rough, fine), fine)
+    judged = score(fitted.model, fine)
+    floors = noise_floor(fitted.model, fine, drive_noise(campaign, model.drive.channel))
+    explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
+    # A misfit beyond the simulation's limit bends every parameter; its size relative to the signal bounds how far.
+    excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
+    misfit = max(0.0, excess - 2.0 * SIMULATION_LIMIT)
+    note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
+    known = _Known(fitted, fine, explained, misfit, note, _uncertain(campaign.known, fitted))
+    table: dict[str, Entry] = {}
+    for body, link in BODIES:
+        table |= _rows(known, body, link, campaign.known)
+    path = "contacts.isolation.law.friction_force"
+    if path in fitted.values:
+        table["friction_force"] = known.entry({path: 1.0}, fitted.values[path], "N", "friction")
+    else:
+        table["friction_force"] = Entry(value=None, std=None, unit="N", method="none", note="the model has no friction")
+    return Characterization(
+        table=table, head_mass=_head(known, campaign.known), calibrated=CALIBRATION in campaign.known, fit=fitted,
+        trials=fine, score=judged, floor=float(np.median(floors)), adequate=explained, faults=wrong,
+        doubts=doubts(model, (fitted,), fine),
+    )  # fmt: skip
+
+
+class _Known:
+    """How well figures are known that go with the fitted values."""
+
+    def __init__(
+        self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float]
+    ) -> None:  # fmt: skip
+        self.fitted, self._misfit, self._note = fitted, misfit, note
+        self._given, self._given_moves = given, given_moves(fitted, trials, given)
+        self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
+        self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
+        self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
+
+    def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
+        """The row of a figure that changes by `slopes` with the values at those paths."""
+        if self._untraced & slopes.keys():
+            note = "it leaves no trace in these runs: take one in which the motor slides" if kind == "friction" else NO_TRACE
+            return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
+        slope = np.array([slopes.get(path, 0.0) for path in self._order])
+        # A mass that is taken as known moves the fitted values, and a figure that has it in its formula by itself.
+        own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
+        variance = deviation(self._moves, slope) ** 2 + (self._shift @ slope) ** 2 + slope @ self._runs @ slope
+        variance += float(((self._given_moves @ slope + own) ** 2).sum())
+        whole = float(np.sqrt(variance + (UNSEEN[kind] * value) ** 2))
+        if self._note:
+            whole = float(np.hypot(whole, self._misfit * value))
+        if whole > 0.5 * abs(value):
+            note = self._note or "the data do not determine it"
+            return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
+        return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
+
+
+def _uncertain(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
+    # Deviations of what is taken as known, by its path in the model.
+    model = fitted.model
+    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path not in fitted.values}
+    if CALIBRATION in known:
+        paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
+        found |= dict.fromkeys(paths, known[CALIBRATION])
+    return {path: std for path, std in found.items() if std > 0.0}
+
+
+def _head(known: _Known, given: Mapping[str, float]) -> Entry:
+    mass = known.fitted.model.get(HEAD)
+    if HEAD in known.fitted.values:
+        return known.entry({HEAD: 1.0}, mass, "kg", "mass")
+    return Entry(value=mass, std=given.get("head_mass_std", 0.0), unit="kg", method="given", note=WEIGHED)
+
+
+def _rows(known: _Known, body: str, link: str, given: Mapping[str, float]) -> dict[str, Entry]:
+    fitted = known.fitted
+    mass, stiffness, damper = paths = (f"bodies.{body}.mass", f"links.{link}.stiffness", f"links.{link}.damping")
+    m, k, c = (fitted.model.get(path) for path in paths)
+    frequency, damping = sqrt(k / m) / (2 * pi), c / (2 * sqrt(k * m))
+    return {
+        f"{body}_mass": known.entry({mass: 1.0}, m, "kg", "mass")
+        if mass in fitted.values
+        else Entry(
+            value=m,
+            std=given.get(f"{body}_mass_std", 0.0),
+            unit="kg",
+            method="given",
+            note=WEIGHED if f"{body}_mass" in given else "not in the recording: the thesis's value is assumed",
+        ),
+        f"{body}_frequency": known.entry(
+            {mass: -0.5 / m * frequency, stiffness: 0.5 / k * frequency}, frequency, "Hz", "frequency"
+        ),
+        f"{body}_damping": known.entry(
+            {mass: -0.5 / m * damping, stiffness: -0.5 / k * damping, damper: damping / c}, damping, "1", "damping"
+        ),
+    }

@@ -1,0 +1,413 @@
+"""Which run to take next: the one that gains most probability that one cause stands, for each second that it costs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.menu import CandidateRun
+from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn, left, refit
+
+#: Distances, in standard errors of a spectral line, below which a run cannot part two causes and from which it will. Chosen:
+#: at 3 the rival errs by three times what is allowed, twice the adequacy threshold; at 1 it errs by 1.4 times, within it.
+CANNOT, WILL = 1.0, 3.0
+#: Models drawn from what is known of each surviving cause: of those compared, and of those that must stay within the limits.
+COMPARED, KEPT = 3, 8
+#: What every run costs beside its own length, s: setting it up, and the diagnosis after it.
+OVERHEAD = 20.0
+#: Price of a change of the configuration where none is stated, s of measuring.
+LOCK_PRICE = 60.0
+#: Pairs of causes whose predictions are shown.
+SHOWN = 3
+#: Runs of a proposal at most, and the gain in probability below which a further one is not worth its time.
+MOST_RUNS, WORTH = 3, 0.02
+
+
+def parted(distances: float | FloatArray) -> FloatArray:
+    """Probability that a run of this distance parts two causes: 0 up to `CANNOT`, 1 from `WILL` on, linear in the logarithm."""
+    between = np.log(np.maximum(distances, 1e-12) / CANNOT) / np.log(WILL / CANNOT)
+    return np.asarray(np.clip(between, 0.0, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """What is open: of causes that may be the truth, which could each be taken for others.
+
+    Parameters
+    ----------
+    truths
+        The surviving causes, each with at least one model; or causes that are supposed.
+    rivals
+        Fitted models that a truth may be taken for; a truth is compared with all but itself.
+    supposed
+        Whether the truths are only supposed. What the runs in hand would have shown of them then counts as known.
+    """
+
+    truths: tuple[Variant, ...]
+    rivals: tuple[Variant, ...]
+    supposed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apart:
+    """How far a truth lies from a refitted rival after some runs: the mean over models drawn of the truth."""
+
+    truth: Variant
+    rival: Variant
+    distance: float
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foreseen:
+    """What two causes predict for a run in the channel where they differ most, the rival refitted.
+
+    Parameters
+    ----------
+    truth, rival
+        The causes.
+    channel
+        The sensor.
+    sample_rate
+        Hz.
+    of_truth, of_rival
+        The records, shape (n,), in the channel's unit.
+    allowed
+        What noise and the simulation's limit allow of a sample, in the channel's unit.
+    distance
+        How far they lie apart there, in what is allowed.
+    """
+
+    truth: Variant
+    rival: Variant
+    channel: str
+    sample_rate: float
+    of_truth: FloatArray
+    of_rival: FloatArray
+    allowed: float
+    distance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """A proposed run.
+
+    Parameters
+    ----------
+    prospect
+        The run and its drive.
+    probability
+        That one cause stands once it and the runs proposed before it are taken; of supposed causes: the share that would show.
+    gained
+        What this run adds to that.
+    apart
+        Distances with this run alone, of every truth and rival.
+    peaks
+        What the surviving models reach in it.
+    foreseen
+        The predictions of causes that the run parts, the nearest pairs first.
+    """
+
+    prospect: Prospect
+    probability: float
+    gained: float
+    apart: tuple[Apart, ...]
+    peaks: Peaks
+    foreseen: tuple[Foreseen, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chosen:
+    """A proposal.
+
+    Parameters
+    ----------
+    choices
+        The runs, best first; none where no allowed run gains anything.
+    before
+        Probability before any of them.
+    best
+        Of every truth and rival the largest distance that any single allowed run reaches.
+    compared, refused
+        How many candidates were compared, and how many were refused for a limit, each with the reason.
+    """
+
+    choices: tuple[Choice, ...]
+    before: float
+    best: tuple[Apart, ...]
+    compared: int
+    refused: Mapping[CandidateRun, str] = field(default_factory=dict)
+
+
+#: What a run says by truth (each model drawn of it) and rival.
+Pairs = dict[tuple[int, int], Moments]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """Candidates as a question sees them, and those that were refused for a limit, with the reason."""
+
+    pairs: Sequence[tuple[Prospect, Pairs]]
+    refused: Mapping[CandidateRun, str]
+
+
+class Comparison:
+    """Candidate runs compared for one question.
+
+    Parameters
+    ----------
+    question
+        What is open.
+    noise
+        Standard deviation of the noise by channel, the drive's among them.
+    in_hand
+        The runs taken so far.
+    """
+
+    def __init__(self, question: Question, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
+        self._question, self._noise = question, noise
+        self._reference = question.rivals[0].model
+        count = 1 if question.supposed else COMPARED
+        self._drawn = [
+            [truth, *(Variant(cause=truth.cause, location=truth.location, model=m) for m in drawn(truth, count, 3)[1:])]
+            for truth in question.truths
+        ]
+        self._flat = [variant for group in self._drawn for variant in group]
+        # Of supposed causes every one weighs alike, at however many places it could be.
+        places = Counter(truth.cause for truth in question.truths)
+        self._weights = [1.0 / places[truth.cause] if question.supposed else 1.0 for truth in question.truths]
+        self._settled = 0.0
+        self._hand = [self._moments(prospect) for prospect in in_hand]
+        if question.supposed and in_hand:
+            self._settle()
+        if not question.supposed:
+            self._hand = [self._agreed(pairs) for pairs in self._hand]
+
+    def _agreed(self, pairs: Pairs) -> Pairs:
+        # Surviving causes were fitted to the runs in hand, so they agree there as far as anyone can tell. A model drawn of the
+        # truth differs from it there, and the rival fitted to its data would have followed.
+        found: Pairs = {}
+        for first, models in self._first_of_each():
+            for i in range(first, first + len(models)):
+                found |= {
+                    (i, k): replace(pairs[i, k], slope=pairs[i, k].slope - pairs[first, k].slope)
+                    for k in self._rivals()
+                    if (i, k) in pairs
+                }
+        return found
+
+    def _settle(self) -> None:
+        # What the runs in hand would have shown needs no further run.
+        known = [min(apart.probability for apart in group) >= 1.0 for group in self._apart([])]
+        self._settled = sum(weight for weight, over in zip(self._weights, known, strict=True) if over)
+        left_over = [i for i, over in enumerate(known) if not over]
+        self._drawn = [self._drawn[i] for i in left_over]
+        self._flat = [models[0] for models in self._drawn]
+        self._weights = [self._weights[i] for i in left_over]
+        self._hand = [{(n, k): run[i, k] for n, i in enumerate(left_over) for k in self._rivals()} for run in self._hand]
+
+    def _rivals(self) -> range:
+        return range(len(self._question.rivals))
+
+    def _moments(self, prospect: Prospect) -> Pairs:
+        return self._pairs(Predicted(prospect, self._noise, self._reference), self._flat, self._question.rivals)
+
+    def _pairs(self, seen: Predicted, flat: Sequence[Variant], fitted: Sequence[Variant]) -> Pairs:
+        rivals, truths = seen.records(fitted), seen.records(flat)
+        found: Pairs = {}
+        for k, rival in enumerate(fitted):
+            slopes = seen.slopes(rival)
+            for i, variant in enumerate(flat):
+                if variant.key != rival.key:
+                    found[i, k] = seen.moments(truths[i], rivals[k], slopes)
+        return found
+
+    def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> Seen:
+        """The candidates that stay within the limits by a first simulation, as the question sees them.
+
+        `progress` is called before each; where it raises OutOfTimeError the candidates compared by then are the answer.
+        """
+        found: list[tuple[Prospect, Pairs]] = []
+        refused: dict[CandidateRun, str] = {}
+        try:
+            for k, prospect in enumerate(prospects):
+                progress(f"comparing candidate {k + 1} of {len(prospects)}")
+                run = prospect.run
+                models = [rival.model for rival in self._question.rivals]
+                why = simulated_peaks(models, prospect.excitation(), run.configuration, prospect.start_time).beyond(limits)
+                if why:
+                    refused[run] = why
+                else:
+                    found.append((prospect, self._moments(prospect)))
+        except OutOfTimeError:
+            pass
+        return Seen(pairs=found, refused=refused)
+
+    def foreseen(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[Foreseen, ...]:
+        """What causes that a run parts predict for it, the nearest pairs first."""
+        seen = Predicted(prospect, self._noise, self._reference)
+        found = []
+        for k, rival in enumerate(self._question.rivals):
+            slopes, own = seen.slopes(rival), seen.records([rival])[0]
+            for i, (truth, *_) in self._first_of_each():
+                if truth.key == rival.key:
+                    continue
+                step = refit(rival.free, [run[i, k] for run in (*self._hand, pairs)])
+                apart = left(pairs[i, k], step)
+                row = int(np.argmax(apart))
+                if not CANNOT < apart[row] < np.inf:
+                    continue
+                channel, lines = seen.channels[row], own[row] + slopes.rows[row] @ step
+                found.append(
+                    Foreseen(
+                        truth=truth, rival=rival, channel=channel, sample_rate=prospect.sample_rate,
+                        of_truth=seen.record(seen.records([truth])[0, row], channel), of_rival=seen.record(lines, channel),
+                        allowed=float(seen.allowed[row]), distance=float(apart[row]),
+                    )
+                )  # fmt: skip
+        return tuple(sorted(found, key=lambda pair: pair.distance)[:most])
+
+    def with_sensors(
+        self, prospect: Prospect, added: Callable[[RigModel], RigModel], noise: float
+    ) -> dict[str, list[Apart]]:  # fmt: skip
+        """How far causes lie apart in a run by each of further sensors alone, by channel.
+
+        Parameters
+        ----------
+        prospect
+            The run.
+        added
+            Puts the further sensors on a model.
+        noise
+            Standard deviation of a displacement sensor's noise, m; others have the drive channel's.
+        """
+        flat, fitted = ([replace(v, model=added(v.model)) for v in variants] for variants in (self._flat, self._question.rivals))
+        reference = added(self._reference)
+        quiet = self._noise.get(reference.drive.channel, 0.0)
+        further = [s for s in reference.sensors if all(s.channel != own.channel for own in self._reference.sensors)]
+        levels = {s.channel: noise if s.quantity == "displacement" else quiet for s in further}
+        pairs = self._pairs(Predicted(prospect, {**self._noise, **levels}, reference), flat, fitted)
+        found: dict[str, list[Apart]] = {sensor.channel: [] for sensor in further}
+        for (i, k), moments in pairs.items():
+            step = refit(fitted[k].free, [*(run[i, k] for run in self._hand), moments])
+            apart = left(moments, step)
+            for row, sensor in enumerate(reference.sensors):
+                if sensor.channel in found:
+                    size = float(apart[row])
+                    found[sensor.channel].append(
+                        Apart(truth=flat[i], rival=fitted[k], distance=size, probability=float(parted(size)))
+                    )
+        return found
+
+    def _first_of_each(self) -> list[tuple[int, list[Variant]]]:
+        # The models drawn of every truth, the fitted one first, with its place among all.
+        starts = np.cumsum([0, *(len(models) for models in self._drawn[:-1])]).tolist()
+        return list(zip(starts, self._drawn, strict=True))
+
+    def distances(self, pairs: Sequence[Pairs]) -> list[Apart]:
+        """How far every truth lies from every rival after some further runs."""
+        return [apart for group in self._apart(pairs) for apart in group]
+
+    def probability(self, pairs: Sequence[Pairs]) -> float:
+        """That one cause stands after some further runs; of supposed causes the share that would show."""
+        chances = [min((apart.probability for apart in group), default=1.0) for group in self._apart(pairs)]
+        whole = self._settled + sum(self._weights)
+        return (self._settled + float(np.dot(chances, self._weights))) / whole if whole else 1.0
+
+    def _apart(self, pairs: Sequence[Pairs]) -> list[list[Apart]]:
+        counted = [self._question.supposed] * len(self._hand) + [True] * len(pairs)
+        groups = []
+        for first, models in self._first_of_each():
+            group: list[Apart] = []
+            for k, rival in enumerate(self._question.rivals):
+                if rival.key == models[0].key:
+                    continue
+                runs = [[run[i, k] for run in (*self._hand, *pairs)] for i in range(first, first + len(models))]
+                sizes = np.array([distance(rival.free, seen, counted) for seen in runs])
+                chance = float(parted(sizes).mean())
+                group.append(Apart(truth=models[0], rival=rival, distance=float(np.median(sizes)), probability=chance))
+            groups.append(group)
+        return groups
+
+
+def choose(
+    comparison: Comparison,
+    seen: Seen,
+    limits: Limits,
+    kept: Callable[[Prospect], Peaks],
+    *,
+    configuration: str,
+    budget: float,
+    most: int = MOST_RUNS,
+) -> Chosen:
+    """The runs to take, one after another: the largest gain in probability for its cost, each given those before it.
+
+    Parameters
+    ----------
+    comparison, seen
+        The question, and the candidates as it sees them.
+    limits
+        What no run may exceed.
+    kept
+        What all surviving models and models drawn of them reach in a candidate, simulated in its whole length.
+    configuration
+        The one that the rig is in.
+    budget
+        Seconds of measuring that all runs may take together.
+    most
+        Runs at most.
+    """
+    left = list(seen.pairs)
+    refused = dict(seen.refused)
+    taken: list[Pairs] = []
+    choices: list[Choice] = []
+    before = now = comparison.probability([])
+    while left and len(choices) < most:
+        affordable = [(p, pairs) for p, pairs in left if p.run.seconds <= budget]
+        gains = [(comparison.probability([*taken, pairs]) - now) / _cost(p, configuration, limits) for p, pairs in affordable]
+        if not gains:
+            break
+        best = int(np.argmax(gains))
+        prospect, pairs = affordable[best]
+        then = comparison.probability([*taken, pairs])
+        if then - now < WORTH:
+            break
+        left = [item for item in left if item[0] is not prospect]
+        peaks = kept(prospect)
+        why = peaks.beyond(limits)
+        if why:
+            refused[prospect.run] = why
+            continue
+        choices.append(
+            Choice(
+                prospect=prospect, probability=then, gained=then - now, apart=tuple(comparison.distances([pairs])), peaks=peaks,
+                foreseen=comparison.foreseen(prospect, pairs),
+            )
+        )  # fmt: skip
+        taken.append(pairs)
+        now, budget, configuration = then, budget - prospect.run.seconds, prospect.run.configuration
+    return Chosen(choices=tuple(choices), before=before, best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
+
+
+def _cost(prospect: Prospect, configuration: str, limits: Limits) -> float:
+    price = LOCK_PRICE if limits.lock_price is None else limits.lock_price
+    return prospect.run.seconds + OVERHEAD + (price if prospect.run.configuration != configuration else 0.0)
+
+
+def _best(comparison: Comparison, seen: Seen) -> tuple[Apart, ...]:
+    found: dict[tuple[object, object], Apart] = {}
+    for _, pairs in seen.pairs:
+        for apart in comparison.distances([pairs]):
+            key = apart.truth.key, apart.rival.key
+            if key not in found or apart.distance > found[key].distance:
+                found[key] = apart
+    return tuple(found.values())

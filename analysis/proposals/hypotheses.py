@@ -1,0 +1,229 @@
+"""Causes that nobody has seen yet, at the smallest size that is worth finding: what a run must be able to show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from math import isclose, pi
+
+from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.mechanisms.base import Evidence
+from isorig.analysis.diagnose.observe import push_of
+from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.prediction import Variant
+
+#: Frequencies at which a hidden oscillator is supposed, Hz.
+HIDDEN_MODES = (30.0, 110.0)
+#: Mains frequency that a hum is supposed to have, Hz, and its amplitude in the channel's unit.
+MAINS, HUM = 50.0, 0.01
+#: Seconds over which a drift is counted.
+SESSION = 720.0
+#: In place of what does not move at all.
+TINY = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smallest:
+    """The smallest size of each cause that is worth finding: a third of the smallest that the study of the diagnosis hides.
+
+    Parameters
+    ----------
+    spring
+        Share of a spring's force at the largest deflection by which it departs from a straight line.
+    breakaway, stribeck_speed
+        Breakaway above sliding friction, as a share; speed of its fall as a share of the largest speed.
+    presliding, play
+        Share of the largest deflection before friction slides; half the play.
+    asymmetry
+        Share by which friction differs from its mean either way.
+    stop, stop_stiffness
+        Deflection of a stop as a share of the largest, and its stiffness as a multiple of the spring's.
+    drag
+        Force of quadratic damping at the largest speed over dry friction and viscous force there.
+    drift
+        Share of a stiffness over `SESSION`.
+    rider, arm
+        Mass of a hidden oscillator as a share of its body's; arm of the drive about the centre of gravity, m.
+    mass, gain
+        Shares.
+    lock
+        Stiffness of a lock over the spring's.
+    delay
+        Samples.
+    clipping, crosstalk
+        Limit as a share of the largest record; share of the largest record that comes from elsewhere.
+    """
+
+    spring: float = 0.1
+    breakaway: float = 0.17
+    stribeck_speed: float = 0.07
+    presliding: float = 0.01
+    play: float = 0.02
+    asymmetry: float = 0.08
+    stop: float = 0.75
+    stop_stiffness: float = 0.5
+    drag: float = 0.17
+    drift: float = 0.033
+    rider: float = 0.007
+    arm: float = 0.0033
+    mass: float = 0.02
+    lock: float = 1200.0
+    gain: float = 0.017
+    delay: float = 0.27
+    clipping: float = 0.88
+    crosstalk: float = 0.01
+
+
+SMALLEST = Smallest()
+Sized = Callable[[Candidate, RigModel, Evidence], Mapping[str, float]]
+
+
+def hypotheses(model: RigModel, peaks: Peaks, speed: Mapping[str, float], sample_rate: float) -> tuple[Variant, ...]:
+    """Every cause of the catalogue at every place, at its smallest size, laid on a model.
+
+    Parameters
+    ----------
+    model
+        What explains the runs so far.
+    peaks, speed
+        Largest magnitudes, and largest speed by link (m/s), in the strongest runs that are allowed: sizes are counted in these.
+    sample_rate
+        Hz.
+    """
+    deflections = {link.name: max(peaks.stroke.get(link.name, 0.0), TINY) for link in model.links}
+    evidence = Evidence(
+        deflection=deflections, speed={link.name: max(speed.get(link.name, 0.0), TINY) for link in model.links},
+        sample_rate=sample_rate, end_time=SESSION, peak=peaks.channels,
+        flat_tops={s.channel: SMALLEST.clipping * peaks.channels.get(s.channel, 0.0) for s in model.sensors},
+        mains={s.channel: MAINS for s in model.sensors}, misfit_frequencies=HIDDEN_MODES, guess=model,
+        bends={}, push=push_of(model, peaks.channels),
+        configurations=frozenset(model.configurations),
+    )  # fmt: skip
+    found = []
+    for mechanism in CATALOGUE:
+        for candidate in mechanism.candidates(model, evidence):
+            sized = SIZED.get(candidate.cause)
+            if sized is None:
+                continue
+            for start in _starts(candidate):
+                with suppress(ModelError, KeyError):
+                    rig = start.replace(_by_path(candidate, sized(candidate, start, evidence)))
+                    hum = (candidate.location, HUM, MAINS) if candidate.cause == "mains_hum" else None
+                    found.append(Variant(cause=candidate.cause, location=candidate.location, model=rig, hum=hum))
+    # What leaves the motion as it is comes first: one simulation serves all of it.
+    return tuple(sorted(found, key=lambda variant: kind_of(variant.cause) != "sensor"))
+
+
+def _starts(candidate: Candidate) -> tuple[RigModel, ...]:
+    # Of an oscillator one at each frequency; of all else what is nearest to the rig without it.
+    if candidate.cause != "extra_mode":
+        return candidate.starts[:1]
+    name = f"{candidate.location}_rider"
+    ratios = {f: (2.0 * pi * f) ** 2 for f in HIDDEN_MODES}
+    at = {f: [s for s in candidate.starts if isclose(s.link(name).stiffness, r * s.body(name).mass)] for f, r in ratios.items()}
+    return tuple(starts[-1] for starts in at.values() if starts)
+
+
+def _rider(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    name = f"{c.location}_rider"
+    share = SMALLEST.rider * m.body(c.location).mass / m.body(name).mass
+    link = m.link(name)
+    return {
+        f"bodies.{name}.mass": share * m.body(name).mass, f"links.{name}.stiffness": share * link.stiffness,
+        f"links.{name}.damping": share * link.damping,
+    }  # fmt: skip
+
+
+def _by_path(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+    # A candidate's parameters by the ends of their paths.
+    paths = [free.path for free in candidate.free]
+    return {next((p for p in paths if p.endswith(f".{end}")), end): value for end, value in values.items()}
+
+
+def _link(candidate: Candidate, model: RigModel, evidence: Evidence) -> tuple[float, float, float]:
+    # Stiffness of the candidate's link, its largest deflection and speed.
+    name = candidate.location
+    return model.link(name).stiffness, evidence.deflection[name], evidence.speed[name]
+
+
+def _force(candidate: Candidate, evidence: Evidence) -> float:
+    # The dry friction that the rig had before the candidate was laid on it.
+    return max(evidence.guess.get(f"contacts.{candidate.location}.law.friction_force"), TINY)
+
+
+def _hardening(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    stiffness, swing, _ = _link(c, m, e)
+    return {"cubic_stiffness": SMALLEST.spring * stiffness / swing**2}
+
+
+def _softening(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    return {"softening": SMALLEST.spring, "scale": 0.25 * _link(c, m, e)[1]}
+
+
+def _drag(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    _, _, speed = _link(c, m, e)
+    dry = [x.law.friction_force for x in m.contacts if x.name == c.location and isinstance(x.law, Coulomb)]
+    return {"quadratic_damping": SMALLEST.drag * max(*dry, m.link(c.location).damping * speed, TINY) / speed**2}
+
+
+def _stribeck(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    force = _force(c, e)
+    return {
+        f"contacts.{c.location}.law.friction_force": force, "static_force": (1.0 + SMALLEST.breakaway) * force,
+        "stribeck_velocity": SMALLEST.stribeck_speed * e.speed[c.location],
+    }  # fmt: skip
+
+
+def _presliding(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    return {"bristle_stiffness": _force(c, e) / (SMALLEST.presliding * e.deflection[c.location])}
+
+
+def _asymmetric(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    force = _force(c, e)
+    return {"forward_force": (1.0 + SMALLEST.asymmetry) * force, "backward_force": (1.0 - SMALLEST.asymmetry) * force}
+
+
+def _stop(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    stiffness, swing, _ = _link(c, m, e)
+    return {"stroke": SMALLEST.stop * swing, "contact_stiffness": SMALLEST.stop_stiffness * stiffness}
+
+
+def _crosstalk(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    path = c.free[0].path
+    source = path.rpartition(".")[2]
+    return {path: SMALLEST.crosstalk * e.peak[c.location] / max(e.peak[source], TINY)}
+
+
+def _lock(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+    name = c.free[0].path.split(".")[1]
+    return {"lock_stiffness": SMALLEST.lock * m.link(m.configurations[name].rigid[0]).stiffness}
+
+
+#: Sizes by cause, as values by the ends of the candidate's paths; a cause that is not here is not supposed.
+SIZED: Mapping[str, Sized] = {
+    "coulomb_friction": lambda c, m, e: {},
+    "stribeck_friction": _stribeck,
+    "presliding_friction": _presliding,
+    "asymmetric_friction": _asymmetric,
+    "hardening_stiffness": _hardening,
+    "softening_stiffness": _softening,
+    "backlash": lambda c, m, e: {"clearance": SMALLEST.play * e.deflection[c.location]},
+    "end_stop": _stop,
+    "quadratic_damping": _drag,
+    "stiffness_drift": lambda c, m, e: {"drift_rate": SMALLEST.drift / SESSION},
+    "extra_mode": _rider,
+    "moment_coupling": lambda c, m, e: {"drive.pushes.rocking": SMALLEST.arm * m.drive.pushes[c.location]},
+    "wrong_mass": lambda c, m, e: {c.free[0].path: (1.0 + SMALLEST.mass) * m.get(c.free[0].path)},
+    "imperfect_lock": _lock,
+    "channel_delay": lambda c, m, e: {"delay": SMALLEST.delay / e.sample_rate},
+    "sensor_gain": lambda c, m, e: {"gain": 1.0 + SMALLEST.gain},
+    "clipping": lambda c, m, e: {"limit": SMALLEST.clipping * e.peak[c.location]},
+    "crosstalk": _crosstalk,
+    "mains_hum": lambda c, m, e: {},
+}

@@ -1,0 +1,136 @@
+"""What a rig may be asked to do, and what a candidate run makes of it by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
+from isorig.analysis.parallel import side_by_side
+from isorig.analysis.simulate import Excitation, record, simulate, true_drive
+
+#: Share of a limit that a simulated run may use: a real rig differs from every model of it. Chosen: the peak of a random drive's
+#: response differs by about a tenth between models that agree with the same data.
+USABLE = 0.9
+#: What the channel of a link's gauge begins with.
+DEFLECTION = "deflection "
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peaks:
+    """Largest magnitudes in a run.
+
+    Parameters
+    ----------
+    stroke, speed
+        Deflection (m) and its rate (m/s) by link, of those that the configuration leaves free.
+    drive, force
+        The drive's channel in its unit, and its force, N.
+    channels
+        Every sensor's record and the drive's by channel, in its unit.
+    """
+
+    stroke: Mapping[str, float]
+    speed: Mapping[str, float]
+    drive: float
+    force: float
+    channels: Mapping[str, float]
+
+    def beyond(self, limits: Limits, usable: float = USABLE) -> str:
+        """What exceeds the usable share of its limit, in words; empty where nothing does."""
+        pairs = [
+            (f"the deflection of the {name}", self.stroke.get(name, 0.0), most, " m") for name, most in limits.stroke.items()
+        ]
+        pairs += [(f"the record of {name}", self.channels.get(name, 0.0), most, "") for name, most in limits.channels.items()]
+        if limits.drive is not None:
+            pairs.append(("the drive", self.drive, limits.drive, ""))
+        if limits.force is not None:
+            pairs.append(("the drive's force", self.force, limits.force, " N"))
+        for what, size, most, unit in pairs:
+            if not size <= usable * most:
+                return f"{what} would reach {size:.3g}{unit} of the {most:.3g}{unit} allowed"
+        return ""
+
+
+def largest(peaks: Sequence[Peaks]) -> Peaks:
+    """The largest of several models' peaks, each by itself."""
+    return Peaks(
+        stroke=_most([p.stroke for p in peaks]), speed=_most([p.speed for p in peaks]), drive=max(p.drive for p in peaks),
+        force=max(p.force for p in peaks), channels=_most([p.channels for p in peaks]),
+    )  # fmt: skip
+
+
+def _most(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    names = {name for each in found for name in each}
+    return {name: max(each.get(name, 0.0) for each in found) for name in sorted(names)}
+
+
+def gauged(model: RigModel, configuration: str) -> RigModel:
+    """The rig with a gauge of every link's deflection that the configuration leaves free, as channels `deflection <link>`."""
+    setup = model.configurations[configuration]
+    free = [link for link in model.links if link.name not in setup.rigid or setup.lock_stiffness is not None]
+    gauges = []
+    for link in free:
+        body, other = (link.a, link.b) if link.a != GROUND else (link.b, link.a)
+        sign = 1.0 if link.a != GROUND else -1.0
+        arms = {name: sign * factor for name, factor in link.arms.items()}
+        gauges.append(
+            Sensor(channel=f"{DEFLECTION}{link.name}", body=body, relative_to=other, quantity="displacement", arms=arms)
+        )
+    return msgspec.structs.replace(model, sensors=(*model.sensors, *gauges))
+
+
+def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArray, sample_rate: float) -> Peaks:
+    """The peaks of a simulated run of a `gauged` rig; `motion` holds recorded values by channel, `drive` the true drive."""
+    sizes = {name: float(np.abs(values).max(initial=0.0)) for name, values in motion.items()}
+    reached = float(np.abs(drive).max(initial=0.0))
+    weight = max((abs(w) for w in model.drive.pushes.values()), default=0.0)
+    sensors = {name: size for name, size in sizes.items() if not name.startswith(DEFLECTION)}
+    gauges = {name.removeprefix(DEFLECTION): values for name, values in motion.items() if name.startswith(DEFLECTION)}
+    return Peaks(
+        stroke={name: sizes[DEFLECTION + name] for name in gauges},
+        speed={name: float(np.abs(np.diff(values)).max(initial=0.0)) * sample_rate for name, values in gauges.items()},
+        drive=reached, force=reached * abs(model.drive.factor) * weight,
+        channels={**sensors, model.drive.channel: reached},
+    )  # fmt: skip
+
+
+def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configuration: str, start_time: float) -> Peaks:
+    """The largest magnitudes that any of the models reaches in a run, its whole length simulated from rest.
+
+    A model whose motion grows without bound reaches everything.
+    """
+
+    def one(model: RigModel) -> Peaks:
+        rig = gauged(model, configuration)
+        drive = true_drive(model, excitation)
+        try:
+            seen = simulate(rig, excitation, configuration=configuration, start_time=start_time).channels
+        except (SimulationError, ModelError):
+            everything = {sensor.channel: np.array([inf]) for sensor in rig.sensors}
+            return peaks_of(rig, everything, drive, excitation.sample_rate)
+        recorded = record(rig, {model.drive.channel: drive, **seen}, excitation.sample_rate)
+        return peaks_of(rig, {name: recorded[name] for name in seen}, drive, excitation.sample_rate)
+
+    return largest(side_by_side(one, models))
+
+
+def reached_so_far(limits: Limits, model: RigModel, peaks: Peaks) -> Limits:
+    """The limits, with what the runs so far reached in place of what nobody stated.
+
+    That is the stroke of every link that some configuration blocks (of all where none does), for those are the ones with stops;
+    and the drive, where neither it nor a gain is limited.
+    """
+    blocked = {name for setup in model.configurations.values() for name in setup.rigid}
+    moving = [link.name for link in model.links if link.name in blocked or not blocked]
+    reached = {name: peaks.stroke[name] / USABLE for name in moving if 0.0 < peaks.stroke.get(name, 0.0) < inf}
+    free = limits.drive is None and limits.gains is None and peaks.drive > 0.0
+    drive = peaks.drive / USABLE if free else limits.drive
+    return msgspec.structs.replace(limits, stroke={**reached, **limits.stroke}, drive=drive)

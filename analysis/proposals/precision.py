@@ -1,0 +1,317 @@
+"""The run that brings a figure's deviation below a wish: optimal design for precision.
+
+What a run says of the fitted values adds up over runs, and a figure's deviation follows from all of it (c-optimality, Atkinson,
+Donev and Tobias 2007, ch. 10). Of figures that masses, stiffness and damping alone make up a run says what its transfer
+functions say, weighted with their error bars: friction makes a drive and its response less coherent, and wide error bars tell of
+it. Of all others it says what its waveforms say. Either way it is scaled to the deviation that the runs in hand have given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, Channel, ComplexArray, FloatArray, Run
+from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
+from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction, matrices
+from isorig.analysis.proposals.choice import LOCK_PRICE, OVERHEAD
+from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
+from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.compiled import constraint_basis
+from isorig.analysis.spectra.welch import estimate
+
+#: Distance of a transfer function's lines, Hz, and how many neighbours of a Hann window say the same.
+RESOLUTION, ALIKE = 0.5, 1.5
+#: Lines whose coherence is less say nothing that an error bar describes: some 15 averages of noise alone have a fifth of it.
+COHERENT = 0.3
+#: Shortest run that is proposed, s: two thirds of it are fitted, and transients die in them.
+SHORTEST = 5.0
+#: Excitations that have transfer functions.
+BROAD = ("random", "multisine", "sweep")
+Figure = Callable[[RigModel], float]
+
+
+def figure_of(model: RigModel, name: str) -> Figure:
+    """A figure by its name in the parameter table, or by its path in the model.
+
+    `<body>_mass` in kg; `<body>_frequency` = sqrt(k / m) / 2 pi in Hz and `<body>_damping` = c / (2 sqrt(k m)) of the link that
+    the body hangs on; `friction_force` of the rig's only contact, N.
+
+    Raises
+    ------
+    ModelError
+        Where the rig has no such figure, with those that it has.
+    """
+    if "." in name:
+        model.get(name)
+        return lambda rig: rig.get(name)
+    figures = named_figures(model)
+    if name not in figures:
+        raise ModelError(f"the rig has no figure {name!r}; it has {', '.join(figures)}, and {', '.join(model.free)} by path")
+    return figures[name]
+
+
+def named_figures(model: RigModel) -> dict[str, Figure]:
+    """All figures of a rig by name."""
+    found: dict[str, Figure] = {}
+    for body in model.bodies:
+        link = next((link.name for link in model.links if link.a == body.name and link.stiffness > 0.0), None)
+        found[f"{body.name}_mass"] = lambda rig, b=body.name: rig.body(b).mass  # type: ignore[misc]
+        if link is not None:
+            found[f"{body.name}_frequency"] = lambda rig, b=body.name, n=link: (  # type: ignore[misc]
+                sqrt(rig.link(n).stiffness / rig.body(b).mass) / (2.0 * pi)
+            )
+            found[f"{body.name}_damping"] = lambda rig, b=body.name, n=link: (  # type: ignore[misc]
+                rig.link(n).damping / (2.0 * sqrt(rig.link(n).stiffness * rig.body(b).mass))
+            )
+    path = [f"contacts.{c.name}.law.friction_force" for c in model.contacts if hasattr(c.law, "friction_force")]
+    if len(path) == 1:
+        found["friction_force"] = lambda rig: rig.get(path[0])
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Precise:
+    """A run for a figure.
+
+    Parameters
+    ----------
+    prospect
+        The run, no longer than the wish needs.
+    std
+        The figure's relative deviation after it.
+    peaks
+        What the model and others drawn of its covariance reach in it.
+    """
+
+    prospect: Prospect
+    std: float
+    peaks: Peaks
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """What was found for a wish.
+
+    Parameters
+    ----------
+    value, std
+        The figure and its relative deviation now.
+    linear
+        Whether transfer functions tell of it.
+    runs
+        The runs, one after another.
+    compared
+        How many candidates were compared.
+    """
+
+    value: float
+    std: float
+    linear: bool
+    runs: tuple[Precise, ...]
+    compared: int
+
+
+class Known:
+    """What the runs say of a model's fitted values, and so of a figure.
+
+    Parameters
+    ----------
+    variant
+        The fitted model with its covariance.
+    figure
+        What is to be known.
+    noise
+        Standard deviation of the noise by channel.
+    in_hand
+        The runs taken so far.
+    """
+
+    def __init__(self, variant: Variant, figure: Figure, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
+        self._variant, self._noise = variant, noise
+        self.value = figure(variant.model)
+        slope = _slopes(variant, figure)
+        touched = [f.path for f, s in zip(variant.free, slope, strict=True) if s != 0.0]
+        if not touched:
+            raise DataError("no fitted parameter moves that figure: it is taken as known, so no run tells more of it")
+        self.linear = all(path.startswith(("bodies.", "links.")) and ".laws." not in path for path in touched)
+        self._slope = slope
+        self.now = np.diag(beforehand(variant.free)) + sum((self.told(run) for run in in_hand), np.zeros((len(slope),) * 2))
+        measured = std_of(variant, figure)
+        #: Measured over predicted deviation of the runs in hand.
+        self._scale = measured / sqrt(self._variance(self.now)) if measured > 0.0 else 1.0
+
+    def std(self, told: FloatArray) -> float:
+        """The figure's relative deviation where all runs together say so much of the fitted values."""
+        return self._scale * sqrt(self._variance(told)) / abs(self.value)
+
+    def told(self, prospect: Prospect) -> FloatArray:
+        """What a run says of the fitted values' search coordinates, the inverse of a covariance, shape (k, k)."""
+        if self.linear and prospect.run.excitation in BROAD:
+            return self._by_transfer(prospect)
+        seen = Predicted(prospect, self._noise, self._variant.model)
+        return np.asarray(seen.weight * np.nan_to_num(seen.slopes(self._variant).normal.sum(axis=0)))
+
+    def _variance(self, told: FloatArray) -> float:
+        return float(self._slope @ np.linalg.solve(told, self._slope))
+
+    def _by_transfer(self, prospect: Prospect) -> FloatArray:
+        # Error bars of the transfer functions that this run would give, and how they go with the fitted values.
+        model, configuration = self._variant.model, prospect.run.configuration
+        excitation, rate = prospect.excitation(), prospect.sample_rate
+        seen = simulate(model, excitation, configuration=configuration, start_time=prospect.start_time).channels
+        generator = np.random.default_rng(9)
+        records = {model.drive.channel: excitation.recorded, **seen}
+        noisy = {name: v + generator.normal(0.0, self._noise.get(name, 0.0), len(v)) for name, v in records.items()}
+        run = Run(
+            id="prospect", configuration=configuration, sample_rate=rate, gain=prospect.run.gain,
+            channels={name: Channel(name=name, samples=values) for name, values in noisy.items()},
+        )  # fmt: skip
+        spectra = estimate(Campaign(runs=(run,)).runs, references=[model.drive.channel], resolution=RESOLUTION)
+        theta = np.array([f.encode(model.get(f.path)) for f in self._variant.free])
+        here = transfer(model, configuration, spectra.frequency[1:])
+        columns = []
+        for k, f in enumerate(self._variant.free):
+            step = 1e-4 if f.log else f.step
+            moved = model.replace({f.path: f.decode(theta[k] + step)})
+            columns.append((transfer(moved, configuration, spectra.frequency[1:]) - here) / step)
+        rows = np.stack(columns, axis=-1)
+        low, high = prospect.run.band or (0.0, rate / 2.0)
+        inside = (spectra.frequency[1:] >= low) & (spectra.frequency[1:] <= high)
+        whole = np.zeros((len(theta),) * 2)
+        for k, sensor in enumerate(model.sensors):
+            frf = spectra.frf(sensor.channel, model.drive.channel)
+            good = inside & (frf.coherence[1:] > COHERENT) & (frf.magnitude_std[1:] > 0.0)
+            own = rows[k][good] / frf.magnitude_std[1:][good, None]
+            whole += np.real(own.conj().T @ own)
+        return np.asarray(whole * prospect.run.seconds * rate / len(excitation.recorded) / ALIKE)
+
+
+def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
+    """Transfer functions of the linear part from the drive's channel to every sensor, shape (sensors, lines).
+
+    Friction and curved forces are left out; the drive's force is its factor times its channel.
+    """
+    setup = model.configurations[configuration]
+    rigid = [model.link(name) for name in setup.rigid]
+    basis = constraint_basis(model, rigid if setup.lock_stiffness is None else [])
+    mass, damping, stiffness = matrices(model)
+    if setup.lock_stiffness is not None:
+        for link in rigid:
+            along = direction(model, link.a, link.b, {})
+            stiffness = stiffness + setup.lock_stiffness * np.outer(along, along)
+            damping = damping + setup.lock_damping * np.outer(along, along)
+    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
+    push = sum((weight * direction(model, name, GROUND, {}) for name, weight in model.drive.pushes.items()), np.zeros(len(basis)))
+    omega = 2.0 * np.pi * frequency
+    whole = stiffness + 1j * omega[:, None, None] * damping - omega[:, None, None] ** 2 * mass
+    motion = np.linalg.solve(whole, np.broadcast_to(model.drive.factor * (basis.T @ push), whole.shape[:2])[..., None])[..., 0]
+    power = {"displacement": 0, "velocity": 1, "acceleration": 2}
+    rows = []
+    for sensor in model.sensors:
+        seen = motion @ (basis.T @ direction(model, sensor.body, sensor.relative_to, sensor.arms))
+        rows.append(seen * (1j * omega) ** power.get(sensor.quantity, 0))
+    return np.stack(rows)
+
+
+def design(
+    known: Known, prospects: Sequence[Prospect], limits: Limits, kept: Callable[[Prospect], Peaks], *, wish: float,
+    configuration: str, budget: float, most: int, progress: Progress,
+) -> Design:  # fmt: skip
+    """The runs, at least cost, after which a figure's relative deviation is below a wish; or the most precise ones.
+
+    Parameters
+    ----------
+    known
+        What the runs in hand say.
+    prospects
+        The candidates, each with its longest drive.
+    limits, kept
+        What no run may exceed, and what the surviving models reach in a candidate.
+    wish
+        Relative deviation.
+    configuration
+        The one that the rig is in.
+    budget
+        Seconds of measuring that all runs may take together.
+    most
+        Runs at most.
+    progress
+        Called before every candidate; where it raises OutOfTimeError those compared by then are the answer.
+    """
+    told: list[tuple[Prospect, FloatArray]] = []
+    try:
+        for k, prospect in enumerate(prospects):
+            progress(f"comparing candidate {k + 1} of {len(prospects)}")
+            told.append((prospect, known.told(prospect)))
+    except OutOfTimeError:
+        pass
+    now = known.now
+    runs: list[Precise] = []
+    left = list(told)
+    while known.std(now) > wish and len(runs) < most and budget >= SHORTEST and left:
+        ranked = [_ranked(known, now, prospect, own, wish, configuration, limits, budget) for prospect, own in left]
+        _, prospect, own = min(ranked, key=lambda item: item[0])
+        peaks = kept(prospect)
+        if peaks.beyond(limits):
+            left = [item for item in left if item[0].run.seed != prospect.run.seed]
+            continue
+        before = known.std(now)
+        now = now + own
+        if known.std(now) > 0.99 * before:
+            break
+        runs.append(Precise(prospect=prospect, std=known.std(now), peaks=peaks))
+        configuration, budget = prospect.run.configuration, budget - prospect.run.seconds
+    return Design(value=known.value, std=known.std(known.now), linear=known.linear, runs=tuple(runs), compared=len(told))
+
+
+def _ranked(
+    known: Known, now: FloatArray, prospect: Prospect, own: FloatArray, wish: float, configuration: str, limits: Limits,
+    budget: float,
+) -> tuple[tuple[bool, float], Prospect, FloatArray]:  # fmt: skip
+    # Runs that reach the wish first, the cheapest of them; of the others the most precise. No longer than is needed.
+    whole = prospect.run.seconds
+    longest = min(whole, budget)
+    price = LOCK_PRICE if limits.lock_price is None else limits.lock_price
+    fixed = OVERHEAD + (price if prospect.run.configuration != configuration else 0.0)
+    seconds = longest
+    reached = known.std(now + own * longest / whole) <= wish
+    if reached and prospect.run.excitation != "sweep":
+        low, high = min(SHORTEST, longest), longest
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if known.std(now + own * middle / whole) <= wish else (middle, high)
+        seconds = float(np.ceil(high))
+    seconds = min(max(seconds, SHORTEST), longest)
+    own = own * seconds / whole
+    cut = prospect.shortened(seconds)
+    return (not reached, fixed + seconds if reached else known.std(now + own)), cut, own
+
+
+def std_of(variant: Variant, figure: Figure) -> float:
+    """A figure's standard deviation by the model's own covariance, in its unit."""
+    slope = _slopes(variant, figure)
+    values = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
+    return sqrt(max(float(slope @ (variant.covariance / np.outer(values, values)) @ slope), 0.0))
+
+
+def _slopes(variant: Variant, figure: Figure) -> FloatArray:
+    # Of the figure with the search coordinates of the fitted values.
+    theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
+    found = np.zeros(len(theta))
+    for k, f in enumerate(variant.free):
+        step = 1e-5 if f.log else f.step
+        ends = [figure(variant.model.replace({f.path: f.decode(theta[k] + way * step)})) for way in (1.0, -1.0)]
+        found[k] = (ends[0] - ends[1]) / (2.0 * step)
+    return found
+
+
+def candidate_peaks(variants: Sequence[RigModel], prospect: Prospect) -> Peaks:
+    """What models reach in the whole length of a run."""
+    return simulated_peaks(variants, prospect.excitation(whole=True), prospect.run.configuration, prospect.start_time)

@@ -1,0 +1,306 @@
+"""What models predict for a run that nobody has taken yet, and how far they lie apart once the fitted one is refitted.
+
+A run's prediction is the weighted record of every sensor, its unit what noise and the simulation's own limit allow of one
+spectral line. Two models are not compared as they stand: the one that is fitted takes a linear step of all its parameters first,
+given all runs in hand and the new ones (the T-criterion of Atkinson and Fedorov 1975; without the step runs rank high whose
+differences the rival absorbs).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Run
+from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
+from isorig.analysis.fitting.trials import FIT_SHARE, Trial
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.menu import CandidateRun
+from isorig.analysis.simulate import Excitation
+
+#: Seconds of a run that are simulated to compare models: longer than any transient. A sweep is simulated whole.
+HORIZON = 6.0
+#: Fine steps per sample of these simulations: models that share the error of the grid are compared.
+GRID = 2
+#: Deviation of a fitted value on its logarithm, or in hundreds of its finite differences, that is taken as known beforehand: a
+#: linear step is not trusted any further.
+TRUSTED = 0.7
+
+
+#: A cause and its place.
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """A model that runs are to part from others: what a fit may change of it, and how well that is known.
+
+    Parameters
+    ----------
+    cause, location
+        Names of the findings; both empty of the rig as it is described.
+    model, free
+        The rig and its fitted parameters; none of a cause that is only supposed.
+    covariance
+        Of the fitted values, in their units, shape (k, k).
+    hum
+        What it adds to a channel: (channel, amplitude in its unit, frequency in Hz); None where nothing.
+    """
+
+    cause: str
+    location: str
+    model: RigModel
+    free: tuple[Free, ...] = ()
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    hum: tuple[str, float, float] | None = None
+
+    @property
+    def key(self) -> Key:
+        """Cause and location."""
+        return self.cause, self.location
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prospect:
+    """A run with its drive, to be predicted.
+
+    Parameters
+    ----------
+    run
+        What is taken.
+    drive
+        The drive's channel as it would be recorded, in its unit, shape (n,).
+    sample_rate
+        Hz.
+    start_time
+        Seconds from the campaign's first sample.
+    """
+
+    run: CandidateRun
+    drive: FloatArray
+    sample_rate: float
+    start_time: float
+
+    def shortened(self, seconds: float) -> Prospect:
+        """The same run for no longer than this."""
+        if seconds >= self.run.seconds:
+            return self
+        return replace(self, run=replace(self.run, seconds=seconds), drive=self.drive[: round(seconds * self.sample_rate)])
+
+    def excitation(self, *, whole: bool = False, grid: int = GRID) -> Excitation:
+        """The drive made ready: as much of it as comparisons need, or the whole."""
+        n = len(self.drive) if whole or self.run.excitation == "sweep" else round(HORIZON * self.sample_rate)
+        return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=grid)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moments:
+    """What a run says of a difference between two models' predictions, and of the fitted one's parameters, by channel.
+
+    All are means over the spectral lines of the records, in what is allowed of a line.
+
+    Parameters
+    ----------
+    square
+        Mean square of the difference, shape (channels,).
+    slope
+        Difference times derivatives, shape (channels, k).
+    normal
+        Derivatives times derivatives, shape (channels, k, k).
+    weight
+        Lines that a fit sees of the run.
+    """
+
+    square: FloatArray
+    slope: FloatArray
+    normal: FloatArray
+    weight: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slopes:
+    """A fitted model's derivatives in a run, shape (channels, lines, k), and their products, shape (channels, k, k)."""
+
+    rows: FloatArray
+    normal: FloatArray
+
+
+class Predicted:
+    """A prospective run as models see it.
+
+    Parameters
+    ----------
+    prospect
+        The run.
+    noise
+        Standard deviation of the noise by channel, the drive's among them, in the channel's unit.
+    reference
+        The model whose response sets what is allowed: the sensors' noise, the noise of the drive as it comes through the rig, and
+        `SIMULATION_LIMIT` of the response.
+    """
+
+    def __init__(self, prospect: Prospect, noise: Mapping[str, float], reference: RigModel) -> None:
+        excitation, rate = prospect.excitation(), prospect.sample_rate
+        self.prospect = prospect
+        self.channels = tuple(sensor.channel for sensor in reference.sensors)
+        self._n = len(excitation.recorded)
+        shaken = np.random.default_rng(7).normal(0.0, noise.get(reference.drive.channel, 0.0), self._n)
+        clean, other = (
+            self._records(self._problem(Excitation.prepare(drive, rate, oversample=GRID)), [reference])[0]
+            for drive in (excitation.recorded, excitation.recorded + shaken)
+        )
+        own = np.array([noise.get(name, 0.0) for name in self.channels])
+        through = np.mean((clean - other) ** 2, axis=1)
+        #: What is allowed in each channel, in its unit, shape (channels,).
+        self.allowed = np.sqrt(own**2 + through + SIMULATION_LIMIT**2 * np.mean(clean**2, axis=1))
+        self._whole = self._problem(excitation)
+
+    @property
+    def weight(self) -> float:
+        """Lines that a fit will see of the run's whole length."""
+        return FIT_SHARE * self.prospect.run.seconds * self.prospect.sample_rate
+
+    def records(self, variants: Sequence[Variant]) -> FloatArray:
+        """What the sensors would record, in what is allowed, as spectral lines, shape (variants, channels, lines).
+
+        NaN where a motion grows without bound.
+        """
+        found = self._records(self._whole, [variant.model for variant in variants]) / self.allowed[:, None]
+        for k, variant in enumerate(variants):
+            if variant.hum is not None:
+                channel, amplitude, frequency = variant.hum
+                row = self.channels.index(channel)
+                wave = amplitude * np.sin(2.0 * np.pi * frequency * np.arange(self._n) / self.prospect.sample_rate)
+                found[k, row] += _lines(wave[None, :])[0] / self.allowed[row]
+        return np.asarray(found)
+
+    def slopes(self, variant: Variant) -> Slopes:
+        """Derivatives of its records with respect to the search coordinates of its fitted values."""
+        theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
+
+        def build(coordinates: FloatArray) -> RigModel:
+            return _bare(variant.model.replace({f.path: f.decode(c) for f, c in zip(variant.free, coordinates, strict=True)}))
+
+        here = self._whole.residuals([_bare(variant.model)])[0]
+        columns = jacobian_of(self._whole, build, theta, variant.free, here)
+        rows = np.moveaxis(self._by_channel(columns.T), 0, -1) / self.allowed[:, None, None]
+        return Slopes(rows=rows, normal=np.einsum("clk,clm->ckm", rows, rows, optimize=True) / rows.shape[1])
+
+    def moments(self, truth: FloatArray, fitted: FloatArray, slopes: Slopes) -> Moments:
+        """What the run says of a truth's records, shape (channels, lines), where a fitted model predicts others."""
+        difference = fitted - truth
+        return Moments(
+            square=np.mean(difference**2, axis=1), weight=self.weight, normal=slopes.normal,
+            slope=np.einsum("cl,clk->ck", difference, slopes.rows) / truth.shape[1],
+        )  # fmt: skip
+
+    def record(self, lines: FloatArray, channel: str) -> FloatArray:
+        """A channel's record of spectral lines, shape (lines,), back in time and in its unit, shape (n,)."""
+        row = self.channels.index(channel)
+        real, imaginary = np.split(lines * self.allowed[row], 2)
+        return np.asarray(np.fft.irfft((real + 1j * imaginary) / np.sqrt(2.0 / self._n), self._n))
+
+    def _problem(self, excitation: Excitation) -> Problem:
+        run = self.prospect.run
+        silent = Trial(
+            run=Run(
+                id="prospect", configuration=run.configuration, sample_rate=self.prospect.sample_rate, gain=run.gain, channels={}
+            ),
+            start_time=self.prospect.start_time, excitation=excitation, channels=self.channels,
+            measured=np.zeros((len(self.channels), self._n)), noise=np.ones(len(self.channels)), fitted=self._n,
+            ceiling=self.prospect.sample_rate / 2.0,
+        )  # fmt: skip
+        return Problem([silent], share=0.0)
+
+    def _records(self, problem: Problem, models: Sequence[RigModel]) -> FloatArray:
+        return self._by_channel(problem.residuals([_bare(model) for model in models]))
+
+    def _by_channel(self, rows: FloatArray) -> FloatArray:
+        # Real parts of all channels come first, then imaginary ones: shape (models, channels, lines).
+        parts = rows.reshape(len(rows), 2, len(self.channels), -1)
+        return np.concatenate([parts[:, 0], parts[:, 1]], axis=2)
+
+
+def _lines(values: FloatArray) -> FloatArray:
+    # As `Waveform` transforms a record of unit noise.
+    spectrum = np.fft.rfft(values, axis=1) * np.sqrt(2.0 / values.shape[1])
+    return np.concatenate([spectrum.real, spectrum.imag], axis=1)
+
+
+def _bare(model: RigModel) -> RigModel:
+    # A hum has no phase before it is measured.
+    if all(sensor.chain.mains_frequency is None for sensor in model.sensors):
+        return model
+    chains = {s.channel: msgspec.structs.replace(s.chain, mains_frequency=None) for s in model.sensors}
+    return msgspec.structs.replace(
+        model, sensors=tuple(msgspec.structs.replace(s, chain=chains[s.channel]) for s in model.sensors)
+    )
+
+
+def refit(free: Sequence[Free], moments: Sequence[Moments]) -> FloatArray:
+    """The linear step of a model's search coordinates that brings it nearest to a truth in several runs together, shape (k,).
+
+    NaN where a motion grows without bound.
+    """
+    normal, slope = np.diag(beforehand(free)), np.zeros(len(free))
+    for run in moments:
+        normal = normal + run.weight * run.normal.sum(axis=0)
+        slope = slope + run.weight * run.slope.sum(axis=0)
+    if not (np.isfinite(slope).all() and np.isfinite(normal).all()):
+        return np.full(len(free), np.nan)
+    return np.asarray(-np.linalg.solve(normal, slope)) if len(free) else slope
+
+
+def left(run: Moments, step: FloatArray) -> FloatArray:
+    """How far a truth lies from a rival after that step of it, shape (channels,): root mean square over the lines of a run.
+
+    In what is allowed of a line: standard errors of one spectral line. Infinite where a motion grows without bound.
+    """
+    square = run.square + 2.0 * run.slope @ step + np.einsum("ckm,k,m->c", run.normal, step, step)
+    return np.where(np.isfinite(square), np.sqrt(np.maximum(square, 0.0)), np.inf)
+
+
+def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence[bool]) -> float:
+    """How far a truth lies from a refitted rival, in its worst channel of the runs that count; see `left`.
+
+    Parameters
+    ----------
+    free
+        What is refitted.
+    moments
+        Of all runs that the refit sees, those in hand and the new ones.
+    counted
+        Whether a run's distance counts.
+    """
+    step = refit(free, moments)
+    return max((float(left(run, step).max()) for run, counts in zip(moments, counted, strict=True) if counts), default=0.0)
+
+
+def beforehand(free: Sequence[Free]) -> FloatArray:
+    """What is known of a model's search coordinates before any run: the inverse of their variances, shape (k,)."""
+    return np.array([(1.0 if f.log else 100.0 * f.step) * TRUSTED for f in free], dtype=np.float64) ** -2
+
+
+def drawn(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
+    """The model and others that its covariance allows, `count` in all; a value's deviation is at most `TRUSTED`."""
+    generator = np.random.default_rng(seed)
+    slope = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
+    covariance = variant.covariance / np.outer(slope, slope)
+    most = beforehand(variant.free) ** -0.5
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    shrink = np.minimum(1.0, most / np.maximum(std, 1e-300))
+    sizes, axes = np.linalg.eigh(np.nan_to_num(covariance * np.outer(shrink, shrink)))
+    theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
+    found = [variant.model]
+    while len(found) < count:
+        moved = theta + axes @ (np.sqrt(np.maximum(sizes, 0.0)) * generator.normal(size=len(theta)))
+        try:
+            found.append(variant.model.replace({f.path: f.decode(c) for f, c in zip(variant.free, moved, strict=True)}))
+        except ModelError:  # beyond what physics allows: the model itself stands in
+            found.append(variant.model)
+    return tuple(found)

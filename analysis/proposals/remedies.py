@@ -1,0 +1,125 @@
+"""What would part causes that no allowed run parts: more stroke and a higher gain, or another sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import msgspec
+
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.proposals.choice import WILL, Apart, Comparison, Seen
+from isorig.analysis.proposals.limits import Peaks, gauged
+from isorig.analysis.proposals.prediction import Key, Prospect
+
+#: Factors by which gains are raised, one after another; the first leaves them and lifts all other limits.
+RAISED = (1.0, 1.5, 2.0, 3.0)
+#: What a displacement sensor across a link resolves, m, and how far above the first a second accelerometer sits, m.
+RESOLVES, HIGHER = 1e-6, 0.05
+#: Allowed candidates that are tried with another sensor: those that part the causes best without it.
+TRIED = 3
+SECOND = "second "
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remedy:
+    """What would part two causes.
+
+    Parameters
+    ----------
+    prospect
+        The run in which they would lie apart.
+    distance
+        How far, in standard errors.
+    peaks
+        What that run would reach, where it exceeds a limit.
+    channel
+        The sensor that would show it, where it needs another one: "deflection <link>" or "second <channel>".
+    """
+
+    prospect: Prospect
+    distance: float
+    peaks: Peaks | None = None
+    channel: str = ""
+
+
+def further(
+    comparison: Comparison, pair: tuple[Key, Key], beyond: Callable[[float], Sequence[Prospect]],
+    peaks: Callable[[Prospect], Peaks], progress: Progress,
+) -> Remedy | None:  # fmt: skip
+    """The run of least stroke beyond the limits that would part a pair of causes; None where none of `RAISED` does.
+
+    Parameters
+    ----------
+    comparison
+        The question.
+    pair
+        Keys of the causes.
+    beyond
+        Candidates whose gains are raised by a factor.
+    peaks
+        What the surviving models reach in a candidate.
+    progress
+        Called before every candidate; where it raises OutOfTimeError there is no answer.
+    """
+    try:
+        for factor in RAISED:
+            seen = comparison.seen(beyond(factor), Limits(), progress)
+            found = [(farther(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
+            enough = [Remedy(prospect=one, distance=size, peaks=peaks(one)) for size, one in found if size >= WILL]
+            if enough:
+                return min(enough, key=_stroke)
+            progress("looking further")
+    except OutOfTimeError:
+        pass
+    return None
+
+
+def another_sensor(comparison: Comparison, seen: Seen, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
+    """The sensor that would part a pair of causes in an allowed run; None where none does."""
+    ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
+    found: list[Remedy] = []
+    try:
+        for prospect, _ in ranked[:TRIED]:
+            progress("looking for another sensor")
+            for channel, apart in comparison.with_sensors(prospect, watched(prospect.run.configuration), RESOLVES).items():
+                if (size := farther(apart, pair)) >= WILL:
+                    found.append(Remedy(prospect=prospect, distance=size, channel=channel))
+    except OutOfTimeError:
+        pass
+    return max(found, key=lambda remedy: remedy.distance, default=None)
+
+
+def _stroke(remedy: Remedy) -> float:
+    assert remedy.peaks is not None
+    return max(remedy.peaks.stroke.values(), default=0.0)
+
+
+def farther(apart: Sequence[Apart], pair: tuple[Key, Key]) -> float:
+    """The larger of the distances of a pair: of two causes the more general one may fit all that the other does."""
+    return max((a.distance for a in apart if {a.truth.key, a.rival.key} == set(pair)), default=0.0)
+
+
+def watched(configuration: str) -> Callable[[RigModel], RigModel]:
+    """Puts further sensors on a rig: a gauge across every free link, and above every accelerometer another one.
+
+    They differ from the present ones only where a body rocks.
+    """
+
+    def added(model: RigModel) -> RigModel:
+        rotating = {name for sensor in model.sensors for name in sensor.arms}
+        above = tuple(
+            Sensor(
+                channel=f"{SECOND}{s.channel}", body=s.body, relative_to=s.relative_to,
+                arms={name: s.arms.get(name, 0.0) + HIGHER * (name in s.arms) for name in rotating},
+            )
+            for s in model.sensors
+            if s.quantity == "acceleration"
+        )  # fmt: skip
+        rig = gauged(model, configuration)
+        return msgspec.structs.replace(rig, sensors=(*rig.sensors, *above))
+
+    return added

@@ -1,0 +1,162 @@
+"""What the kernels of a run work on, in three parts: the rig, the state of the motion, the record."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.jit import allocating_kernel, inlined, kernel
+
+
+class Rig(NamedTuple):
+    """The rig for one length of step; see `Compiled` for the arrays.
+
+    Parameters
+    ----------
+    step
+        Seconds.
+    n
+        Number of coordinates.
+    """
+
+    step: float
+    n: int
+    whole: FloatArray
+    blocks: IntArray
+    series: FloatArray
+    terms: int
+    exits: IntArray
+    limits: FloatArray
+    settle: FloatArray
+    possible: IntArray
+    kinds: IntArray
+    strides: IntArray
+    states: IntArray
+    curve_of: IntArray
+    codes: IntArray
+    params: FloatArray
+    directions: FloatArray
+    gates: FloatArray
+
+
+class Motion(NamedTuple):
+    """The state of the motion, and room for what a step computes.
+
+    Parameters
+    ----------
+    y
+        The kernel's vector, see `Compiled`.
+    gate, largest, floor
+        By curved element: sign in its present state, size of its force lately, least size that is worth being exact.
+    d0, v0, ends
+        By curved element: elongation (m) and speed (m/s) at the start of the step, force at its end.
+    inner, half, after, spare
+        What laws remember, shape (curves, memories): at the start of the step, half-way of one law (memories,), at its end, and
+        at the end of parts that are only looked at.
+    ratio
+        How far a pass leaves the curved forces from where the next one takes them, as last seen; one number.
+    base, ahead
+        For a whole step in groups of eight rows: what is known beforehand, and all.
+    still, known, taylor, columns
+        Taylor coefficients in groups of eight rows: zeros, what is known beforehand, all; `columns` is the view of `taylor` by
+        term, shape (terms, rows).
+    end, middle, quarter
+        The rows at shares of a step.
+    p
+        Taylor coefficients of a margin.
+    speeds
+        Of the coordinates.
+    rests
+        Contacts that may hold or slide from now on.
+    """
+
+    y: FloatArray
+    gate: FloatArray
+    largest: FloatArray
+    floor: FloatArray
+    d0: FloatArray
+    v0: FloatArray
+    ends: FloatArray
+    inner: FloatArray
+    half: FloatArray
+    after: FloatArray
+    spare: FloatArray
+    ratio: FloatArray
+    base: FloatArray
+    ahead: FloatArray
+    still: FloatArray
+    known: FloatArray
+    taylor: FloatArray
+    columns: FloatArray
+    end: FloatArray
+    middle: FloatArray
+    quarter: FloatArray
+    p: FloatArray
+    speeds: FloatArray
+    rests: IntArray
+
+
+class Record(NamedTuple):
+    """What is kept of the motion; see `run` for `out`, `curved`, `modes` and `log`.
+
+    Parameters
+    ----------
+    weights, places, filled
+        By sensor: weights that are not zero, their places in the vector, and their number.
+    """
+
+    weights: FloatArray
+    places: IntArray
+    filled: IntArray
+    out: FloatArray
+    curved: FloatArray
+    modes: IntArray
+    log: FloatArray
+
+
+@allocating_kernel
+def room(rig: Rig, memories: int) -> Motion:
+    """Room for the motion of a rig whose laws remember up to so many numbers; all zeros."""
+    curves, blocks, groups = len(rig.codes), rig.whole.shape[1], rig.series.shape[1]
+    rows = 8 * (groups // rig.terms)
+    taylor = np.zeros((groups, 8))
+    return Motion(
+        y=np.zeros(rig.whole.shape[2]),
+        gate=np.zeros(curves),
+        largest=np.zeros(curves),
+        floor=np.zeros(curves),
+        d0=np.zeros(curves),
+        v0=np.zeros(curves),
+        ends=np.zeros(curves),
+        inner=np.zeros((curves, memories)),
+        half=np.zeros(memories),
+        after=np.zeros((curves, memories)),
+        spare=np.zeros((curves, memories)),
+        ratio=np.zeros(1),
+        base=np.zeros((blocks, 8)),
+        ahead=np.zeros((blocks, 8)),
+        still=np.zeros((groups, 8)),
+        known=np.zeros((groups, 8)),
+        taylor=taylor,
+        columns=taylor.reshape(rig.terms, rows),
+        end=np.zeros(rows),
+        middle=np.zeros(rows),
+        quarter=np.zeros(rows),
+        p=np.zeros(rig.terms),
+        speeds=np.zeros(rig.n),
+        rests=np.zeros(len(rig.kinds), dtype=np.int64),
+    )
+
+
+@kernel
+def force_at(n: int, c: int) -> int:
+    """Place in the vector of curved element c's force; its two rates follow."""
+    return 2 * n + 3 + 3 * c
+
+
+@inlined
+def first_margin(rig: Rig) -> int:
+    """Row of the first exit's margin among the Taylor coefficients: after the curved elements' and the coordinates' rows."""
+    return 2 * len(rig.codes) + 2 * rig.n

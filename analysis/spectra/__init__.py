@@ -1,0 +1,1 @@
+"""Spectra, transfer functions, modes, and the quality of measured data."""

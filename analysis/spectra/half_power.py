@@ -1,0 +1,167 @@
+"""The half-power damping ratio with its assumptions tested, and refused where they fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.spectra.modes import Mode
+from isorig.analysis.spectra.welch import Frf
+
+#: Lines per half-power bandwidth below which half-power is refused, and below which its bias is worth a warning.
+REFUSED, WARNED = 4.0, 10.0
+#: Half-power needs the next peak this many bandwidths away: a neighbour of equal height then adds a tenth to the amplitude.
+APART = 5.0
+#: Damping ratio above which the two half-power points are no measure of it.
+LIGHT = 0.2
+#: A peak stands out by this factor.
+PROMINENT = 1.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfPower:
+    """A half-power figure, or the reason why there is none.
+
+    Parameters
+    ----------
+    mode
+        None where refused.
+    refused
+        The reason, empty where there is a mode.
+    warning
+        What to keep in mind about the mode, may be empty.
+    peak, low, high, amplitude
+        Where the peak and its half-power points were found, Hz (NaN where not), and the peak's magnitude.
+    """
+
+    mode: Mode | None
+    refused: str = ""
+    warning: str = ""
+    peak: float = float("nan")
+    low: float = float("nan")
+    high: float = float("nan")
+    amplitude: float = float("nan")
+
+
+def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
+    """The damping ratio (f_high - f_low) / (2 f0) at the highest peak in a band, points interpolated between lines.
+
+    Parameters
+    ----------
+    frf
+        A transfer function; lines outside the band serve to look for neighbours.
+    band
+        Hz: where the peak is looked for.
+
+    Notes
+    -----
+    Refused where a peak is no peak, has fewer than `REFUSED` lines in its bandwidth, has a neighbour nearer than `APART`
+    bandwidths, is lopsided or heavily damped. The deviation is that of the amplitudes at the three points.
+    """
+    f, size = frf.frequency, np.abs(frf.value)
+    inside = np.flatnonzero((f >= band[0]) & (f <= band[1]))
+    if len(inside) < 5:
+        return HalfPower(mode=None, refused=f"the band {band[0]:g} to {band[1]:g} Hz holds {len(inside)} lines, fewer than 5")
+    top = int(inside[np.argmax(size[inside])])
+    if top in (inside[0], inside[-1]) or top in (0, len(f) - 1):
+        return HalfPower(mode=None, refused=f"the magnitude is largest at the edge of the band, {f[top]:g} Hz: no peak in it")
+    peak, amplitude = _vertex(f, size, top)
+    sides = [_crossing(f, size, top, step, amplitude / np.sqrt(2.0)) for step in (-1, 1)]
+    below, above = sides
+    if below is None or above is None:
+        return HalfPower(
+            mode=None, peak=peak, amplitude=amplitude,
+            refused=f"beside the peak at {peak:.4g} Hz the magnitude rises again before it has fallen to half the power",
+        )  # fmt: skip
+    (low, slope_low, at_low), (high, slope_high, at_high) = below, above
+    # An exponential window adds decay / (2 pi f) to every damping ratio.
+    width, damping = high - low, (high - low) / (2.0 * peak) - frf.decay / (2.0 * np.pi * peak)
+    found = HalfPower(mode=None, peak=peak, low=low, high=high, amplitude=amplitude)
+    reason = _doubt(frf, top, peak, low, high)
+    if reason:
+        return replace(found, refused=reason)
+    spread = [
+        np.hypot(frf.magnitude_std[at], frf.magnitude_std[top] / np.sqrt(2.0)) / slope
+        for at, slope in ((at_low, slope_low), (at_high, slope_high))
+    ]
+    lines = width / frf.resolution
+    # A parabola's vertex is as uncertain as its outer points are over its curvature.
+    curvature = abs(size[top - 1] - 2.0 * size[top] + size[top + 1])
+    std = frf.resolution * frf.magnitude_std[top] / (np.sqrt(2.0) * max(curvature, 1e-300))
+    return replace(
+        found,
+        mode=Mode(
+            frequency=peak,
+            frequency_std=float(min(std, frf.resolution)),
+            damping=damping,
+            damping_std=float(np.hypot(*spread) / (2.0 * peak)),
+            lines=lines,
+        ),
+        warning=_coarse(lines),
+    )
+
+
+def _vertex(f: FloatArray, size: FloatArray, top: int) -> tuple[float, float]:
+    # The parabola through the logarithms of the highest line and its neighbours.
+    a, b, c = np.log(np.maximum(size[top - 1 : top + 2], np.finfo(float).tiny))
+    bend = a - 2.0 * b + c
+    shift = 0.5 * (a - c) / bend if bend < 0.0 else 0.0
+    return float(f[top] + shift * (f[1] - f[0])), float(np.exp(b - 0.25 * (a - c) * shift))
+
+
+def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float) -> tuple[float, float, int] | None:
+    # Where the magnitude falls through the level: place, slope there, line. None where a valley comes first.
+    at = top
+    while 0 < at + step < len(f) - 1 and size[at] > level:
+        if size[at + step] > 1.1 * size[at] and abs(at - top) > 1:
+            return None
+        at += step
+    if size[at] > level:
+        return None
+    inner = at - step
+    slope = (size[inner] - size[at]) / abs(f[inner] - f[at])
+    return float(f[at] + (level - size[at]) / slope * (-step)), float(slope), at
+
+
+def _doubt(frf: Frf, top: int, peak: float, low: float, high: float) -> str:
+    width, lines = high - low, (high - low) / frf.resolution
+    if lines < REFUSED:
+        return (
+            f"the bandwidth of {width:.3g} Hz holds {lines:.1f} lines, where half-power needs {REFUSED:g}: "
+            f"take a resolution of {width / WARNED:.2g} Hz"
+        )
+    if width / (2.0 * peak) > LIGHT:
+        return f"a damping ratio of {width / (2.0 * peak):.2f} is above {LIGHT:g}, where half-power does not hold"
+    near = [f for f in peaks(frf) if abs(f - frf.frequency[top]) > 0.5 * width]
+    closest = min(near, key=lambda f: abs(f - peak), default=None)
+    if closest is not None and abs(closest - peak) < APART * width:
+        return (
+            f"its neighbour at {closest:.4g} Hz lies {abs(closest - peak) / width:.1f} bandwidths away, where half-power needs "
+            f"{APART:g}: fit both modes together"
+        )
+    if not 0.5 < (high - peak) / (peak - low) < 2.0:
+        return f"the half-power points at {low:.4g} and {high:.4g} Hz lie lopsided about {peak:.4g} Hz: another mode leans on it"
+    return ""
+
+
+def _coarse(lines: float) -> str:
+    return (
+        f"only {lines:.1f} lines in the bandwidth: below {WARNED:g} the window adds to a half-power damping"
+        if lines < WARNED
+        else ""
+    )
+
+
+def peaks(frf: Frf) -> tuple[float, ...]:
+    """Frequencies (Hz) of peaks that stand out of their surroundings by `PROMINENT` and by three deviations."""
+    from scipy.signal import find_peaks, peak_prominences
+
+    size = np.maximum(np.abs(frf.value), np.finfo(float).tiny)
+    scatter = frf.magnitude_std / size
+    found = find_peaks(np.log(size), prominence=np.log(PROMINENT))[0]
+    rises = peak_prominences(np.log(size), found)[0]
+    return tuple(
+        float(frf.frequency[i]) for i, rise in zip(found, rises, strict=True) if rise > 3.0 * scatter[i] and scatter[i] < 0.3
+    )

@@ -1,0 +1,261 @@
+"""Hammer hits in a record: found, checked one by one, and cut out with what came before them.
+
+A hammer's force is silent but for short pulses of one sign. Each hit becomes a record of one length that begins a little before
+the pulse; it is rejected where the hammer bounced, an input was overloaded, the rig still moved from the hit before, or the
+record is cut short. The method is that of modal testing by impact (Ewins 2000, 3.7; ISO 7626-5:2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.overload import FULL, blocks, extremes, plateaus, rows_of
+from isorig.analysis.spectra.welch import stretches
+
+Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut short", "weak"]
+
+#: A pulse begins where the force leaves this share of the record's largest, and this many noise levels.
+TRIGGER, ABOVE_NOISE = 0.1, 10.0
+#: A force is a hammer's where pulses of one sign hold at least this share of its energy in at most this share of its time.
+ENERGY, TIME = 0.9, 0.1
+#: A second pulse above this share of the first is a double hit (ISO 7626-5 asks for single pulses), where it stands out of the
+#: filter's ringing by this factor.
+DOUBLE, RINGING = 0.05, 2.0
+#: A hit below this share of the median hit is too weak to weigh.
+WEAK = 0.1
+#: Share of a record that lies before its pulse, at most.
+BEFORE = 0.05
+#: A response whose rms before the pulse is above the first share of its peak, and above so many times its quietest stretch, still
+#: rings from the hit before: this adds to the scatter of the hits; above the second share it spoils them.
+STILL, SPOILT, ABOVE_FLOOR = 0.02, 0.2, 3.0
+#: Samples after a pulse that belong to it, in widths of the pulse and at least so many.
+TAIL, TAIL_LEAST = 2, 8
+#: Share of the hits that the chosen length must leave whole.
+WHOLE = 0.75
+#: Samples of a record's length at least.
+SHORTEST = 32
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hit:
+    """One blow of the hammer.
+
+    Parameters
+    ----------
+    run
+        Its run.
+    seconds
+        When its pulse was at its highest, from the run's first sample.
+    peak
+        The highest force, in the channel's unit.
+    first, pulse_end
+        Samples of the run at which its record begins, and at which its pulse is over.
+    rejected
+        Why it is left out of averages; empty where it is not.
+    text
+        The same as a sentence with numbers, empty where it is kept.
+    moving
+        Largest rms of a response before the pulse, as a share of its peak; 0 where all were at rest.
+    """
+
+    run: str
+    seconds: float
+    peak: float
+    first: int
+    pulse_end: int
+    rejected: Reason = ""
+    text: str = ""
+    moving: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulses:
+    """Where a force pulses: first sample, highest sample and first sample after each pulse, shape (pulses,); sign and noise."""
+
+    begin: IntArray
+    top: IntArray
+    end: IntArray
+    sign: float
+    noise: float
+    offset: float
+
+
+def pulses(run: Run, reference: str) -> Pulses | None:
+    """The pulses of a hammer's force, or None where the channel is no hammer's.
+
+    Parameters
+    ----------
+    run
+        Whose channel is looked at; the whole of it is read.
+    reference
+        The channel of the force.
+    """
+    if len(run) < SHORTEST or len(run.channel(reference)) < SHORTEST:
+        return None
+    values = run.read(reference)
+    offset = float(np.median(values))
+    values = values - offset
+    # The median of a normal variable's magnitude is 0.6745 of its deviation.
+    noise = float(np.median(np.abs(values))) / 0.6745
+    top = float(np.abs(values).max())
+    level = max(TRIGGER * top, ABOVE_NOISE * noise)
+    if top == 0.0 or top <= level:
+        return None
+    sign = 1.0 if values[int(np.argmax(np.abs(values)))] > 0.0 else -1.0
+    begin, end = _crossings(sign * values, level)
+    highest = np.array([b + int(np.argmax(sign * values[b:e])) for b, e in zip(begin, end, strict=True)], dtype=np.int64)
+    widths = end - begin
+    within = np.zeros(len(values), dtype=bool)
+    for b, e, wide in zip(begin, end, widths, strict=True):
+        within[max(0, b - wide) : e + TAIL * wide] = True
+    total = float((values**2).sum()) - noise**2 * len(values)
+    kept = values[within]
+    forward = float((np.maximum(sign * kept, 0.0) ** 2).sum())
+    if within.mean() > TIME or forward < ENERGY * total:
+        return None
+    return Pulses(begin=begin, top=highest, end=end, sign=sign, noise=noise, offset=offset)
+
+
+def _crossings(values: FloatArray, level: float) -> tuple[IntArray, IntArray]:
+    above = np.concatenate([[False], values > level, [False]]).astype(np.int8)
+    edges = np.flatnonzero(np.diff(above)).astype(np.int64)
+    return edges[::2], edges[1::2]
+
+
+def looks_hit(run: Run, reference: str) -> bool:
+    """Whether the reference is a hammer's force: an excitation that its run does not name ("other"), in short single pulses."""
+    return run.excitation == "other" and reference in run.channels and pulses(run, reference) is not None
+
+
+def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
+    """Samples of a record that `WHOLE` of the hits can have before the next one comes or the run ends."""
+    room = [
+        after - begin
+        for blows, run in zip(found, runs, strict=True)
+        for begin, after in zip(blows.begin, _next(blows, run), strict=True)
+        if after - begin >= SHORTEST
+    ]
+    if not room:
+        raise DataError(f"no hit is followed by {SHORTEST} samples of its own; pause between hits and record on after the last")
+    return int(np.quantile(room, 1.0 - WHOLE) / (1.0 + BEFORE))
+
+
+def _next(blows: Pulses, run: Run) -> IntArray:
+    return np.append(blows.begin[1:], len(run))
+
+
+def checked(
+    run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float
+) -> list[Hit]:  # fmt: skip
+    """Every hit of a run with what is wrong with it.
+
+    Parameters
+    ----------
+    run, reference, responses
+        The run, the channel of the force, and those that answer.
+    blows
+        Its pulses.
+    length
+        Samples of a record.
+    median
+        Of the hits' highest forces, in the channel's unit.
+    """
+    force = blows.sign * (run.read(reference) - blows.offset)
+    unit, rate = run.channel(reference).unit, run.sample_rate
+    whole = list(stretches(run))
+    names = (reference, *responses)
+    ends = {name: extremes(run.channel(name)) if plateaus(run.channel(name)) else () for name in names}
+    floors = {name: _quietest(run.channel(name), length) for name in responses}
+    hits: list[Hit] = []
+    last = -length
+    for begin, top, end in zip(blows.begin, blows.top, blows.end, strict=True):
+        peak, wide = float(force[top]), int(end - begin)
+        if hits and begin < last:
+            # Part of the record before: what it does there was said of that one.
+            continue
+        first = max(int(begin) - max(int(BEFORE * length), 1), 0)
+        after = int(end) + max(TAIL * wide, TAIL_LEAST)
+        at = f"the hit at {top / rate:.4g} s of run {run.id!r} ({peak:.3g} {unit})"
+        second = _second(force[first : first + length], int(top) - first, peak, blows.noise)
+        moving, name = _moving(run, floors, first, int(begin) - wide, first + length)
+        loud = _overloaded(run, ends, first, first + length)
+        reason: Reason = ""
+        text = ""
+        if not any(start <= first and first + length <= stop for start, stop in whole):
+            reason, text = "cut short", f"{at} is cut short: its record ends before {length / rate:.3g} s"
+        elif second is not None:
+            when, size = second
+            reason = "double hit" if when < end - first + length // 4 else "too soon"
+            told = "bounced" if reason == "double hit" else "was followed too soon"
+            text = f"{at} {told}: a second pulse of {100 * size / peak:.0f} % comes "
+            text += f"{1e3 * (when + first - top) / rate:.3g} ms later"
+        elif loud:
+            reason, text = "overload", f"{at} overloaded {loud}"
+        elif peak < WEAK * median:
+            reason, text = "weak", f"{at} is weak: the median hit has {median:.3g} {unit}"
+        elif moving > SPOILT:
+            reason, text = "still moving", f"{at} came while {name} still moved by {100 * moving:.0f} % (rms) of its peak"
+        last = first + length if reason != "too soon" else int(end)
+        hits.append(
+            Hit(
+                run=run.id, seconds=top / rate, peak=peak, first=first, pulse_end=after, rejected=reason, text=text,
+                moving=moving,
+            )
+        )  # fmt: skip
+    return hits
+
+
+def _second(force: FloatArray, top: int, peak: float, noise: float) -> tuple[int, float] | None:
+    # A later pulse of the same sign; a filter's ringing goes both ways alike.
+    level = max(DOUBLE * peak, ABOVE_NOISE * noise)
+    # The pulse itself is over when it has fallen below the level.
+    end = top + int(np.argmax(force[top:] < level))
+    rest = force[end:]
+    begins, ends = _crossings(rest, level)
+    for b, e in zip(begins, ends, strict=True):
+        size = float(rest[b:e].max())
+        around = rest[max(0, b - TAIL_LEAST) : e + TAIL_LEAST]
+        if size > RINGING * max(float(-around.min()), 0.0):
+            return int(b) + end, size
+    return None
+
+
+def _overloaded(run: Run, ends: Mapping[str, tuple[float, ...]], first: int, last: int) -> str:
+    for name, limits in ends.items():
+        channel = run.channel(name)
+        values = channel.read(first, last)
+        if channel.full_scale is not None and (np.abs(values) >= FULL * channel.full_scale).any():
+            return f"{name}: it reached the end of its range of ±{channel.full_scale:g} {channel.unit}"
+        stayed = next((limit for limit in limits if rows_of(values, limit)), None)
+        if stayed is not None:
+            return f"{name}: it stays at its extreme of {stayed:.4g} {channel.unit} for several samples"
+    return ""
+
+
+def _quietest(channel: Channel, length: int) -> float:
+    # The level of a response between hits, or of its noise: the quietest stretch that is as long as what lies before a pulse.
+    wide = max(int(BEFORE * length), 2)
+    least = np.inf
+    for block in blocks(channel):
+        rows = block[: len(block) // wide * wide].reshape(-1, wide)
+        least = min(least, float(rows.std(axis=1).min())) if len(rows) else least
+    return least
+
+
+def _moving(run: Run, floors: Mapping[str, float], first: int, begin: int, last: int) -> tuple[float, str]:
+    worst = (0.0, "")
+    for name, floor in floors.items():
+        values = run.channel(name).read(first, last)
+        before = values[: begin - first]
+        if len(before) < 2:
+            continue
+        level, size = float(before.std()), float(np.abs(values - before.mean()).max())
+        if level > STILL * size and level > ABOVE_FLOOR * floor:
+            worst = max(worst, (level / size, name))
+    return worst

@@ -1,0 +1,83 @@
+"""Mains hum: sines at a frequency and its multiples, found and taken out by least squares.
+
+The phase differs from run to run, so it is no parameter of a rig: it follows from the part of a run that fits may see.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+
+#: Multiples of the mains frequency that are looked at.
+HARMONICS = 7
+#: The mains' nominal frequencies and how far they stray, Hz.
+MAINS = (50.0, 60.0)
+STRAY = 0.5
+#: A line's power over the median around it, from which it is a line.
+LINE = 60.0
+#: Bins on either side of a line that the Hann window spreads it over, and bins beyond them that it must stand out from as well:
+#: a resonance near the mains frequency is wider than a line.
+SPREAD, BESIDE = 4, 24
+
+
+def hum(samples: FloatArray, rate: float, frequency: float, length: int | None = None) -> FloatArray:
+    """The hum in a record, shape (length,): fitted to all samples, continued where `length` is larger.
+
+    Parameters
+    ----------
+    samples
+        Record, shape (n,).
+    rate
+        Hz.
+    frequency
+        The mains frequency, Hz.
+    length
+        How many samples to give; n where None.
+    """
+    n = len(samples)
+    total = n if length is None else length
+    orders = np.arange(1, HARMONICS + 1)
+    orders = orders[orders * frequency < 0.45 * rate]
+    turn = 2.0 * np.pi * frequency / rate * np.arange(total)[:, None] * orders
+    waves = np.hstack([np.cos(turn), np.sin(turn)])
+    seen = waves[:n]
+    weights = np.linalg.solve(seen.T @ seen, seen.T @ samples)
+    return np.asarray(waves @ weights)
+
+
+def amplitude(samples: FloatArray, rate: float, frequency: float) -> float:
+    """Amplitude of the hum in a record: the largest of its multiples'."""
+    wave = hum(samples, rate, frequency)
+    spectrum = np.abs(np.fft.rfft(wave * np.hanning(len(wave)))) * 4.0 / len(wave)
+    return float(spectrum.max())
+
+
+def mains_in(samples: FloatArray, rate: float) -> float | None:
+    """The mains frequency in Hz where a record has a line there that stands above its surroundings, else None."""
+    n = len(samples)
+    if n < 8.0 * rate:
+        return None
+    power = np.abs(np.fft.rfft(samples * np.hanning(n))) ** 2
+    step = rate / n
+    best: tuple[float, float] | None = None
+    for mains in MAINS:
+        for order in (1, 2, 3):
+            middle = order * mains
+            if middle + 5.0 > 0.45 * rate:
+                continue
+            near = slice(round((middle - order * STRAY) / step), round((middle + order * STRAY) / step) + 1)
+            around = np.median(power[round((middle - 5.0) / step) : round((middle + 5.0) / step)])
+            k = near.start + int(np.argmax(power[near]))
+            beside = np.median(np.r_[power[max(k - BESIDE, 0) : k - SPREAD], power[k + SPREAD + 1 : k + BESIDE + 1]])
+            height = float(power[k] / max(around, beside, 1e-300))
+            if height > LINE and (best is None or height > best[0]):
+                best = height, _peak(power, k) * step / order
+    return None if best is None else best[1]
+
+
+def _peak(power: FloatArray, k: int) -> float:
+    # Parabola through the logarithms around the largest line.
+    left, middle, right = np.log(power[k - 1 : k + 2] + 1e-300)
+    curve = left - 2.0 * middle + right
+    return float(k + (0.5 * (left - right) / curve if curve else 0.0))

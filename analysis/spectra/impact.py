@@ -1,0 +1,195 @@
+"""Transfer functions from hammer hits: each hit windowed and transformed whole, then averaged over the hits that are sound.
+
+A force window keeps the pulse and silences what follows. Where a response still rings at the end of its record, force and
+response are multiplied by one exponential exp(-a t): the estimate is then exactly the transfer function at s = a + 2 pi i f in
+place of 2 pi i f (the transform's shift theorem), so a fit that is done there has no added damping to take out afterwards.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.groups import Groups, Sums
+from isorig.analysis.spectra.hits import BEFORE, Hit, checked, longest_record, pulses
+from isorig.analysis.spectra.welch import Spectra
+
+#: A response that has fallen below this share of its beginning at the end of its record needs no exponential window; one that
+#: has not is brought down to it (ISO 7626-5:2019 asks for 1 % or less).
+END = 0.01
+#: Share of a record, at its beginning and at its end, in which a response's level is compared.
+PART = 0.1
+#: Power of the force below this share of its largest is too little for a transfer function: 20 dB.
+DROP = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class HammerTest:
+    """What hits amount to.
+
+    Parameters
+    ----------
+    spectra
+        Averaged over the hits that were kept; `Spectra.decay` is the exponential window's, and there is no other.
+    hits
+        All of them, in the order of the runs, each with the reason why it was left out, if it was.
+    band
+        Hz: where the force has power.
+    text
+        Sentences for whoever reads the result.
+    """
+
+    spectra: Spectra
+    hits: tuple[Hit, ...]
+    band: tuple[float, float]
+    text: tuple[str, ...]
+
+
+def hammer_test(
+    runs: Sequence[Run], *, reference: str, channels: Sequence[str] | None = None, resolution: float = 0.25
+) -> HammerTest:
+    """Find the hits of runs, reject those that are not sound, and average the rest.
+
+    Parameters
+    ----------
+    runs
+        Of one sample rate; each may hold one hit or many.
+    reference
+        The channel of the hammer's force.
+    channels
+        What answers; all other channels of the first run where None.
+    resolution
+        Wanted distance of lines, Hz; it becomes coarser where the hits follow one another sooner.
+
+    Raises
+    ------
+    DataError
+        Where a run has no hits, or none is sound.
+    """
+    rate = runs[0].sample_rate
+    if any(run.sample_rate != rate for run in runs):
+        raise DataError("the runs have several sample rates; average runs of one rate only")
+    found = []
+    for run in runs:
+        blows = pulses(run, reference)
+        if blows is None:
+            raise DataError(
+                f"run {run.id!r} has no hammer hits in {reference!r}: a hammer's force is short pulses of one sign and silence "
+                "between them, so name the channel of the force, or average the run as noise"
+            )
+        found.append(blows)
+    names = tuple(channels or (name for name, channel in runs[0].channels.items() if channel.quantity != "gain"))
+    names = tuple(dict.fromkeys((reference, *names)))
+    wanted, longest = round(rate / resolution), longest_record(found, runs)
+    length = min(wanted, longest) // 2 * 2
+    # The top sample of each pulse above the silence around it.
+    peaks = [abs(float(run.channel(reference).read(top, top + 1)[0]) - blows.offset)
+             for run, blows in zip(runs, found, strict=True) for top in blows.top]  # fmt: skip
+    hits = [
+        hit
+        for run, blows in zip(runs, found, strict=True)
+        for hit in checked(run, reference, names[1:], blows, length, float(np.median(peaks)))
+    ]
+    kept = [hit for hit in hits if not hit.rejected]
+    if not kept:
+        raise DataError(
+            f"none of the {len(hits)} hits is sound: {hits[0].text}; hit once, in range, and let the rig come to rest before"
+        )
+    by_id = {run.id: run for run in runs}
+    records = np.stack([_record(by_id[hit.run], names, hit, length) for hit in kept])
+    decay = _decay(records, rate)
+    whole = _spectra(records, names, runs[0], rate, decay)
+    band = _band(whole, reference)
+    return HammerTest(spectra=whole, hits=tuple(hits), band=band, text=_told(hits, length / rate, wanted / rate, decay))
+
+
+def _record(run: Run, names: Sequence[str], hit: Hit, length: int) -> FloatArray:
+    # All channels from a hit's first sample, less what they had before its pulse; the force is silent after it.
+    before = max(int(BEFORE * length) // 2, 2)
+    rows = np.stack([run.channel(name).read(hit.first, hit.first + length) for name in names])
+    rows -= rows[:, :before].mean(axis=1, keepdims=True)
+    end = hit.pulse_end - hit.first
+    fall = max(min(end, length - end), 1)
+    window = np.zeros(length)
+    window[:end] = 1.0
+    # A cosine brings what is left of the force to zero over as long as the pulse took.
+    window[end : end + fall] = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, fall + 1) / (fall + 1))
+    rows[0] *= window
+    return np.asarray(rows)
+
+
+def _decay(records: FloatArray, rate: float) -> float:
+    # Rate (1/s) of the exponential that brings the slowest response to END of its beginning; 0 where all get there on their own.
+    length = records.shape[2]
+    part, before = max(int(PART * length), 2), max(int(BEFORE * length) // 2, 2)
+    answers = records[:, 1:]
+    noise = (answers[:, :, :before] ** 2).mean(axis=(0, 2))
+    late = np.maximum((answers[:, :, -part:] ** 2).mean(axis=(0, 2)) - noise, 0.0)
+    early = (answers[:, :, 2 * before : 2 * before + part] ** 2).mean(axis=(0, 2))
+    # Power that noise alone leaves at the end says nothing about the ringing.
+    ringing = np.where(late > 0.5 * noise, np.sqrt(late / np.maximum(early, np.finfo(float).tiny)), 0.0)
+    worst = float(ringing.max(initial=0.0))
+    seconds = (1.0 - PART) * length / rate
+    return float(np.log(worst / END) / seconds) if worst > END else 0.0
+
+
+def _spectra(records: FloatArray, names: tuple[str, ...], run: Run, rate: float, decay: float) -> Spectra:
+    from scipy.fft import rfft
+
+    hits, _, length = records.shape
+    seconds = np.arange(length) / rate
+    lines: ComplexArray = np.asarray(rfft(records * np.exp(-decay * seconds), axis=2))
+    each = 2.0 / (rate * length)
+    auto: FloatArray = np.asarray(np.einsum("hcf,hcf->hcf", lines, np.conj(lines)).real)
+    cross: ComplexArray = np.asarray(np.einsum("hf,hcf->hcf", np.conj(lines[:, 0]), lines))
+    # Every hit is a group of its own.
+    parts = tuple(Sums(1, auto[h], {names[0]: cross[h]}).single() for h in range(hits))
+    return Spectra(
+        channels=names, frequency=np.asarray(np.fft.rfftfreq(length, 1.0 / rate)),
+        auto=each * auto.mean(axis=0), cross={names[0]: each * cross.mean(axis=0)},
+        averages=float(hits), segments=hits, resolution=rate / length, units=tuple(run.channel(name).unit for name in names),
+        window=None, overlap=0.0, decay=decay,
+        groups=Groups(parts, np.full(lines.shape[2], each)) if hits > 1 else None,
+    )  # fmt: skip
+
+
+def _band(spectra: Spectra, reference: str) -> tuple[float, float]:
+    power = spectra.density(reference)[1:]
+    enough = power >= DROP * power.max()
+    last = int(np.argmin(enough)) if not enough.all() else len(enough) - 1
+    # What anti-alias filters leave of the highest lines is no measure.
+    top = min(float(spectra.frequency[1:][max(last - 1, 1)]), float(spectra.frequency[-1]) / 1.28)
+    return spectra.resolution, top
+
+
+def _told(hits: Sequence[Hit], seconds: float, wanted: float, decay: float) -> tuple[str, ...]:
+    kept = sum(not hit.rejected for hit in hits)
+    counts = Counter(hit.rejected for hit in hits if hit.rejected)
+    left = ", ".join(f"{count} {reason}" for reason, count in counts.items())
+    told = [
+        f"{kept} of {len(hits)} hammer hits were averaged, in records of {seconds:.3g} s"
+        + (f"; left out: {left}." if left else ".")
+    ]
+    if seconds < 0.999 * wanted:
+        told.append(
+            f"The hits follow one another too soon for lines {1.0 / wanted:.3g} Hz apart; they are {1.0 / seconds:.3g} Hz apart."
+        )
+    if decay:
+        told.append(
+            f"The responses still ring at the end of a record, so an exponential window of {decay:.3g} /s was put on them and on "
+            "the force; fitted damping ratios are free of it, the peaks of the curves are lower and wider by it."
+        )
+    restless = [hit.moving for hit in hits if hit.moving and not hit.rejected]
+    if restless:
+        told.append(
+            f"Before {len(restless)} of the hits that were kept the rig still moved, by up to {100 * max(restless):.0f} % (rms) "
+            "of a response's peak; wait longer between hits."
+        )
+    if kept == 1:
+        told.append("One hit has no scatter, so deviations are not known: they are given as large as the values.")
+    return (*told, *(f"{hit.text[0].upper()}{hit.text[1:]}." for hit in hits if hit.rejected))

@@ -1,0 +1,106 @@
+"""Transfer functions from one or several drives that act at once, out of their auto and cross spectra.
+
+With several drives each transfer function is what its own drive adds while the others act (Bendat and Piersol 2010, 7.2): the
+whole cross-spectral matrix of the drives is inverted, line by line. Drives that are correlated are told apart as far as they
+differ, and the error bars grow with what they share.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.errors import DataError
+
+Estimator = Literal["H1", "H2", "Hv"]
+#: Share of a drive's power that the other drives must leave unexplained (median over lines): the deviations of transfer
+#: functions are 1 / sqrt(share) times as wide as those of independent drives, here 30 times.
+OWN_SHARE = 1e-3
+#: Averages for each drive that are needed to separate drives: with fewer any response is explained.
+AVERAGES = 2.0
+TINY = np.finfo(float).tiny
+
+
+class Drives:
+    """The auto and cross spectra of the drives, line by line, and their inverse.
+
+    Parameters
+    ----------
+    spectra
+        Sxx[k, i, j] = mean of conj(x_i) x_j at line k, shape (lines, drives, drives).
+    names
+        Of the drives, for messages.
+    averages
+        Effective number of independent averages.
+
+    Raises
+    ------
+    DataError
+        Where the drives cannot be separated.
+    """
+
+    def __init__(self, spectra: ComplexArray, names: tuple[str, ...], averages: float) -> None:
+        self.spectra = spectra
+        self.count = len(names)
+        self.auto: FloatArray = np.maximum(np.einsum("kii->ki", spectra).real, TINY)
+        self._size = np.sqrt(self.auto)
+        if self.count == 1:
+            self._inverse: ComplexArray = np.ones(spectra.shape, dtype=np.complex128)
+        else:
+            if averages < AVERAGES * self.count:
+                raise DataError(
+                    f"{averages:.1f} averages cannot separate the drives {' and '.join(names)}; at least "
+                    f"{AVERAGES * self.count:g} are needed, so measure longer or give a coarser resolution"
+                )
+            scaled = spectra / (self._size[:, :, None] * self._size[:, None, :])
+            values, vectors = np.linalg.eigh(scaled)
+            values = np.maximum(values, np.finfo(float).eps)
+            self._inverse = np.einsum("kim,km,kjm->kij", vectors, 1.0 / values, np.conj(vectors))
+            self._separable(names)
+        #: Diagonal of the inverse of Sxx, shape (lines, drives).
+        self.inverse_auto: FloatArray = np.einsum("kii->ki", self._inverse).real / self.auto
+
+    def _separable(self, names: tuple[str, ...]) -> None:
+        # 1 over the diagonal of the inverse correlation matrix is the share that the other drives do not explain.
+        own = np.median(1.0 / np.einsum("kii->ki", self._inverse).real, axis=0)
+        worst = int(np.argmin(own))
+        if own[worst] < OWN_SHARE:
+            rest = " and ".join(name for name in names if name != names[worst])
+            raise DataError(
+                f"the drive {names[worst]} goes together with {rest} (coherence {1.0 - own[worst]:.4f}), so that their effects "
+                f"cannot be separated; drive with independent signals, or name one reference"
+            )
+
+    def h1(self, cross: ComplexArray) -> ComplexArray:
+        """Least squares: noise in the response alone; `cross` is conj(x_i) y, shape (lines, drives), as is the result."""
+        solved = np.einsum("kij,kj->ki", self._inverse, cross / self._size) / self._size
+        return np.asarray(solved)
+
+    def explained(self, cross: ComplexArray) -> FloatArray:
+        """Power of the response that all drives together explain, shape (lines,)."""
+        return np.asarray(np.einsum("ki,ki->k", np.conj(cross), self.h1(cross)).real)
+
+    def hv(self, cross: ComplexArray, response: FloatArray, scales: FloatArray) -> ComplexArray:
+        """Total least squares: noise in all channels alike, in units of `scales` (drives, then the response).
+
+        The eigenvector of the least eigenvalue of all channels' spectra (Rocklin, Crowley and Vold 1985).
+        """
+        n = self.count
+        whole = np.empty((len(cross), n + 1, n + 1), dtype=np.complex128)
+        whole[:, :n, :n], whole[:, :n, n], whole[:, n, :n], whole[:, n, n] = self.spectra, cross, np.conj(cross), response
+        _, vectors = np.linalg.eigh(whole / np.outer(scales, scales))
+        least = vectors[:, :, 0]
+        last = np.where(least[:, n] == 0.0, TINY, least[:, n])
+        return np.asarray(-least[:, :n] / last[:, None] * (scales[n] / scales[:n]))
+
+
+def partial_coherence(value: ComplexArray, drives: Drives, unexplained: FloatArray) -> FloatArray:
+    """Share of what the other drives leave of the response that each drive explains, shape (lines, drives).
+
+    |H_j|^2 / (|H_j|^2 + Snn [Sxx^-1]_jj), with `value` the H1 estimate and Snn (`unexplained`) the power that no drive explains;
+    the ordinary coherence where there is one drive.
+    """
+    own = np.abs(value) ** 2
+    return np.asarray(np.clip(own / np.maximum(own + unexplained[:, None] * drives.inverse_auto, TINY), 0.0, 1.0))

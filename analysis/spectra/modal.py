@@ -1,0 +1,362 @@
+"""Modal analysis: natural frequencies, damping ratios and mode shapes common to all sensors and references, their number found.
+
+Poles come from the stabilisation of `poles`; those that stay over many orders are fitted to all transfer functions together
+(`residues`), and each must lower the error by more than its parameters do by chance (Schwarz 1978) to be kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.errors import DataError, FitError
+from isorig.analysis.spectra.poles import Pole, poles_by_order
+from isorig.analysis.spectra.residues import ITERATIONS, Data, Solved, fit, model, solve
+from isorig.analysis.spectra.seen import Seen, line_deviation, pole_of
+from isorig.analysis.spectra.welch import FEWEST, Frf
+
+#: A pole that comes back at this many orders, one after the other but for gaps of `GAP`, is tried as a mode.
+LONG, GAP = 5, 2
+#: Poles of one mode at two orders lie this near to each other: share of the larger half bandwidth, and of the frequency.
+NEAR, NEAR_FREQUENCY = 0.5, 0.002
+#: Candidates that are tried at once, the longest-lived first.
+CANDIDATES = 40
+#: Steps of a fit before modes that it does not need are dropped.
+FIRST = 8
+#: A mode must rise this far, as a share, over the magnitude that it is added to, in one transfer function at least.
+VISIBLE = 0.05
+#: Lines that one independent error is spread over by a Hann window (its noise bandwidth), and how many times what its parameters
+#: gain by chance a mode must gain: errors by leakage are larger at resonances than between them.
+TIED, CLEAR = 1.5, 2.5
+#: Modes nearer than this many half bandwidths are told to be close.
+CLOSE = 2.0
+#: Lines in a bandwidth below which a mode is said to be narrow.
+NARROW = 1.5
+#: Order of motion of a unit: what s is to the power of, over a displacement.
+MOTION = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapedMode:
+    """A mode that all transfer functions share.
+
+    Parameters
+    ----------
+    frequency, frequency_std
+        Natural frequency and its standard deviation, Hz.
+    damping, damping_std
+        Damping ratio and its standard deviation.
+    shape
+        Complex, shape (responses,): the largest component is near 1, its phase such that the shape is as real as can be.
+    participation
+        Complex, shape (references,): how much each reference drives the mode, the largest magnitude 1.
+    constants
+        Modal constants, shape (responses, references): products of the mass-normalised shape at response and reference where the
+        references are forces (1/kg).
+    collinearity
+        1 where all components move in phase or against it, 0 where phases are spread evenly (modal phase collinearity).
+    lines
+        Lines in the bandwidth 2 zeta f.
+    """
+
+    frequency: float
+    frequency_std: float
+    damping: float
+    damping_std: float
+    shape: ComplexArray
+    participation: ComplexArray
+    constants: ComplexArray
+    collinearity: float
+    lines: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalModel:
+    """What modal analysis found.
+
+    Parameters
+    ----------
+    modes
+        Ascending in frequency.
+    responses, references
+        Channel names, in the order of shapes and participations.
+    frequency
+        Lines of the band, Hz, shape (lines,).
+    measured, fitted
+        Transfer functions and the model as the estimate sees it, shape (responses, references, lines).
+    misfit
+        rms of the weighted residuals; 1 where the error bars explain them. NaN where there are none.
+    poles
+        Of every order: the stabilisation diagram. Empty where guesses were given.
+    warnings
+        What to keep in mind.
+    """
+
+    modes: tuple[ShapedMode, ...]
+    responses: tuple[str, ...]
+    references: tuple[str, ...]
+    frequency: FloatArray
+    measured: ComplexArray = field(repr=False)
+    fitted: ComplexArray = field(repr=False)
+    misfit: float
+    poles: tuple[Pole, ...] = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    def shapes(self) -> ComplexArray:
+        """Mode shapes, shape (responses, modes)."""
+        return np.stack([mode.shape for mode in self.modes], axis=1)
+
+
+def modal_analysis(
+    frfs: Sequence[Frf], band: tuple[float, float], *, guesses: Sequence[tuple[float, float]] = (), count: int | None = None,
+    order: int | None = None,
+) -> ModalModel:  # fmt: skip
+    """The modes in a band that a set of transfer functions has in common.
+
+    Parameters
+    ----------
+    frfs
+        From every reference to every response, on the same lines: all that there are of one set-up.
+    band
+        Hz: the lines that are fitted.
+    guesses
+        (frequency in Hz, damping ratio) of each mode; their number and start are found where none are given.
+    count
+        How many modes to keep, the clearest; as many as the errors justify where None.
+    order
+        Largest order of the stabilisation diagram; as the lines allow where None.
+
+    Raises
+    ------
+    DataError
+        Where the transfer functions do not go together, or the band holds too few lines.
+    FitError
+        Where there is no mode in the band, or a guess leads out of it.
+    """
+    grid = _Grid(frfs)
+    kept = (grid.frequency >= band[0]) & (grid.frequency <= band[1]) & (grid.frequency > 0.0)
+    if int(kept.sum()) < max(8, 4 * len(guesses) + 4):
+        raise DataError(
+            f"the band {band[0]:g} to {band[1]:g} Hz holds {int(kept.sum())} lines, too few for "
+            f"{len(guesses) or 'any'} modes; widen it or take a finer resolution"
+        )
+    data = grid.data(kept)
+    poles: tuple[Pole, ...] = ()
+    if guesses:
+        solved = fit(data, np.array(guesses, dtype=np.float64).reshape(-1, 2))
+        _inside(solved, band)
+    else:
+        poles = poles_by_order(grid.matrix(data.values), data.frequency, grid.weights(data), order)
+        solved = _selected(data, _candidates(poles), grid.known, count)
+    return grid.model(data, solved, poles)
+
+
+def _inside(solved: Solved, band: tuple[float, float]) -> None:
+    for f, zeta in solved.pairs:
+        if not band[0] <= f <= band[1] or zeta > 0.9:
+            raise FitError(
+                f"the fit of {len(solved.pairs)} modes left the band {band[0]:g} to {band[1]:g} Hz for {f:.4g} Hz with a damping "
+                f"ratio of {zeta:.2g}; give other guesses, fewer modes or another band"
+            )
+
+
+class _Grid:
+    """Transfer functions in the order responses by references, and what is known of their errors."""
+
+    def __init__(self, frfs: Sequence[Frf]) -> None:
+        if not frfs:
+            raise DataError("no transfer function was given; give one at least")
+        first = frfs[0]
+        self.responses = tuple(dict.fromkeys(frf.response for frf in frfs))
+        self.references = tuple(dict.fromkeys(frf.reference for frf in frfs))
+        by_pair = {(frf.response, frf.reference): frf for frf in frfs}
+        missing = [(o, i) for o in self.responses for i in self.references if (o, i) not in by_pair]
+        if missing or len(by_pair) != len(frfs):
+            what = f"{missing[0][0]} over {missing[0][1]} is missing" if missing else "one of them is given twice"
+            raise DataError(f"the transfer functions are no full set, {what}; give each response over each reference once")
+        self.frfs = [by_pair[o, i] for o in self.responses for i in self.references]
+        if any(not np.array_equal(frf.frequency, first.frequency) or Seen.of(frf) != Seen.of(first) for frf in frfs):
+            raise DataError("the transfer functions have other lines or windows; estimate them alike")
+        self.frequency = first.frequency
+        #: Whether error bars are known.
+        self.known = first.averages >= FEWEST
+        self._values = np.stack([frf.value for frf in self.frfs])
+        self._deviations = np.stack([line_deviation(frf) for frf in self.frfs])
+        self._power = power_of(first)
+
+    def data(self, kept: np.ndarray) -> Data:
+        """The lines of a band."""
+        return Data(
+            frequency=self.frequency[kept], values=self._values[:, kept], deviations=self._deviations[:, kept],
+            seen=Seen.of(self.frfs[0]), power=self._power,
+        )  # fmt: skip
+
+    def matrix(self, values: ComplexArray) -> ComplexArray:
+        """Rows of functions as (responses, references, lines)."""
+        return values.reshape(len(self.responses), len(self.references), -1)
+
+    def weights(self, data: Data) -> FloatArray:
+        """Of each response at each line: 1 over its deviation, all references together, shape (responses, lines)."""
+        variance = (data.deviations.reshape(len(self.responses), len(self.references), -1) ** 2).mean(axis=1)
+        return np.asarray(1.0 / np.sqrt(variance))
+
+    def model(self, data: Data, solved: Solved, poles: tuple[Pole, ...]) -> ModalModel:
+        """The result with shapes and deviations."""
+        free = data.numbers - solved.residues.size * 2 - solved.background.size * 2 - solved.pairs.size
+        scale = solved.chi2 / max(free, 1)
+        noise = max(scale, 1.0) if self.known else scale
+        covariance = TIED * noise * np.linalg.pinv(solved.normal)
+        relative = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 2)
+        modes = [self._mode(data, solved, m, relative[m]) for m in np.argsort(solved.pairs[:, 0])]
+        return ModalModel(
+            modes=tuple(modes), responses=self.responses, references=self.references, frequency=data.frequency,
+            measured=self.matrix(data.values), fitted=self.matrix(model(data, solved)),
+            misfit=float(np.sqrt(scale)) if self.known else float("nan"), poles=poles, warnings=_warnings(modes),
+        )  # fmt: skip
+
+    def _mode(self, data: Data, solved: Solved, m: int, relative: FloatArray) -> ShapedMode:
+        f, zeta = (float(x) for x in solved.pairs[m])
+        pole = pole_of(f, zeta)
+        # The residue of a normal mode's receptance is phi phi / (2 i omega_d m).
+        constants = self.matrix(solved.residues[:, m, None])[:, :, 0] / pole**data.power * 2j * pole.imag
+        shape = as_real(np.linalg.svd(constants, full_matrices=False)[0][:, 0])
+        driven: ComplexArray = np.asarray(constants.T @ np.conj(shape))
+        participation: ComplexArray = np.asarray(driven / max(float(np.abs(driven).max()), np.finfo(float).tiny))
+        return ShapedMode(
+            frequency=f, frequency_std=f * float(relative[0]), damping=zeta, damping_std=zeta * float(relative[1]), shape=shape,
+            participation=participation, constants=constants, collinearity=collinearity(shape),
+            lines=2.0 * zeta * f / self.frfs[0].resolution,
+        )  # fmt: skip
+
+
+def power_of(frf: Frf) -> int:
+    """Power of s that a transfer function has over a receptance, by its units: 2 where they do not tell."""
+    response, reference = frf.units
+    return MOTION[response] if response in MOTION and reference not in MOTION else 2
+
+
+def _candidates(poles: Sequence[Pole]) -> FloatArray:
+    # Poles that come back order after order: the median of each track's later half, the longest tracks first.
+    tracks: list[list[Pole]] = []
+    for n in sorted({pole.order for pole in poles}):
+        fresh = [pole for pole in poles if pole.order == n]
+        open_tracks = [track for track in tracks if n - track[-1].order <= GAP + 1]
+        pairs = sorted(
+            (_apart(track[-1], pole), i, j) for i, track in enumerate(open_tracks) for j, pole in enumerate(fresh)
+        )  # fmt: skip
+        used: set[int] = set()
+        taken: set[int] = set()
+        for distance, i, j in pairs:
+            if distance < 1.0 and i not in used and j not in taken:
+                open_tracks[i].append(fresh[j])
+                used.add(i)
+                taken.add(j)
+        tracks += [[pole] for j, pole in enumerate(fresh) if j not in taken]
+    lasting = sorted((track for track in tracks if len(track) >= LONG), key=len, reverse=True)[:CANDIDATES]
+    halves = [track[len(track) // 2 :] for track in lasting]
+    return np.array(
+        [(np.median([p.frequency for p in half]), np.median([p.damping for p in half])) for half in halves]
+    ).reshape(-1, 2)  # fmt: skip
+
+
+def _apart(one: Pole, other: Pole) -> float:
+    # Distance in the plane of poles over what one mode's poles may lie apart.
+    a, b = (pole_of(pole.frequency, pole.damping) for pole in (one, other))
+    reach = max(NEAR * max(-a.real, -b.real), NEAR_FREQUENCY * abs(a))
+    return float(abs(a - b) / reach)
+
+
+def _selected(data: Data, pairs: FloatArray, known: bool, count: int | None) -> Solved:
+    # Fit, drop the mode that the errors miss least, fit again, until each that is left is worth its parameters.
+    if not len(pairs):
+        raise FitError("no pole stays over the orders of the stabilisation diagram; widen the band or give guesses")
+    pairs = pairs[: max(1, int(data.numbers / len(data.values) / 8))]
+    solved = _pruned(data, solve(data, pairs), known, count)
+    steps = FIRST
+    while True:
+        # Modes that are not there lead the fit nowhere: it need not come to its end before they are dropped.
+        refined = _pruned(data, fit(data, solved.pairs, steps), known, count)
+        if len(refined.pairs) == len(solved.pairs):
+            if steps > FIRST:
+                return refined
+            steps = ITERATIONS
+        solved = refined
+
+
+def _pruned(data: Data, solved: Solved, known: bool, count: int | None) -> Solved:
+    while True:
+        modes, functions = len(solved.pairs), len(data.values)
+        free = max(data.numbers - 2 * modes * (functions + 1) - 4 * functions, 1)
+        scale = solved.chi2 / free
+        noise = max(scale, 1.0) if known else scale
+        # What a mode's parameters are worth: ln(n) each (Schwarz 1978), errors tied over TIED lines.
+        worth = CLEAR * TIED * noise * (2 * functions + 2) * np.log(data.numbers / TIED)
+        visible = _visible(data, solved)
+        inside = (solved.pairs[:, 0] >= data.frequency[0]) & (solved.pairs[:, 0] <= data.frequency[-1])
+        value = np.where(inside & (visible > VISIBLE), solved.gains / worth, 0.0)
+        least = int(np.argmin(value))
+        enough = modes <= count if count is not None else value[least] >= 1.0
+        if enough:
+            return solved
+        if modes == 1:
+            raise FitError(
+                f"no mode stands out of the errors between {data.frequency[0]:g} and {data.frequency[-1]:g} Hz; "
+                "take another band, or give guesses"
+            )
+        solved = solve(data, np.delete(solved.pairs, least, axis=0))
+
+
+def _visible(data: Data, solved: Solved) -> FloatArray:
+    # Largest share, over the functions, of a mode's own peak in what is measured there, shape (modes,).
+    at = np.array([int(np.argmin(np.abs(data.frequency - f))) for f in solved.pairs[:, 0]])
+    own = np.abs(solved.residues) * np.array([abs(_peak(data, *pair)) for pair in solved.pairs])
+    measured = np.maximum(np.abs(data.values[:, at]), data.deviations[:, at])
+    return np.asarray((own / measured).max(axis=0))
+
+
+def _peak(data: Data, frequency: float, damping: float) -> complex:
+    return complex(data.seen.pole(np.array([frequency]), pole_of(frequency, damping))[0])
+
+
+def as_real(shape: ComplexArray) -> ComplexArray:
+    """A shape turned so that it is as real as can be, its largest component positive and of magnitude 1 (Gladwell 1991)."""
+    turned = shape * np.exp(-0.5j * np.angle((shape**2).sum()))
+    largest = turned[int(np.argmax(np.abs(turned)))]
+    return np.asarray(turned * (1.0 if largest.real >= 0.0 else -1.0) / max(abs(largest), np.finfo(float).tiny))
+
+
+def collinearity(shape: ComplexArray) -> float:
+    """Modal phase collinearity of a shape, 0 to 1 (Juang and Pappa 1985)."""
+    xx, yy, xy = (float(total) for total in (
+        (shape.real**2).sum(), (shape.imag**2).sum(), (shape.real * shape.imag).sum(),
+    ))  # fmt: skip
+    return ((xx - yy) ** 2 + 4.0 * xy**2) / max((xx + yy) ** 2, np.finfo(float).tiny)
+
+
+def mac(one: ComplexArray, other: ComplexArray) -> FloatArray:
+    """Modal assurance criterion of shapes (points, modes) with shapes, shape (modes, modes): 1 where alike (Allemang 2003)."""
+    cross = np.abs(np.conj(one).T @ other) ** 2
+    sizes = [(np.abs(shapes) ** 2).sum(axis=0) for shapes in (one, other)]
+    return np.asarray(cross / np.maximum(np.outer(*sizes), np.finfo(float).tiny))
+
+
+def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
+    said = []
+    for k, mode in enumerate(modes):
+        if mode.lines < NARROW:
+            said.append(
+                f"mode {k + 1} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} lines in its bandwidth; take a finer "
+                "resolution"
+            )
+    for k, (one, other) in enumerate(pairwise(modes)):
+        apart = (other.frequency - one.frequency) / max(one.damping * one.frequency, other.damping * other.frequency)
+        if apart < CLOSE:
+            said.append(
+                f"modes {k + 1} and {k + 2} lie {apart:.1f} half bandwidths apart; their shapes mix, so compare them with other "
+                "references"
+            )
+    return tuple(said)

@@ -1,0 +1,30 @@
+"""Motion from accelerations: integration in the frequency domain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Quantity
+
+
+def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
+    """Velocity and displacement of an acceleration record, without what lies below the drive's band."""
+    n = len(acceleration)
+    frequency = np.fft.rfftfreq(n, 1.0 / rate)
+    spectrum = np.fft.rfft(acceleration)
+    low = max(1.0, 1.5 * band[0]) if band is not None else 1.0
+    omega = 2j * np.pi * np.maximum(frequency, low)
+    spectrum[frequency < low] = 0.0
+    return np.fft.irfft(spectrum / omega, n), np.fft.irfft(spectrum / omega**2, n)
+
+
+def motion_of(
+    values: FloatArray, quantity: Quantity, rate: float, band: tuple[float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement, each shape (n,)."""
+    if quantity == "displacement":
+        return np.gradient(values, 1.0 / rate), values
+    if quantity == "velocity":
+        _, displacement = integrals(np.gradient(values, 1.0 / rate), rate, band)
+        return values, displacement
+    return integrals(values, rate, band)

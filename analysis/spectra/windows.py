@@ -1,0 +1,104 @@
+"""Windows of Welch's method: sums of cosines, so that their transforms and autocorrelations have closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import DataError
+
+WindowName = Literal["hann", "hamming", "blackman", "flattop", "rectangular"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """A window w(u) = sum of (-1)^j a_j cos(2 pi j u) over 0 <= u < 1.
+
+    Parameters
+    ----------
+    name
+        As a user names it.
+    cosines
+        a_0, a_1, ... (Harris 1978; the flat top of D'Antona and Ferrero 2006, as in scipy.signal.windows).
+    """
+
+    name: WindowName
+    cosines: tuple[float, ...]
+
+    @property
+    def harmonics(self) -> tuple[tuple[int, float], ...]:
+        """Pairs (m, c_m) of the same window written as the sum of c_m exp(2 pi i m u), m of both signs."""
+        return tuple(
+            (sign * j, (-1.0) ** j * (a if j == 0 else 0.5 * a))
+            for j, a in enumerate(self.cosines)
+            for sign in ((1,) if j == 0 else (-1, 1))
+        )
+
+    def samples(self, length: int) -> FloatArray:
+        """The periodic window, shape (length,)."""
+        u = np.arange(length) / length
+        return np.asarray(sum((-1.0) ** j * a * np.cos(2.0 * np.pi * j * u) for j, a in enumerate(self.cosines)))
+
+    def transform(self, lines: FloatArray) -> FloatArray:
+        """The Fourier transform so many lines off, without its phase exp(-pi i lines); real, of the same shape."""
+        return np.asarray(sum(c * (-1.0) ** m * np.sinc(lines - m) for m, c in self.harmonics))
+
+    def autocorrelation(self, shift: float) -> float:
+        """The correlation of the window with itself moved by `shift` of its length, 1 at 0 and 0 from 1 on."""
+        if shift >= 1.0:
+            return 0.0
+        ramps, flats = self.lag_terms()
+        total = sum(a * (1.0 - shift) * np.exp(2j * np.pi * m * shift) for m, a in ramps)
+        return float((total + sum(b * np.exp(2j * np.pi * m * shift) for m, b in flats)).real)
+
+    def lag_terms(self) -> tuple[tuple[tuple[int, float], ...], tuple[tuple[int, complex], ...]]:
+        """The autocorrelation as a sum of a_m (1 - u) exp(2 pi i m u) and of b_m exp(2 pi i m u): pairs (m, a_m) and (m, b_m).
+
+        From the integral of w(v) w(v + u) over v, harmonic by harmonic.
+        """
+        power = sum(c**2 for _, c in self.harmonics)
+        ramps = tuple((m, c**2 / power) for m, c in self.harmonics)
+        flats = tuple(
+            (m, sum(c * other / (np.pi * 1j * (n - m)) for n, other in self.harmonics if n != m) / power)
+            for m, c in self.harmonics
+        )
+        return ramps, tuple((m, complex(b)) for m, b in flats if b != 0.0)
+
+    def tied(self, overlap: float) -> float:
+        """Segments that one independent average takes when they overlap by this share: 1 + 2 sum rho_j^2 (Welch 1967)."""
+        hop, total, shift = 1.0 - overlap, 1.0, 1.0 - overlap
+        while shift < 1.0:
+            total += 2.0 * self.autocorrelation(shift) ** 2
+            shift += hop
+        return total
+
+
+HANN = Window(name="hann", cosines=(0.5, 0.5))
+WINDOWS = {
+    window.name: window
+    for window in (
+        HANN,
+        Window(name="hamming", cosines=(0.54, 0.46)),
+        Window(name="blackman", cosines=(0.42, 0.5, 0.08)),
+        Window(name="flattop", cosines=(0.21557895, 0.41663158, 0.277263158, 0.083578947, 0.006947368)),
+        Window(name="rectangular", cosines=(1.0,)),
+    )
+}
+#: Segments may overlap by this share at most: more costs time and tells nothing new.
+OVERLAP_MOST = 0.95
+
+
+def window_named(name: str) -> Window:
+    """The window of that name.
+
+    Raises
+    ------
+    DataError
+        Where there is none.
+    """
+    if name not in WINDOWS:
+        raise DataError(f"there is no window {name!r}; there are {', '.join(get_args(WindowName))}, so name one of these")
+    return WINDOWS[name]

@@ -1,0 +1,1 @@
+"""Parameters over campaigns: scatter, alarms, dated changes, and comparison with sibling rigs."""

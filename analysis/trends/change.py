@@ -1,0 +1,167 @@
+"""When a parameter changed, by how much, and whether at once or bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+
+#: Probability that the interval of a date holds it.
+CERTAIN = 0.95
+#: Logarithm of the likelihood ratio from which on a drift is told from a step: 20 to 1.
+TOLD = float(np.log(20.0))
+
+Kind = Literal["step", "drift", "step or drift"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """A change of one parameter.
+
+    Parameters
+    ----------
+    kind
+        Whether it came at once or bit by bit; "step or drift" as long as the campaigns since cannot tell.
+    first, earliest, latest
+        Index of the first campaign after it: the most likely one, and the ends of the 95 % interval.
+    alarm
+        Index of the campaign that raised the alarm.
+    before, after
+        Level before, and the latest level.
+    std
+        Standard deviation of their difference.
+    slope
+        Change per day of a drift; 0 of a step.
+    """
+
+    kind: Kind
+    first: int
+    earliest: int
+    latest: int
+    alarm: int
+    before: float
+    after: float
+    std: float
+    slope: float = 0.0
+
+    @property
+    def size(self) -> float:
+        """The change in standard deviations."""
+        return (self.after - self.before) / max(self.std, 1e-300)
+
+
+def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
+    """The first index after a single step, and the ends of its 95 % interval.
+
+    Parameters
+    ----------
+    value, variance
+        The series and the variance of each value about its level, shape (n,), n at least 2.
+
+    Notes
+    -----
+    The posterior of the date with every date alike and both levels free beforehand (flat): each part with levels integrated out
+    weighs exp(-chi^2/2) / sqrt(sum of its weights) (Smith 1975, Biometrika 62:407, with known variance). The interval holds the
+    most likely dates that together reach 95 %.
+    """
+    weight = 1.0 / variance
+    evidence = _left(value, weight)
+    probability = np.exp(evidence - evidence.max())
+    probability /= probability.sum()
+    order = np.argsort(-probability, kind="stable")
+    enough = int(np.searchsorted(np.cumsum(probability[order]), CERTAIN)) + 1
+    inside = order[:enough] + 1
+    return int(order[0]) + 1, int(inside.min()), int(inside.max())
+
+
+def _left(value: FloatArray, weight: FloatArray) -> FloatArray:
+    # Log evidence of a step before each of the indices 1 to n - 1, from running sums.
+    ahead, behind = (_parts(v, w) for v, w in ((value, weight), (value[::-1], weight[::-1])))
+    return np.asarray((ahead[0][:-1] + behind[0][::-1][1:]) - 0.5 * (np.log(ahead[1][:-1]) + np.log(behind[1][::-1][1:])))
+
+
+def _parts(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # -chi^2/2 about the mean, and the sum of weights, of the first 1, 2, ... n values.
+    shifted = value - np.average(value, weights=weight)
+    total, first, second = np.cumsum(weight), np.cumsum(weight * shifted), np.cumsum(weight * shifted**2)
+    return -0.5 * (second - first**2 / total), total
+
+
+def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int) -> Change:
+    """The change in a series that has one, with its date, its size and its kind.
+
+    Parameters
+    ----------
+    time, value, variance
+        The series from the change before it to the one after it, shape (n,), n at least 2.
+    alarm
+        Index of the campaign that raised the alarm.
+    """
+    weight = 1.0 / variance
+    first, earliest, latest = dated(value, variance)
+    before, after = (float(np.average(value[part], weights=weight[part])) for part in (slice(first), slice(first, None)))
+    std = float(np.sqrt(1.0 / weight[:first].sum() + 1.0 / weight[first:].sum()))
+    step = Change(kind="step", first=first, earliest=earliest, latest=latest, alarm=alarm, before=before, after=after, std=std)
+    knee = bent(time, value, weight)
+    told = knee.likelihood - stepped(value, weight, [first])
+    kind: Kind = "drift" if told > TOLD else "step" if told < -TOLD else "step or drift"
+    return drifting(time, knee, alarm) if kind == "drift" else Change(**{**vars(step), "kind": kind})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knee:
+    """A level that bends into a straight line at a campaign: its parameters, their covariance, and the log likelihood.
+
+    `last` and `latest` are the last and first campaign that a 95 % interval of the bend's place holds.
+    """
+
+    at: int
+    earliest: int
+    latest: int
+    level: float
+    slope: float
+    covariance: FloatArray
+    likelihood: float
+
+
+def bent(time: FloatArray, value: FloatArray, weight: FloatArray) -> Knee:
+    """The best level that bends into a straight line at one of the campaigns but the last, by weighted least squares."""
+    fits = [_line(np.maximum(time - time[k], 0.0), value, weight) for k in range(len(time) - 1)]
+    likelihood = np.array([fit[2] for fit in fits])
+    best = int(likelihood.argmax())
+    # Twice the fall of the log likelihood is about chi-square with one degree of freedom: 3.84 at 95 %.
+    inside = np.flatnonzero(likelihood >= likelihood[best] - 1.92)
+    (level, slope), covariance, _ = fits[best]
+    return Knee(
+        at=best, earliest=int(inside[0]), latest=int(inside[-1]), level=level, slope=slope, covariance=covariance,
+        likelihood=float(likelihood[best]),
+    )  # fmt: skip
+
+
+def _line(since: FloatArray, value: FloatArray, weight: FloatArray) -> tuple[tuple[float, float], FloatArray, float]:
+    design = np.stack([np.ones_like(since), since], axis=1)
+    normal = design.T @ (design * weight[:, None])
+    if np.linalg.det(normal) <= 1e-12 * normal[0, 0] * max(normal[1, 1], 1e-300):
+        return (float(np.average(value, weights=weight)), 0.0), np.zeros((2, 2)), -np.inf
+    covariance = np.linalg.inv(normal)
+    level, slope = covariance @ (design.T @ (weight * value))
+    left = value - level - slope * since
+    return (float(level), float(slope)), np.asarray(covariance), float(-0.5 * (weight * left**2).sum())
+
+
+def stepped(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
+    """Log likelihood of levels that step before each of some indices."""
+    parts = zip(np.split(value, firsts), np.split(weight, firsts), strict=True)
+    return float(sum(-0.5 * (w * (x - np.average(x, weights=w)) ** 2).sum() for x, w in parts))
+
+
+def drifting(time: FloatArray, knee: Knee, alarm: int) -> Change:
+    """A drift as a change; `first` is the first campaign after the bend."""
+    run = float(time[-1] - time[knee.at])
+    return Change(
+        kind="drift", first=knee.at + 1, earliest=knee.earliest + 1, latest=knee.latest + 1, alarm=alarm, before=knee.level,
+        after=knee.level + knee.slope * run, std=run * float(np.sqrt(knee.covariance[1, 1])), slope=knee.slope,
+    )  # fmt: skip

@@ -1,0 +1,165 @@
+"""Cumulative sums against false alarms: how long they run without one, and the thresholds of a stated rate.
+
+One side of a cumulative sum is S <- max(0, S + z - slack); it alarms where S exceeds its threshold (Page 1954).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+from scipy.stats import chi2
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import DataError
+
+#: Slack of the two sums that run side by side, in deviations: half the change that each finds soonest. The slow one finds small
+#: changes and drifts, the fast one large changes within three campaigns.
+SLACKS = (0.5, 1.0)
+#: Deviations beyond which a campaign counts no more: one bad campaign alone must not alarm.
+CLIP = 4.0
+#: Points of the integral equation, and equally likely values of an uncertain deviation.
+POINTS, LIKELY = 60, 25
+#: Degrees of freedom from which on a deviation counts as known, and below which nothing can be said.
+KNOWN, FEWEST = 2000.0, 5.0
+#: Run lengths beyond this are lost in rounding.
+LONGEST = 1e12
+
+
+def run_length(threshold: float, slack: float, scale: FloatArray | float = 1.0) -> FloatArray:
+    """Mean number of campaigns to a false alarm of one side, from zero; `LONGEST` where it is longer.
+
+    Parameters
+    ----------
+    threshold, slack
+        Of the sum, in the deviations that z was divided by.
+    scale
+        True deviations of z (1 where it is known exactly), shape (n,) or one.
+
+    Returns
+    -------
+    FloatArray
+        Shape (n,).
+
+    Notes
+    -----
+    The integral equation of Page (1954), solved with Gauss-Legendre points: L(u) = 1 + L(0) P(z <= slack - u) + the integral of
+    L(y) p(y + slack - u) over 0 < y < threshold.
+    """
+    scales = np.atleast_1d(np.asarray(scale, dtype=np.float64))[:, None, None]
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    y = 0.5 * threshold * (points + 1.0)
+    start = np.concatenate([[0.0], y])
+    kernel = np.empty((len(scales), POINTS + 1, POINTS + 1))
+    kernel[:, :, 0] = ndtr((slack - start) / scales[:, :, 0])
+    density = np.exp(-0.5 * ((y[None, :] + slack - start[:, None]) / scales) ** 2) / (np.sqrt(2.0 * np.pi) * scales)
+    kernel[:, :, 1:] = 0.5 * threshold * weights * density
+    length = np.linalg.solve(np.eye(POINTS + 1) - kernel, np.ones((len(scales), POINTS + 1, 1)))[:, 0, 0]
+    return np.where((length > 0.0) & (length < LONGEST), length, LONGEST)
+
+
+def false_rate(threshold: float, slack: float, freedom: float = np.inf) -> float:
+    """False alarms per campaign of both sides together.
+
+    `freedom` is how many degrees of freedom the deviation has that z was divided by; the rate is the mean over what the true
+    one may be.
+    """
+    if freedom >= KNOWN:
+        return float(2.0 / run_length(threshold, slack)[0])
+    scales = np.sqrt(freedom / chi2.ppf((np.arange(LIKELY) + 0.5) / LIKELY, freedom))
+    return float(np.mean(2.0 / run_length(threshold, slack, scales)))
+
+
+@cache
+def thresholds(rate: float, freedom: float = np.inf) -> tuple[float, ...]:
+    """A threshold for each of `SLACKS`, so that all together raise at most this many false alarms per campaign.
+
+    Each sum gets an equal share. No threshold is so low that a single campaign could pass it (`CLIP`), so where many false alarms
+    are allowed there are fewer.
+
+    Raises
+    ------
+    DataError
+        Where the rate is not between 0 and 1, or the deviation has fewer than `FEWEST` degrees of freedom.
+    """
+    if not 0.0 < rate < 1.0:
+        raise DataError(f"{rate:g} false alarms per campaign were asked for; ask for more than 0 and less than 1")
+    if freedom < FEWEST:
+        raise DataError(
+            f"the scatter has {freedom:.2g} degrees of freedom, and an alarm needs {FEWEST:g}; measure more campaigns"
+        )
+    share = rate / len(SLACKS)
+    found = []
+    for slack in SLACKS:
+        low, high = CLIP - slack, CLIP - slack
+        while false_rate(high, slack, freedom) > share:
+            high *= 1.5
+        found.append(low if high == low else float(brentq(_beyond, low, high, args=(slack, freedom, share), xtol=1e-2)))
+    return tuple(found)
+
+
+def _beyond(threshold: float, slack: float, freedom: float, share: float) -> float:
+    return float(np.log(false_rate(threshold, slack, freedom) / share))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alarms:
+    """What the sums say of one series.
+
+    Parameters
+    ----------
+    at
+        Index of each campaign that raised an alarm.
+    rising
+        Whether the parameter rose, for each.
+    z
+        Each campaign's distance from the mean of those before it since the last alarm, in deviations, shape (n,); 0 of the first.
+    """
+
+    at: tuple[int, ...]
+    rising: tuple[bool, ...]
+    z: FloatArray
+
+
+def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> Alarms:
+    """Run the sums along a series.
+
+    Parameters
+    ----------
+    value, variance
+        The series and the variance of each value about its level, shape (n,).
+    limits
+        Thresholds in the order of `SLACKS`.
+
+    Notes
+    -----
+    Self-starting (Hawkins 1987): each value is compared with the weighted mean of those before it, the mean's own variance
+    included, so that without a change the z are independent standard normal from the second campaign on, however short the
+    history. After an alarm the level is learnt afresh from the campaigns that follow: those that raised the alarm were chosen for
+    being far off, so a level learnt from them would make each false alarm raise another.
+    """
+    at, rising, z = [], [], np.zeros(len(value))
+    mean = weight = 0.0
+    up, down = [0.0] * len(SLACKS), [0.0] * len(SLACKS)
+    for k, (x, v) in enumerate(zip(value.tolist(), variance.tolist(), strict=True)):
+        if weight == 0.0:
+            mean, weight = x, 1.0 / v
+            continue
+        z[k] = (x - mean) / (v + 1.0 / weight) ** 0.5
+        clipped = min(max(z[k], -CLIP), CLIP)
+        up = [max(0.0, s + clipped - slack) for s, slack in zip(up, SLACKS, strict=True)]
+        down = [max(0.0, s - clipped - slack) for s, slack in zip(down, SLACKS, strict=True)]
+        high = max(s / h for s, h in zip(up, limits, strict=True))
+        low = max(s / h for s, h in zip(down, limits, strict=True))
+        if max(high, low) > 1.0:
+            at.append(k)
+            rising.append(high > low)
+            weight, up, down = 0.0, [0.0] * len(SLACKS), [0.0] * len(SLACKS)
+            continue
+        mean += clipped * (v + 1.0 / weight) ** 0.5 / (v * weight + 1.0)
+        weight += 1.0 / v
+    return Alarms(at=tuple(at), rising=tuple(rising), z=z)

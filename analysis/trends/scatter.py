@@ -1,0 +1,77 @@
+"""How much a parameter scatters from campaign to campaign beyond what its fits' deviations say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.trends.series import Series
+
+#: Difference of neighbours, in deviations, beyond which it counts as a change or a bad campaign and is left out.
+OUTLYING = 3.5
+#: Where the square of a difference stops counting more (a winsorised mean: 95 % of the information of a normal sample).
+WINSOR = 2.5
+#: Information in differences of neighbours beside that in deviations from a known mean (von Neumann 1941: 2/3).
+INFORMATION = 2.0 / 3.0
+#: Expected value of min(z^2, WINSOR^2) of a standard normal z.
+_EXPECTED = 1.0 - 2.0 * (WINSOR * norm.pdf(WINSOR) + norm.sf(WINSOR)) + 2.0 * WINSOR**2 * norm.sf(WINSOR)
+#: Median of a chi-square variable with one degree of freedom.
+_MEDIAN = 0.4549364
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scatter:
+    """Variance between campaigns of one parameter, and how well it is known.
+
+    Parameters
+    ----------
+    variance
+        Beyond the fits' own, in the square of the series' unit.
+    freedom
+        Degrees of freedom behind it.
+    """
+
+    variance: float
+    freedom: float
+
+
+def scatter_of(series: Sequence[Series]) -> Scatter:
+    """The variance between campaigns, from differences of neighbouring campaigns of all rigs together.
+
+    A change spoils one difference and a drift hardly any, so rigs that change need not be known beforehand. Rigs of one kind are
+    taken to scatter alike.
+    """
+    squares = np.concatenate([np.diff(s.value) ** 2 for s in series] or [np.zeros(0)])
+    fitted = np.concatenate([s.std[1:] ** 2 + s.std[:-1] ** 2 for s in series] or [np.zeros(0)])
+    if not len(squares):
+        return Scatter(variance=0.0, freedom=0.0)
+    rough = _root(squares, fitted, lambda ratio: float(np.median(ratio)) - _MEDIAN)
+    kept = squares <= OUTLYING**2 * (fitted + 2.0 * rough)
+    if not kept.any():
+        return Scatter(variance=rough, freedom=0.0)
+    squares, fitted = squares[kept], fitted[kept]
+    variance = _root(squares, fitted, lambda ratio: float(np.mean(np.minimum(ratio, WINSOR**2))) - _EXPECTED)
+    return Scatter(variance=variance, freedom=INFORMATION * len(squares))
+
+
+def _root(squares: FloatArray, fitted: FloatArray, beyond: Callable[[FloatArray], float]) -> float:
+    # The variance at which the squared differences, over their expected variance, are as large as they should be; by bisection,
+    # for the ratio falls as the variance grows. Zero where the fits' deviations alone explain the differences.
+    floor = 1e-24
+
+    def excess(variance: float) -> float:
+        return beyond(squares / np.maximum(fitted + 2.0 * variance, floor))
+
+    if excess(0.0) <= 0.0:
+        return 0.0
+    low, high = 0.0, float(squares.max())
+    while excess(high) > 0.0:
+        high *= 4.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return 0.5 * (low + high)

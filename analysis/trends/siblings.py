@@ -1,0 +1,68 @@
+"""Which rigs of a fleet are odd: their levels beside those of the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from isorig.analysis.campaign import FloatArray
+
+#: Fewest rigs that can be compared.
+FEWEST = 5
+#: Largest share of the rigs that can be odd.
+MOST = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Siblings:
+    """One parameter over the rigs of a fleet.
+
+    Parameters
+    ----------
+    middle, spread
+        Mean and standard deviation of the rigs that are not odd.
+    away
+        Each rig's distance from the middle in those deviations, shape (rigs,); NaN where there are too few rigs to compare.
+    odd
+        Indices of the odd rigs, farthest first.
+    """
+
+    middle: float
+    spread: float
+    away: FloatArray
+    odd: tuple[int, ...]
+
+
+def siblings(level: FloatArray, risk: float) -> Siblings:
+    """Compare levels, shape (rigs,); `risk` is the probability that any rig of a sound fleet is called odd.
+
+    Notes
+    -----
+    The generalised extreme studentized deviate test (Rosner 1983, Technometrics 25:165), which finds several odd rigs where a
+    test of one would be masked by the next. Fewer than five rigs are not compared.
+    """
+    n = len(level)
+    left = np.arange(n)
+    order: list[int] = []
+    odd = 0
+    for i in range(1, (int(MOST * n) if n >= FEWEST else 0) + 1):
+        spread = level[left].std(ddof=1)
+        if spread == 0.0:
+            break
+        distance = np.abs(level[left] - level[left].mean()) / spread
+        worst = int(distance.argmax())
+        order.append(int(left[worst]))
+        left = np.delete(left, worst)
+        if distance[worst] > _critical(n, i, risk):
+            odd = i
+    kept = np.delete(level, order[:odd])
+    middle, spread = (float(kept.mean()), float(kept.std(ddof=1)) if len(kept) > 1 else 0.0) if n else (0.0, 0.0)
+    away = np.full(n, np.nan) if n < FEWEST else (level - middle) / spread if spread > 0.0 else np.zeros(n)
+    return Siblings(middle=middle, spread=spread, away=away, odd=tuple(order[:odd]))
+
+
+def _critical(n: int, i: int, risk: float) -> float:
+    quantile = student.ppf(1.0 - risk / (2.0 * (n - i + 1)), n - i - 1)
+    return float((n - i) * quantile / np.sqrt((n - i - 1 + quantile**2) * (n - i + 1)))

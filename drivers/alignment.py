@@ -1,0 +1,170 @@
+"""Finds the scans in a stream of words that has no frames, by the bits that are always zero.
+
+A converter of 12 bits leaves the four lowest bits of a word at zero; in the first word of a scan the two lowest are the digital
+inputs. Where a byte or a word is lost or comes twice, the bits that must be zero are not, and the stream is aligned anew. What
+fits both the old and the new alignment is left out, so that no value is ever put together from two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.drivers.block import Raw, Status
+from isorig.drivers.errors import ProtocolError
+
+#: Scans that must fit behind a place where the stream is aligned anew; scans that are held back until so many have come behind.
+PROOF = 16
+HOLD = 64
+#: Bits that must be zero in the scans at either side of a damaged place that are left out with it: bytes that were never sent
+#: fit by chance, one in 2 to the power of that.
+EVIDENCE = 24
+#: Scans without any alignment after which the stream is no stream of scans.
+GARBAGE = 1024
+DIGITAL = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """Consecutive scans, int16, shape (n, inputs), digital inputs included; how many were lost before; when they arrived (s)."""
+
+    scans: Raw
+    lost: int
+    arrived: float
+    status: Status
+
+
+class Alignment:
+    """Cuts bytes into scans.
+
+    Parameters
+    ----------
+    inputs
+        Words of a scan.
+    bits
+        Of the converter: 12, 14, or 16, which leave nothing to align by.
+    who
+        The port, for messages.
+    """
+
+    def __init__(self, inputs: int, bits: int, who: str) -> None:
+        self._width = 2 * inputs
+        zero = (1 << (16 - bits)) - 1
+        #: Bits of each byte of a scan that must be zero.
+        self._mask = np.zeros(self._width, np.uint8)
+        self._mask[::2] = zero
+        self._mask[0] &= ~DIGITAL & 0xFF
+        self._checked = bool(self._mask.any())
+        zeros = int(np.unpackbits(self._mask).sum())
+        self._guard = math.ceil(EVIDENCE / zeros) if zeros else 0
+        self._who = who
+        self._buffer = bytearray()
+        # Where in the buffer what came at once ends, and when it came, seconds.
+        self._marks: deque[tuple[int, float]] = deque()
+        self._lost = 0
+        self._resynced = False
+        self._sure = self._checked
+
+    @property
+    def held(self) -> int:
+        """Scans that have come and are not handed out."""
+        return len(self._buffer) // self._width
+
+    def feed(self, data: bytes, now: float) -> Iterator[Stretch]:
+        """The scans that are sure by now; `data` arrived at `now`, seconds.
+
+        Raises
+        ------
+        ProtocolError
+            Where nothing fits for long.
+        """
+        self._buffer += data
+        self._marks.append((len(self._buffer), now))
+        yield from self._cut(HOLD if self._checked else 0)
+
+    def finish(self) -> Iterator[Stretch]:
+        """The rest, as far as it fits."""
+        yield from self._cut(0)
+
+    def _cut(self, hold: int) -> Iterator[Stretch]:
+        while (count := len(self._buffer) // self._width) > hold:
+            good = self._fits(0, count)
+            bad = count if good.all() else int(np.argmin(good))
+            if bad == count:
+                yield from self._release(count - hold)
+                return
+            # Whether scans behind it fit must be known.
+            if count - bad <= HOLD and hold:
+                yield from self._release(max(bad - HOLD, 0))
+                return
+            start = self._anew(bad)
+            if start is None:
+                # Behind the damage is not enough left to tell.
+                if not hold:
+                    yield from self._release(max(bad - self._guard, 0))
+                    self._drop(len(self._buffer))
+                    return
+                if count - bad > GARBAGE:
+                    raise ProtocolError(
+                        f"{self._who} sends bytes that are no scans of {self._width // 2} inputs; check that the plan names the "
+                        "right instrument and the bits of its converter, then resume"
+                    )
+                return
+            sure = max(self._certain(bad, start) - self._guard, 0)
+            yield from self._release(sure)
+            skipped = start - sure * self._width
+            # A byte more or less than whole scans is one that was doubled or lost; halves are taken for a loss.
+            self._lost += (skipped + self._width // 2) // self._width
+            self._resynced = True
+            self._drop(skipped)
+
+    def _anew(self, bad: int) -> int | None:
+        # The first byte at or behind a scan that does not fit from which enough scans do; the next scan where only one was hurt.
+        origin = bad * self._width
+        room = len(self._buffer) - origin
+        skips = (self._width, *range(1, room - PROOF * self._width + 1))
+        fitting = (skip for skip in skips if skip + PROOF * self._width <= room and self._fits(origin + skip, PROOF).all())
+        skip = next(fitting, None)
+        # The first of those that fit may do so by chance as well.
+        return None if skip is None else origin + skip + self._guard * self._width
+
+    def _certain(self, bad: int, start: int) -> int:
+        # Scans before the damage that fit the old alignment and not the new one: those behind them may be of either.
+        if (start - bad * self._width) % self._width == 0:
+            return bad
+        first = start % self._width
+        against = np.flatnonzero(~self._fits(first, (start - first) // self._width))
+        begin = first + (int(against[-1]) + 1 if len(against) else 0) * self._width
+        return min(begin // self._width, bad)
+
+    def _release(self, count: int) -> Iterator[Stretch]:
+        if count <= 0:
+            return
+        whole = len(self._buffer) // self._width
+        if whole >= HOLD:
+            # Whether every other alignment would have been seen.
+            self._sure = all(not self._fits(shift, whole - 1).all() for shift in range(1, self._width))
+        status = (Status.RESYNCED if self._resynced else Status.GOOD) | (Status.GOOD if self._sure else Status.UNSURE)
+        scans = np.frombuffer(bytes(self._buffer[: count * self._width]), "<i2").reshape(count, -1)
+        done = 0
+        for end, arrived in tuple(self._marks):
+            # What came at once is a stretch; a scan that came in two parts is of the second.
+            upto = min(end // self._width, count)
+            if upto > done:
+                yield Stretch(scans=scans[done:upto], lost=self._lost, arrived=arrived, status=status)
+                done, self._lost, status = upto, 0, status & ~Status.RESYNCED
+        self._resynced = False
+        self._drop(count * self._width)
+
+    def _drop(self, size: int) -> None:
+        del self._buffer[:size]
+        self._marks = deque((end - size, arrived) for end, arrived in self._marks if end > size)
+
+    def _fits(self, at: int, count: int) -> NDArray[np.bool_]:
+        data = np.frombuffer(bytes(self._buffer[at : at + count * self._width]), np.uint8).reshape(count, self._width)
+        return np.asarray(~np.any(data & self._mask, axis=1))

@@ -1,0 +1,96 @@
+"""What an instrument may answer: for each word of an answer its kind and limits, so that nothing else gets past."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from isorig.drivers.errors import ProtocolError
+
+_WHOLE = re.compile(r"[+-]?\d{1,20}")
+_NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})?")
+#: Characters of an answer that a message shows.
+SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What one word of an answer may be.
+
+    Parameters
+    ----------
+    allowed
+        In words, for the message.
+    read
+        The value of a word; None where it is not allowed.
+    """
+
+    allowed: str
+    read: Callable[[str], Any]
+
+
+def whole(low: int, high: int) -> Kind:
+    """A whole number within limits."""
+
+    def read(word: str) -> int | None:
+        if not _WHOLE.fullmatch(word):
+            return None
+        value = int(word)
+        return value if low <= value <= high else None
+
+    return Kind(f"a whole number from {low} to {high}", read)
+
+
+def number(low: float = -math.inf, high: float = math.inf) -> Kind:
+    """A finite decimal number within limits."""
+
+    def read(word: str) -> float | None:
+        if not _NUMBER.fullmatch(word):
+            return None
+        value = float(word)
+        return value if math.isfinite(value) and low <= value <= high else None
+
+    limits = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
+    return Kind(f"a number{limits}", read)
+
+
+def one_of(*words: str) -> Kind:
+    """One of a few words."""
+    return Kind(" or ".join(words), lambda word: word if word in words else None)
+
+
+def text(longest: int) -> Kind:
+    """Printable characters."""
+    return Kind(f"text of up to {longest} characters", lambda word: word if word.isprintable() and len(word) <= longest else None)
+
+
+def parse(words: Sequence[str], kinds: Sequence[Kind], *, who: str, command: str) -> tuple[Any, ...]:
+    """The values of an answer's words.
+
+    Parameters
+    ----------
+    words
+        As they came.
+    kinds
+        What each may be; an answer has as many words.
+    who, command
+        The port and what was asked, for the message.
+
+    Raises
+    ------
+    ProtocolError
+        Where a word is missing, one too many or not allowed.
+    """
+    values = tuple(kind.read(word) for kind, word in zip(kinds, words, strict=False))
+    if len(words) != len(kinds) or any(value is None for value in values):
+        told = " ".join(words)
+        shown = repr(told if len(told) <= SHOWN else told[:SHOWN] + "...") if told else "nothing"
+        allowed = ", then ".join(kind.allowed for kind in kinds)
+        raise ProtocolError(
+            f"{who} answered {command} with {shown} where {allowed} is allowed; check the cable and that the plan names the "
+            "right instrument"
+        )
+    return values
