@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint bench study docs thesis friction
+.PHONY: setup demo test lint bench study mutants docs thesis friction
 
 # How long `make study` goes on drawing campaigns.
 MINUTES ?= 60
@@ -12,7 +12,7 @@ setup: .venv/ready
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	$(BIN)/python -m rig.warm
+	$(BIN)/python -m isorig.rig.warm
 	touch $@
 
 demo: setup
@@ -28,8 +28,10 @@ bench: setup
 	$(BIN)/python bench/spectra.py
 	$(BIN)/python bench/damping.py
 	$(BIN)/python bench/acquire.py
+	$(BIN)/python bench/view.py
 	$(BIN)/python bench/design.py
 	$(BIN)/python bench/diagnose.py
+	$(BIN)/python bench/fleet.py
 
 # The long tests, and the rates of the diagnosis: goes on where the last one ended, for docs/study.md.
 study: setup
@@ -37,18 +39,23 @@ study: setup
 	$(BIN)/python tests/blind/study.py --minutes $(MINUTES)
 	$(BIN)/python tests/blind/tally.py
 
+# Which changes of the scoring and decision code the tests notice: about half an hour; survivors are listed in docs/mutants.md.
+mutants: setup
+	$(BIN)/python tests/mutation/run_mutants.py --named
+	$(BIN)/python tests/mutation/run_mutants.py
+
 # The documentation site, warnings as errors.
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # The pictures of the page on friction: docs/pictures/friction-*.
 friction: setup
-	$(BIN)/python -m rig.friction docs
+	$(BIN)/python -m isorig.rig.friction docs
 
 # The thesis's figures and tables: docs/thesis.md and docs/pictures/thesis-* from a virtual campaign, and friction-*.
 thesis: setup
-	$(BIN)/python -m rig.friction docs
-	$(BIN)/python -m rig.thesis docs
+	$(BIN)/python -m isorig.rig.friction docs
+	$(BIN)/python -m isorig.rig.thesis docs
 
 lint: setup
 	$(BIN)/ruff check .

@@ -5,11 +5,11 @@ from __future__ import annotations
 import tomllib
 from typing import Literal
 
-from analysis.errors import ModelError
-from analysis.measured import Campaign
-from analysis.model import RigModel, from_tree
-from analysis.rigs import THESIS, wire_bonder
-from rig.errors import RecordingError
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.rig.errors import RecordingError
 
 Baseline = Literal["coulomb", "linear"]
 

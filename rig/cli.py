@@ -1,4 +1,4 @@
-"""The command line: one App, each command in its own file under `rig.commands`, loaded only when it is called."""
+"""The command line: one table, each command in its own file under `isorig.rig.commands`, loaded only when it is called."""
 
 from __future__ import annotations
 
@@ -7,35 +7,51 @@ from importlib.metadata import version
 
 from cyclopts import App
 
-from rig.errors import REFUSALS
+from isorig.rig.errors import REFUSALS
 
-app = App(
-    name="rig",
-    help="From an instrument's wire to a named cause: a toolkit for motor-isolation test rigs.",
-    version=lambda: version("isorig"),
-    suppress_keyboard_interrupt=False,
-)
-app.command("rig.commands.check:check", name="check")
-app.command("rig.commands.frf:frf", name="frf")
-app.command("rig.commands.characterize:characterize", name="characterize")
-app.command("rig.commands.simulate:simulate", name="simulate")
-app.command("rig.commands.isolation:isolation", name="isolation")
-app.command("rig.commands.diagnose:diagnose", name="diagnose")
-app.command("rig.commands.predict:predict", name="predict")
-app.command("rig.commands.design:design", name="design")
-app.command("rig.commands.acquire:acquire", name="acquire")
-app.command("rig.commands.recover:recover", name="recover")
-app.command("rig.commands.import_:import_", name="import")
-app.command("rig.commands.export:export", name="export")
-app.command("rig.commands.report:report", name="report")
-app.command("rig.commands.demo:demo", name="demo")
-app.command("rig.commands.virtual:app", name="virtual")
+#: Where each command is, and what it does in a line.
+COMMANDS = {
+    "check": ("isorig.rig.commands.check:check", "Lists the runs of recordings and refuses damaged files."),
+    "frf": ("isorig.rig.commands.frf:frf", "Transfer functions with coherence and error bars."),
+    "characterize": ("isorig.rig.commands.characterize:characterize", "Masses, frequencies, damping ratios and friction."),
+    "simulate": ("isorig.rig.commands.simulate:simulate", "A rig's responses to a recorded or made-up drive."),
+    "isolation": ("isorig.rig.commands.isolation:isolation", "The isolation ratio, measured and simulated."),
+    "diagnose": ("isorig.rig.commands.diagnose:diagnose", "What the simulation gets wrong, and the cause by name."),
+    "next": ("isorig.rig.commands.next:next_", "Proposes the run that parts causes left open."),
+    "investigate": ("isorig.rig.commands.investigate:investigate", "Measures and diagnoses until one cause stands."),
+    "predict": ("isorig.rig.commands.predict:predict", "What a model says the sensors will record."),
+    "design": ("isorig.rig.commands.design:design", "How soft the isolation may be for given moves."),
+    "acquire": ("isorig.rig.commands.acquire:acquire", "Measures a campaign after a plan, with an instrument."),
+    "view": ("isorig.rig.commands.view:view", "Shows a session or a recording in the browser."),
+    "recover": ("isorig.rig.commands.recover:recover", "Saves what a killed session had measured."),
+    "import": ("isorig.rig.commands.import_:import_", "Makes a recording of files of other formats."),
+    "export": ("isorig.rig.commands.export:export", "Writes a recording in other formats."),
+    "report": ("isorig.rig.commands.report:report", "One page about a measurement."),
+    "demo": ("isorig.rig.commands.demo:demo", "The whole chain, without hardware."),
+    "fleet": ("isorig.rig.commands.fleet:app", "Many rigs over many campaigns: what changed, when, and why."),
+    "virtual": ("isorig.rig.commands.virtual:app", "A virtual rig, as a recording or behind an instrument's port."),
+}
+
+
+def _app(arguments: list[str]) -> App:
+    # A command that is not called is not imported: the list takes its line from here. One that is called has its own page.
+    app = App(
+        name="rig",
+        help="From an instrument's wire to a named cause: a toolkit for motor-isolation test rigs.",
+        version=lambda: version("isorig"),
+        suppress_keyboard_interrupt=False,
+    )
+    app.register_install_completion_command(group="Shell", help="Install completion of commands and options.")
+    for name, (target, line) in COMMANDS.items():
+        app.command(target, name=name, help=None if name in arguments else line)
+    return app
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; a refusal becomes one sentence on standard error and exit status 2."""
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        app(arguments)
+        _app(arguments)(arguments)
     except REFUSALS as refusal:
         print(f"rig: {refusal}", file=sys.stderr)
         return 2

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.errors import ConnectionLostError
+from isorig.drivers.errors import ConnectionLostError
 
 #: The plan that comes with the program.
 PLAN = Path(__file__).parent / "acquire" / "demo.toml"
@@ -17,15 +17,15 @@ SECONDS = 600.0
 
 
 @contextmanager
-def virtual_instrument(seed: int) -> Iterator[str]:
-    """A simulated instrument in a process of its own; the path of its port.
+def virtual_instrument(seed: int, *options: str) -> Iterator[str]:
+    """A simulated instrument in a process of its own; the path of its port. `options` are further ones of rig virtual instrument.
 
     Raises
     ------
     ConnectionLostError
         Where it does not start.
     """
-    call = [sys.executable, "-m", "rig", "virtual", "instrument", "--seed", str(seed), "--seconds", str(SECONDS)]
+    call = [sys.executable, "-m", "isorig", "virtual", "instrument", "--seed", str(seed), "--seconds", str(SECONDS), *options]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

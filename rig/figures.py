@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from rig.output import replaced
+from isorig.rig.files.output import replaced
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,11 +18,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.typing import ColorType
 
-    from analysis.classic import ErrorSurface, SetUp
-    from analysis.isolation import IsolationRatio
-    from analysis.measured import FloatArray
-    from analysis.periodic import PeriodicFrf
-    from analysis.spectra import Frf
+    from isorig.analysis.campaign import FloatArray
+    from isorig.analysis.isolation.ratio import IsolationRatio
+    from isorig.analysis.parameters.four_set_ups import ErrorSurface, SetUp
+    from isorig.analysis.spectra.periodic import PeriodicFrf
+    from isorig.analysis.spectra.welch import Frf
+
+
+#: The unit of an acceleration over an acceleration.
+PER = "m/s² per m/s²"
+#: How curves are drawn that may lie on one another.
+DASHES = ("-", "--", ":", "-.")
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -32,18 +38,21 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
-    """Magnitude, phase and coherence of transfer functions by name, with bands of one standard deviation."""
+    """Magnitude, phase and coherence of transfer functions by name, with bands of one standard deviation.
+
+    Every second one is dashed, so that none hides another that it lies on.
+    """
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
-    for name, frf in frfs.items():
+    for k, (name, frf) in enumerate(frfs.items()):
         kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        line = _banded(magnitude, f, size, frf.magnitude_std[kept], name)
+        line = _banded(magnitude, f, size, frf.magnitude_std[kept], name, DASHES[k % 2])
         turned = np.degrees(np.angle(frf.value[kept]))
         phase.plot(f, turned, ".", ms=2, color=line)
         coherence.plot(f, frf.coherence[kept], lw=0.9, color=line)
     first = next(iter(frfs.values()))
-    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|")
+    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {PER}")
     magnitude.legend(fontsize=8)
     phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
     coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz", xlim=band)
@@ -61,35 +70,37 @@ def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:
             magnitude.plot(frf.frequency, frf.distortion, "--", lw=0.8, color=colour, label=f"{name}: distortion")
         phase.plot(frf.frequency, np.degrees(np.angle(frf.value)), ".", ms=2, color=colour)
     first = next(iter(found.values()))
-    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|")
+    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {PER}")
     magnitude.legend(fontsize=8)
     phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180), xlabel="frequency, Hz")
     return _gridded(figure)
 
 
-def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float]) -> Figure:
+def isolation_figure(
+    ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float], *, logarithmic: bool = True
+) -> Figure:  # fmt: skip
     """The isolation ratio wide, from 0 to 15 Hz, and the heatblock's peaks behind it, measured and simulated.
 
-    Gains at which the motor sticks are shaded, and the step at each stitch is told.
+    Gains at which the motor sticks are shaded, and the step at each stitch is told. Frequencies are on a logarithmic axis where
+    it is asked for, and as in the thesis's figures where not.
     """
     figure = Figure(figsize=(9.0, 11.0), layout="constrained")
     wide, low, peak = figure.subplots(3, 1)
     for axis, top in ((wide, None), (low, 15.0)):
-        for (name, ratio), dash in zip(ratios.items(), ("-", "--"), strict=False):
+        for (name, ratio), dash in zip(ratios.items(), DASHES, strict=False):
             kept = np.full(len(ratio.frequency), True) if top is None else ratio.frequency <= top
             _banded(axis, ratio.frequency[kept], ratio.ratio[kept], ratio.std[kept], name, dash)
         axis.axhline(1.0, color="0.6", lw=0.8)
         axis.set(yscale="log", ylabel="unlocked / locked", xlabel="frequency, Hz")
-    wide.set(xscale="log", title="Isolation ratio |heatblock / head|, unlocked over locked")
+    wide.set(xscale="log" if logarithmic else "linear", title="Isolation ratio |heatblock / head|, unlocked over locked")
     shown = next(iter(ratios.values()))
     for gain, share in stuck.items():
         lines = shown.frequency[shown.gain == gain]
         if share > 0.5 and len(lines):
             wide.axvspan(lines[0], lines[-1], color="0.9", zorder=0)
             text = f"gain {gain:g}: motor stuck {100 * share:.0f} % of the time"
-            wide.text(
-                float(np.sqrt(lines[0] * lines[-1])), 0.02, text, ha="center", fontsize=8, transform=wide.get_xaxis_transform()
-            )
+            middle = np.sqrt(lines[0] * lines[-1]) if logarithmic else 0.5 * (lines[0] + lines[-1])
+            wide.text(float(middle), 0.02, text, ha="center", fontsize=8, transform=wide.get_xaxis_transform())
     for at, (step, std) in zip(shown.stitches, shown.steps, strict=True):
         wide.axvline(at, color="0.4", ls=":", lw=1.0)
         if np.isfinite(step):
@@ -102,13 +113,14 @@ def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float,
 
 def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> None:
     # The two transfer functions around the heatblock's peak, as in Fig. 32 of the thesis.
-    for (name, ratio), dash in zip(ratios.items(), ("-", "--"), strict=False):
+    for name, ratio in ratios.items():
         peaks = ratio.peaks
         if not np.isfinite(peaks.ratio):
             axis.text(0.5, 0.5, "the drive does not reach the heatblock's peak", ha="center", transform=axis.transAxes)
             return
-        for frf, at, configuration in (
-            (ratio.pieces[-1].unlocked, peaks.unlocked, "unlocked"), (ratio.pieces[-1].locked, peaks.locked, "locked")
+        # Locked curves are dashed over the unlocked ones, which they may lie on.
+        for frf, at, configuration, dash in (
+            (ratio.pieces[-1].unlocked, peaks.unlocked, "unlocked", "-"), (ratio.pieces[-1].locked, peaks.locked, "locked", "--")
         ):  # fmt: skip
             kept = np.abs(frf.frequency / peaks.locked - 1.0) < 0.06
             colour = _banded(
@@ -117,10 +129,10 @@ def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> 
             top = int(np.argmin(np.abs(frf.frequency - at)))
             axis.plot(frf.frequency[top], np.abs(frf.value[top]), "o", mfc="none", ms=6, color=colour)
     told = [f"{name} {r.peaks.ratio:.3f} ± {r.peaks.std:.1g} (line by line {r.peaks.by_line:.3f})" for name, r in ratios.items()]
-    axis.set(
-        yscale="log", xlabel="frequency, Hz", ylabel="|heatblock / head|", title="Each peak at its own place: " + ", ".join(told)
-    )
-    axis.title.set_fontsize(10)
+    # A line for each ratio, so that no title is wider than its picture.
+    title = "\n".join(["Each peak at its own place, unlocked over locked:", *told])
+    axis.set(yscale="log", xlabel="frequency, Hz", ylabel=f"|heatblock / head|, {PER}", title=title)
+    axis.title.set_fontsize(9)
     axis.legend(fontsize=8)
 
 
@@ -141,7 +153,7 @@ def set_ups_figure(set_ups: Sequence[SetUp]) -> Figure:
             magnitude.plot([half.low, half.peak, half.high], points, "o", mfc="none", ms=6, color="C3", label="half-power")
         mode = item.mode
         found = "" if mode is None else f"\n{mode.frequency:.3f} Hz, {mode.damping:.4g}"
-        magnitude.set(yscale="log", title=f"{frf.reference} → {frf.response}{found}", ylabel="magnitude")
+        magnitude.set(yscale="log", title=f"{frf.reference} → {frf.response}{found}", ylabel=f"magnitude, {PER}")
         magnitude.legend(fontsize=8)
         phase.set(xlabel="frequency, Hz", ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
     return _gridded(figure)
@@ -164,7 +176,7 @@ def surface_figure(surface: ErrorSurface) -> Figure:
     figure.colorbar(mesh, ax=plane, label="mean relative error of |table / head|", format="%.2g")
     curve.plot(surface.frequency, surface.measured, lw=1.0, label="measured")
     curve.plot(surface.frequency, surface.simulated, "k--", lw=1.0, label="simulated at the minimum")
-    curve.set(yscale="log", xlabel="frequency, Hz", ylabel="|table / head|")
+    curve.set(yscale="log", xlabel="frequency, Hz", ylabel=f"|table / head|, {PER}")
     curve.grid(visible=True, which="both", alpha=0.25, lw=0.5)
     curve.legend(fontsize=8)
     return figure
@@ -173,7 +185,7 @@ def surface_figure(surface: ErrorSurface) -> Figure:
 def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str, dash: str = "-") -> ColorType:
     (line,) = axis.plot(x, y, dash, lw=1.0, label=name)
     colour = line.get_color()
-    axis.fill_between(x, np.maximum(y - std, 1e-3 * y), y + std, color=colour, alpha=0.25, lw=0)
+    axis.fill_between(x, np.maximum(y - std, y / 3.0), y + std, color=colour, alpha=0.25, lw=0)
     return colour
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from analysis.measured import Campaign, Channel, Quantity, Run
-from analysis.model import RigModel
-from analysis.simulate import Excitation, simulate
-from rig.errors import RecordingError
-
-UNIT: dict[Quantity, str] = {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m"}
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate import Excitation, simulate
+from isorig.rig.errors import RecordingError
 
 
 def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
@@ -21,6 +19,15 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
     ------
     RecordingError
         Where a run lacks the drive or has a configuration that the model does not know.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> measured = iso.read("campaign.h5")
+    >>> same = iso.predict(iso.wire_bonder(), measured)
+    >>> run, other = measured.runs[0], same.runs[0]
+    >>> float(abs(run.read("table") - other.read("table")).max()) < 0.02 * float(abs(run.read("table")).max())
+    True
     """
     runs = []
     for run in campaign.runs:
@@ -37,11 +44,12 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
             model, excitation, configuration=run.configuration, start_time=seconds_from(campaign, run, origin),
             as_recorded=as_recorded,
         )  # fmt: skip
-        channels = {drive.name: drive}
+        # A streamed gain stays beside the drive that it made.
+        channels = {name: channel for name, channel in run.channels.items() if name in (drive.name, "gain")}
         for sensor in model.sensors:
             channels[sensor.channel] = Channel(
                 name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,
-                unit=UNIT.get(sensor.quantity, "1"),
+                unit=SI_UNIT[sensor.quantity],
             )  # fmt: skip
         runs.append(
             Run(

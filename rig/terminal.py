@@ -6,18 +6,24 @@ from collections.abc import Sequence
 
 
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table; columns whose cells are all numbers or dashes stand to the right."""
+    """Print a table; columns whose cells are all numbers or dashes stand to the right.
+
+    Numbers and what stands in the first column, names, are never cut: where they need it, lines are longer than the terminal.
+    """
     from rich import box
     from rich.console import Console
+    from rich.measure import Measurement
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for place, head in enumerate(columns):
         plain = all(_is_number(row[place]) for row in rows)
-        table.add_column(head, justify="right" if plain else "left", no_wrap=plain)
+        table.add_column(head, justify="right" if plain else "left", no_wrap=plain or place == 0, overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console().print(table, markup=False)
+    console = Console()
+    least = Measurement.get(console, console.options.update(max_width=1 << 16), table).minimum
+    Console(width=max(console.width, least)).print(table, markup=False)
 
 
 def _is_number(text: str) -> bool:

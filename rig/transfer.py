@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from analysis.errors import DataError
-from analysis.isolation import broad
-from analysis.measured import Campaign, Run
-from analysis.periodic import PeriodicFrf, periodic
-from analysis.quality import Fault, faults, sound
-from analysis.spectra import Estimator, Frf, estimate
+from isorig.analysis.campaign import Campaign, Run, broad
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.gain_levels import by_level
+from isorig.analysis.spectra.inputs import Estimator
+from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
+from isorig.analysis.spectra.quality import Fault, faults, sound
+from isorig.analysis.spectra.welch import Frf, estimate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,12 +61,14 @@ def transfer_functions(
 ) -> list[Transfer]:
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
 
+    A run in which the gain changed counts as one for every level.
+
     Parameters
     ----------
     campaign
         Measured or simulated.
     reference, responses, resolution, estimator
-        As in `analysis.spectra`; all other channels where no response is named.
+        As in `isorig.analysis.spectra.welch`; all other channels where no response is named.
     found
         What is wrong with the campaign's records; worked out where None. Spoilt runs are left out where others remain.
 
@@ -73,7 +76,18 @@ def transfer_functions(
     ------
     DataError
         Where no run has a broad-band drive, or a channel is missing.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.frf(iso.read("campaign.h5"), reference="table", responses=["heatblock"], resolution=0.5)
+    >>> [item.label for item in found]
+    ['unlocked, gain 70', 'unlocked, gain 7', 'locked, gain 70', 'locked, gain 7']
+    >>> peak = abs(found[3].frf.value).argmax()
+    >>> bool(abs(found[3].frf.frequency[peak] - 164.5) <= 1.0)
+    True
     """
+    campaign = by_level(campaign)
     runs = broad(campaign.runs)
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
@@ -81,9 +95,7 @@ def transfer_functions(
     transfers = []
     for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (k[0] != "unlocked", -k[1])):
         same = broad(campaign.select(configuration=configuration, gain=gain))
-        names = responses or [
-            name for name, channel in same[0].channels.items() if name != reference and channel.quantity != "gain"
-        ]
+        names = responses or [name for name in same[0].sensors if name != reference]
         # Responses that share their sound runs share one pass.
         alike: dict[tuple[str, ...], list[str]] = {}
         for name in names:

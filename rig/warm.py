@@ -1,13 +1,13 @@
-"""`python -m rig.warm` compiles and caches the kernels, so that the first command does not wait for it."""
+"""`python -m isorig.rig.warm` compiles and caches the kernels, so that the first command does not wait for it."""
 
 from __future__ import annotations
 
-from rig.virtual import Take, virtual_campaign
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 
 def main() -> None:
     """Play one second of the built-in rig."""
-    from analysis.rigs import wire_bonder
+    from isorig.analysis.model.built_in import wire_bonder
 
     virtual_campaign(wire_bonder(), [Take(id="warm", configuration="unlocked", gain=70.0, seconds=1.0, start=0.0)])
 

@@ -1,39 +1,96 @@
-"""The drive of a planned run at gain 1, made here and played by the instrument."""
+"""The drive of a planned run at gain 1, made part by part as it is handed to the instrument that plays it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 
-from analysis.excitation import moves, multisine, random
-from analysis.measured import FloatArray
-from drivers.errors import SettingError
-from drivers.instrument import Exciter, Stream
-from rig.acquire.plan import RunPlan
-from rig.virtual import HEAD_PER_GAIN, MOVE_PER_GAIN
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.simulate.excitation import moves, multisine, random, sine, steps, sweep
+from isorig.drivers.errors import SettingError
+from isorig.drivers.instrument import Exciter, Stream, Values
+from isorig.rig.acquire.plan import RunPlan
+from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN
+
+#: Samples of a random drive that are made at once; a longer one is made of parts, each faded into the next over so many samples.
+PART, FADE = 1 << 20, 1 << 14
+#: Peak of a sine or sweep per unit of gain, m/s^2: as strong as a random drive.
+SINE_PER_GAIN = 2.0**0.5 * HEAD_PER_GAIN
 
 
-def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> tuple[FloatArray, int | None]:
-    """The head's acceleration at gain 1, m/s^2, shape (n,), and the samples of a period where it has one.
+@dataclass(frozen=True)
+class Drive:
+    """The head's acceleration at gain 1, m/s^2, made where it is asked for, so that memory does not grow with a run's length.
 
-    Each repeat is another realisation. Runs that are driven by other means have a drive of zeros, so that nothing is played.
+    Parameters
+    ----------
+    length
+        Samples.
+    make
+        Samples from one place up to another.
+    period
+        Samples of a period, where it has one.
+    """
+
+    length: int
+    make: Callable[[int, int], FloatArray]
+    period: int | None = None
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, part: slice, /) -> FloatArray:
+        start, stop, _ = part.indices(self.length)
+        return self.make(start, max(stop, start))
+
+
+def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
+    """The drive of a run; each repeat is another realisation.
+
+    Runs that are driven by other means have one sample of rest: an instrument rests behind the end of its drive.
     """
     n = run.ticks(sample_rate)
     if not run.played:
-        return np.zeros(n), None
-    if run.excitation == "moves":
-        return moves(samples=n, sample_rate=sample_rate, peak=MOVE_PER_GAIN), None
+        return Drive(1, lambda start, stop: np.zeros(stop - start))
+    if run.excitation in ("moves", "steps"):
+        make = moves if run.excitation == "moves" else steps
+        return Drive(
+            n,
+            lambda start, stop: make(
+                samples=stop - start, sample_rate=sample_rate, peak=MOVE_PER_GAIN, start=0.25 - start / sample_rate
+            ),
+        )
+    if run.frequency is not None:
+        frequency = run.frequency
+        return Drive(
+            n,
+            lambda start, stop: sine(
+                samples=stop - start, sample_rate=sample_rate, peak=SINE_PER_GAIN, frequency=frequency,
+                start=-start / sample_rate,
+            ),
+        )  # fmt: skip
     assert run.band is not None  # the plan was checked
+    if run.excitation == "sweep":
+        band = run.band
+        return Drive(
+            n,
+            lambda start, stop: sweep(
+                samples=stop - start, sample_rate=sample_rate, peak=SINE_PER_GAIN, band=band, of=n, first=start
+            ),
+        )
     if run.excitation == "random":
-        return random(samples=n, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat), None
+        return Drive(n, _random(n, sample_rate, run.band, run.seed + repeat))
     period = round(run.period * sample_rate)
     values, _ = multisine(
-        period=period, periods=n // period, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band,
-        seed=run.seed + repeat,
+        period=period, periods=1, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat,
     )  # fmt: skip
-    return values, period
+    return Drive(n, lambda start, stop: values[np.arange(start, stop) % period], period)
 
 
-def load(instrument: Stream, run: RunPlan, drive: FloatArray) -> None:
+def load(instrument: Stream, run: RunPlan, drive: Values) -> None:
     """Hand a run's drive and gain to an instrument that plays them.
 
     Raises
@@ -50,3 +107,29 @@ def load(instrument: Stream, run: RunPlan, drive: FloatArray) -> None:
             f"run {run.id!r} needs a drive and {instrument.identity} plays none; drive the rig by other means and call the "
             'excitation "other"'
         )
+
+
+def _random(n: int, rate: float, band: tuple[float, float], seed: int) -> Callable[[int, int], FloatArray]:
+    @lru_cache(maxsize=2)
+    def part(k: int, length: int) -> FloatArray:
+        own = seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
+        return random(samples=length, sample_rate=rate, rms=HEAD_PER_GAIN, band=band, seed=own)
+
+    if n <= PART:
+        return lambda start, stop: part(0, n)[start:stop]
+
+    # The two sides of a fade are independent, so that squares that sum to one keep the power.
+    rise = np.sin(0.5 * np.pi * (np.arange(FADE) + 0.5) / FADE)
+
+    def make(start: int, stop: int) -> FloatArray:
+        values = np.zeros(stop - start)
+        for k in range(max(start - FADE, 0) // PART, (stop - 1) // PART + 1 if stop > start else 0):
+            whole = part(k, PART + FADE).copy()
+            if k:
+                whole[:FADE] *= rise
+            whole[PART:] *= rise[::-1]
+            low, high = max(start, k * PART), min(stop, (k + 1) * PART + FADE)
+            values[low - start : high - start] += whole[low - k * PART : high - k * PART]
+        return values
+
+    return make

@@ -1,84 +1,87 @@
-"""The virtual rig behind simulated instruments that play no drive of ours: the rig is shaken by a random drive of its own."""
+"""The virtual rig behind simulated instruments of any kind, for `--port virtual` and `rig virtual instrument`."""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
-from analysis.excitation import random
-from analysis.measured import Channel, FloatArray, Run
-from analysis.model import RigModel
-from analysis.spectra import estimate
-from drivers.block import Raw
-from drivers.mti600 import PER_COUNT
-from drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
-from drivers.simulated.faults import Faults
-from drivers.simulated.served import Peer
-from drivers.simulated.streams import SimulatedDataq, SimulatedSlcan
-from rig.acquire.plant import FULL_SCALE, SENSITIVITY, VirtualPlant
-from rig.virtual import HEAD_PER_GAIN
+from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.excitation import random
+from isorig.analysis.spectra.welch import estimate
+from isorig.drivers.errors import SettingError
+from isorig.drivers.kinds import Simulation, kinds
+from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.served import Peer, served
+from isorig.rig.acquire.plant import SENSITIVITY, VirtualPlant, playing
+from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 
-Kind = Literal["di1100", "mti600", "sr785", "35670a"]
 GAIN, BAND = 70.0, (0.5, 20.0)
-#: Rate of a simulated MTi-600, Hz; points and rate of an analyzer's time record.
-MTI_RATE = 400.0
-RECORD, RECORD_RATE = 2048, 256.0
+#: Length of the signal that a virtual port plays again, s: it is simulated while the session waits for a sample.
+REPEATED = 10.0
+#: The kind that plays the drive it is given, so that its rig is no `Shaken`.
+PLAYS = "framed"
 
 
 class Shaken:
-    """Plays a rig under a random drive."""
+    """A rig under a random drive, see `isorig.drivers.kinds.Shaken`."""
 
     def __init__(self, plant: VirtualPlant, seed: int) -> None:
         self._plant, self._seed = plant, seed
+        self.names = plant.names
 
     def channels(self, samples: int, rate: float) -> dict[str, FloatArray]:
         """m/s^2 by channel, each shape (samples,)."""
         drive = random(samples=samples, sample_rate=rate, rms=HEAD_PER_GAIN, band=BAND, seed=self._seed)
         counts = self._plant.play(drive, sample_rate=rate, gain=GAIN, configuration="unlocked")
-        return {name: counts[:, k] * self._plant.inputs[2] / SENSITIVITY for k, name in enumerate(self._plant.names)}
+        return {name: counts[:, k] * self._plant.inputs[2] / SENSITIVITY for k, name in enumerate(self.names)}
 
-    def words(self, samples: int, rate: float) -> Raw:
-        """Counts of 16 bits of all inputs at +-10 V, shape (samples, inputs)."""
-        volts = np.stack(list(self.channels(samples, rate).values()), axis=1) * SENSITIVITY
-        return np.clip(np.round(volts / FULL_SCALE * 32768), -32768, 32767).astype(np.int16)
+    def volts(self, samples: int, rate: float) -> FloatArray:
+        """V at the inputs, shape (samples, inputs)."""
+        return np.stack(list(self.channels(samples, rate).values()), axis=1) * SENSITIVITY
 
-    def axes(self, samples: int, rate: float) -> Raw:
-        """Counts of an accelerometer on the motor, its y along the drive, shape (samples, 3)."""
-        motor = self.channels(samples, rate)["motor"]
-        flat = np.zeros_like(motor)
-        return np.round(np.stack([flat, motor, flat + 9.81], axis=1) / PER_COUNT).astype(np.int16)
+    def coherence(self, samples: int, rate: float) -> tuple[FloatArray, FloatArray]:
+        """Frequency in Hz and coherence of the last channel with the drive."""
+        run = Run(
+            id="x", configuration="unlocked", sample_rate=rate, gain=GAIN, excitation="random", band=BAND,
+            channels={name: Channel(name=name, samples=values) for name, values in self.channels(samples, rate).items()},
+        )  # fmt: skip
+        found = estimate([run], references=[self.names[0]], resolution=0.25)
+        return found.frequency, found.frf(self.names[-1], self.names[0]).coherence
+
+
+def simulated_kinds() -> tuple[str, ...]:
+    """The kinds of instrument that have a simulated far end."""
+    return tuple(name for name, kind in kinds().items() if name == PLAYS or kind.far_end is not None)
 
 
 def far_end(
-    kind: Kind, model: RigModel, *, noise: float, seed: int, speed: float, seconds: float, faults: Faults | None = None
+    kind: str, model: RigModel, *, noise: float, seed: int, speed: float, seconds: float, faults: Faults | None = None
 ) -> Peer:
     """A simulated instrument of that kind with a rig behind it.
-
-    The displays of an analyzer: a coherence of motor and head, and a time record of the motor, in V.
 
     Raises
     ------
     SettingError
-        Where a fault is asked for that this kind cannot have.
+        Where there is no such far end, or a fault is asked for that this kind cannot have.
     """
-    faults = faults or Faults(seed=seed)
+    making = kinds()[kind].far_end if kind in kinds() else None
+    if making is None:
+        raise SettingError(f"no far end of a {kind!r} is simulated; there is one of {', '.join(simulated_kinds())}")
     shaken = Shaken(VirtualPlant(model, noise=noise, seed=seed), seed)
     # Whatever is compiled on first use is compiled now, so that the instrument answers at once.
-    shaken.words(256, RECORD_RATE)
-    if kind == "di1100":
-        return SimulatedDataq(shaken.words, seconds=seconds, speed=speed, faults=faults)
-    if kind == "mti600":
-        return SimulatedSlcan(shaken.axes, rate=MTI_RATE, seconds=seconds, speed=speed, faults=faults)
-    faults.only(("overload",) if kind == "sr785" else (), f"a {kind}")
-    record = shaken.channels(16 * RECORD, RECORD_RATE)
-    run = Run(
-        id="x", configuration="unlocked", sample_rate=RECORD_RATE, gain=GAIN, excitation="random", band=BAND,
-        channels={name: Channel(name=name, samples=values) for name, values in record.items()},
-    )  # fmt: skip
-    found = estimate([run], references=["head"], resolution=0.25)
-    coherence = found.frequency, found.frf("motor", "head").coherence
-    time_record = np.arange(RECORD) / RECORD_RATE, record["motor"][:RECORD] * SENSITIVITY
-    if kind == "sr785":
-        return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
-    return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
+    shaken.volts(256, 256.0)
+    return making(shaken, Simulation(speed=speed, seconds=seconds, faults=faults or Faults(seed=seed)))
+
+
+@contextmanager
+def virtual_port(kind: str, model: RigModel) -> Iterator[str]:
+    """A simulated instrument of that kind in a thread of this process; the path of its port."""
+    if kind == PLAYS:
+        with playing(model) as port:
+            yield port
+        return
+    with served(far_end(kind, model, noise=1e-3, seed=0, speed=1.0, seconds=REPEATED)) as port:
+        yield port

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from analysis.measured import Campaign
-from rig.acquire.recorder import working_file
-from rig.acquire.recover import campaign_of, working
-from rig.errors import RecordingError
-from rig.recording import open_recording
+from isorig.analysis.campaign import Campaign
+from isorig.rig.acquire.recorder import working_file
+from isorig.rig.acquire.recover import WorkingFile, campaign_of
+from isorig.rig.errors import RecordingError
+from isorig.rig.files.recording import open_recording
 
 
 def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience: float = 30.0) -> Iterator[tuple[Campaign, bool]]:
@@ -35,21 +36,34 @@ def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience:
         Where nothing is being recorded there, or the writer has stopped without finishing.
     """
     partial = working_file(output)
+    file: WorkingFile | None = None
     size, grown = 0, time.monotonic()
-    while partial.exists():
-        try:
-            with working(partial) as (known, found):
-                runs = [item.run for item in found if item.run is not None]
+    try:
+        while partial.exists():
+            # It may be about to be laid out, or has just become the recording.
+            with suppress(RecordingError):
+                file = _opened(file, partial)
+                runs = [item.run for item in file.runs() if item.run is not None]
                 if (now := sum(len(run) for run in runs)) > size:
                     size, grown = now, time.monotonic()
                     kept = [run for run in runs if run.duration >= shortest]
                     if kept:
-                        yield campaign_of(known, kept, str(partial)), False
-        except (OSError, RecordingError, RuntimeError, KeyError):
-            # It is being laid out, was read between two writes, or has just become the recording.
-            pass
-        if time.monotonic() - grown > patience:
-            raise RecordingError(f"{partial} has not grown for {patience:g} s; its writer is gone, so use rig recover")
-        time.sleep(every)
+                        yield campaign_of(file.known, kept, str(partial)), False
+            if time.monotonic() - grown > patience:
+                raise RecordingError(f"{partial} has not grown for {patience:g} s; its writer is gone, so use rig recover")
+            time.sleep(every)
+    finally:
+        if file is not None:
+            file.close()
     with open_recording(output) as campaign:
         yield campaign, True
+
+
+def _opened(file: WorkingFile | None, partial: Path) -> WorkingFile:
+    # What was read once is not read again.
+    if file is None or file.replaced:
+        if file is not None:
+            file.close()
+        return WorkingFile(partial)
+    file.refresh()
+    return file

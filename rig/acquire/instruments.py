@@ -3,34 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 
-from analysis.rigs import wire_bonder
-from drivers.instrument import Records, Stream
-from drivers.kinds import RecordsKind, StreamKind
-from drivers.shows import Shows
-from rig.acquire.plan import Plan
-from rig.acquire.plant import playing
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.drivers.errors import DriverError
+from isorig.drivers.instrument import Records, Stream
+from isorig.drivers.kinds import RecordsKind, StreamKind
+from isorig.drivers.shows import Shows
+from isorig.rig.acquire.far_ends import virtual_port
+from isorig.rig.acquire.plan import Plan
 
 
 @contextmanager
 def opened(plan: Plan, port: str) -> Iterator[Stream]:
-    """The plan's streaming instrument; the port "virtual" is a simulated one with the thesis's rig."""
+    """The plan's streaming instrument; the port "virtual" is a simulated one of its kind with the thesis's rig."""
     kind = plan.instrument.about
     assert isinstance(kind, StreamKind)  # the session has looked
-    if port == "virtual" and kind.name == "framed":
-        with playing(wire_bonder()) as simulated, opened(plan, simulated) as instrument:
+    if port == "virtual":
+        with virtual_port(kind.name, wire_bonder()) as simulated, opened(plan, simulated) as instrument:
             yield instrument
         return
     with closing(kind.open(port, plan.instrument.settings)) as instrument:
-        yield instrument
+        try:
+            yield instrument
+        finally:
+            # Whatever ends a session stops the drive; a wire that is gone cannot be told.
+            with suppress(DriverError):
+                instrument.stop()
 
 
 @contextmanager
 def opened_analyzer(plan: Plan, port: str) -> Iterator[Records]:
-    """The plan's analyzer."""
+    """The plan's analyzer; the port "virtual" is as of `opened`."""
     kind = plan.instrument.about
     assert isinstance(kind, RecordsKind)  # the session has looked
+    if port == "virtual":
+        with virtual_port(kind.name, wire_bonder()) as simulated, opened_analyzer(plan, simulated) as instrument:
+            yield instrument
+        return
     shows = [
         Shows(trace=s.trace, kind="time" if s.kind == "time" else "spectrum", unit=s.unit) for s in plan.instrument.shows
     ]  # fmt: skip

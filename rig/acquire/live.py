@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from analysis.measured import FloatArray
-from analysis.spectra import hann
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.spectra.windows import HANN
 
 #: Seconds of a segment.
 SEGMENT = 2.0
@@ -33,7 +33,7 @@ class RunningCoherence:
         self._length = max(round(SEGMENT * rate), 16)
         frequency = np.fft.rfftfreq(self._length, 1.0 / rate)
         self._inside = (frequency >= band[0]) & (frequency <= band[1])
-        self._window = hann(self._length)
+        self._window = HANN.samples(self._length)
         self._waiting: dict[str, FloatArray] = {name: np.zeros(0) for name in channels}
         self._auto = {name: np.zeros(int(self._inside.sum())) for name in channels}
         self._cross = {name: np.zeros(int(self._inside.sum()), complex) for name in channels}

@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 import msgspec
 
-from analysis.model import RigModel, from_tree
-from drivers.kinds import RecordsKind, StreamKind, kinds
-from rig.tomlfile import read_toml
-
-#: What a channel tells beside what the recording's format asks for.
-SENSOR = ("sensor", "place", "direction")
+from isorig.analysis.campaign import Quantity
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
+from isorig.rig.files.recording import SENSOR
+from isorig.rig.files.tomlfile import read_toml
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -64,7 +64,7 @@ class ChannelPlan(Part, frozen=True):
     input: int
     sensitivity: float
     unit: str = "m/s^2"
-    quantity: Literal["acceleration", "velocity", "displacement", "force", "voltage", "current"] = "acceleration"
+    quantity: Quantity = "acceleration"
     sensor: str = ""
     place: str = ""
     direction: str = ""
@@ -76,26 +76,37 @@ class ChannelPlan(Part, frozen=True):
 
 
 class RunPlan(Part, frozen=True):
-    """A run, or several alike: how the rig is set up, what drives it, for how many seconds; a multisine's period in seconds.
+    """A run, or several alike: how the rig is set up, what drives it, for how many seconds; a multisine's period in seconds, a
+    sine's frequency in Hz.
 
-    Nothing is played in a "free" run (a hammer, a pushed table) nor in an "other" one, whose drive is not of our making.
+    Nothing is played in a "free" run (a hammer, a pushed table) nor in an "other" one, whose drive is not of our making. `source`
+    is the level of an analyzer's own source, V of the peak; where it is absent, what is set on the panel stays. `repeat_of` names
+    an earlier run whose drive is played again, sample for sample: what the two do not share, the drive did not cause.
     """
 
     id: str
     configuration: str
     gain: float
     seconds: float
-    excitation: Literal["random", "multisine", "moves", "free", "other"] = "random"
+    excitation: Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"] = "random"
     band: tuple[float, float] | None = None
     period: float = 4.0
+    frequency: float | None = None
     repeats: int = 1
     seed: int = 0
     use: Literal["fit", "holdout"] = "fit"
+    source: float | None = None
+    repeat_of: str | None = None
 
     @property
     def played(self) -> bool:
         """Whether the instrument plays a drive that is made here."""
         return self.excitation not in ("free", "other")
+
+    @property
+    def recorded_as(self) -> str:
+        """The excitation under the names of the recording's format."""
+        return "other" if self.excitation in ("sine", "steps") else self.excitation
 
     def ticks(self, rate: float) -> int:
         """Samples of the run at a rate in Hz; a multisine has whole periods."""
@@ -111,12 +122,21 @@ class RunPlan(Part, frozen=True):
 
 
 class Plan(Part, frozen=True):
-    """A session. `rig` holds what is known beforehand (SI) under the recording's names."""
+    """A session. `rig` holds what is known beforehand (SI) under the recording's names; `limits` what no proposed run exceeds."""
 
     instrument: InstrumentPlan
     channels: dict[str, ChannelPlan]
-    runs: tuple[RunPlan, ...]
+    runs: tuple[RunPlan, ...] = ()
     rig: dict[str, float | str] = {}
+    limits: Limits = Limits()
+
+    def original(self, run: RunPlan, repeat: int) -> tuple[RunPlan, int]:
+        """The run whose drive a run plays, and which of its repeats: the run itself where it repeats no other."""
+        while run.repeat_of is not None:
+            run, repeat = next(
+                (earlier, k) for earlier in self.runs for k, name in enumerate(earlier.ids()) if name == run.repeat_of
+            )
+        return run, repeat
 
     def model(self) -> RigModel | None:
         """The rig that the plan describes; None where it is the wire bonder."""
@@ -130,8 +150,17 @@ class Plan(Part, frozen=True):
         return "head" if model is None else model.drive.channel
 
 
+def as_virtual(plan: Plan) -> Plan:
+    """The plan as it is measured on a virtual rig: its sensors say that they are virtual."""
+    channels = {
+        name: msgspec.structs.replace(channel, sensor=f"virtual {channel.sensor or 'sensor'}")
+        for name, channel in plan.channels.items()
+    }
+    return msgspec.structs.replace(plan, channels=channels)
+
+
 def load_plan(path: Path) -> Plan:
-    """Read a plan; `rig.acquire.sound` looks at its values.
+    """Read a plan; `isorig.rig.acquire.plan_check` looks at its values.
 
     Raises
     ------

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import msgspec
 import numpy as np
 
-from analysis.measured import FloatArray
-from analysis.model import Chain, RigModel
-from analysis.simulate import Excitation, record, simulate
-from drivers.block import Raw
-from drivers.simulated.faults import Faults
-from drivers.simulated.framed import SimulatedFramed
-from drivers.simulated.wire import PtyWire
-from rig.virtual import BITS
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.model.rig_model import RigModel
+from isorig.drivers.block import Raw
+from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.drivers.simulated.wire import PtyWire
+from isorig.rig.virtual.campaign import BITS
+from isorig.rig.virtual.effects import Hidden
 
 #: Volts of full scale and the sensors' sensitivity, V per m/s^2.
 FULL_SCALE = 10.0
@@ -36,15 +36,16 @@ class VirtualPlant:
         Standard deviation of every sensor's noise, m/s^2.
     seed
         Of the noise.
+    hidden
+        An effect that is hidden in it; it then plays that rig.
     """
 
-    def __init__(self, model: RigModel, *, noise: float = 1e-3, seed: int = 0) -> None:
-        self._model, self._noise = model, noise
-        self._sound = msgspec.structs.replace(
-            model,
-            drive=msgspec.structs.replace(model.drive, chain=Chain()),
-            sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors),
-        )
+    def __init__(self, model: RigModel, *, noise: float = 1e-3, seed: int = 0, hidden: Hidden | None = None) -> None:
+        self._hidden = hidden or Hidden(model=model)
+        self._noise = noise
+        self._began: float | None = None
+        self._runs = 0
+        model = self._hidden.model
         self._random = np.random.default_rng(seed)
         self.names = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
         self.identity = f"virtual {model.name}"
@@ -52,10 +53,13 @@ class VirtualPlant:
 
     def play(self, drive: FloatArray, *, sample_rate: float, gain: float, configuration: str) -> Raw:
         """The counts of all inputs under a drive given at gain 1, int32, shape (n, inputs)."""
-        head = gain * drive
-        excitation = Excitation.prepare(head, sample_rate, oversample=16)
-        response = simulate(self._sound, excitation, configuration=configuration)
-        recorded = record(self._model, {self._model.drive.channel: head, **response.channels}, sample_rate)
+        # What drifts, drifts with this machine's clock, as the runs' beginnings are told by it.
+        now = time.monotonic()
+        self._began = now if self._began is None else self._began
+        recorded = self._hidden.records(
+            gain * drive, sample_rate, configuration=configuration, gain=gain, start_time=now - self._began, run=f"{self._runs}"
+        )
+        self._runs += 1
         top = 2 ** (BITS - 1)
         volts = np.stack([recorded[name] for name in self.names], axis=1) * SENSITIVITY
         volts += self._random.normal(0.0, self._noise * SENSITIVITY, volts.shape)
@@ -64,11 +68,12 @@ class VirtualPlant:
 
 @contextmanager
 def playing(
-    model: RigModel, *, noise: float = 1e-3, seed: int = 0, speed: float | None = None, faults: Faults | None = None
-) -> Iterator[str]:
+    model: RigModel, *, noise: float = 1e-3, seed: int = 0, speed: float | None = None, faults: Faults | None = None,
+    hidden: Hidden | None = None,
+) -> Iterator[str]:  # fmt: skip
     """A simulated framed instrument with a rig behind it in a thread of this process; the path of its port."""
     wire = PtyWire()
-    instrument = SimulatedFramed(wire, VirtualPlant(model, noise=noise, seed=seed), faults=faults, speed=speed)
+    instrument = SimulatedFramed(wire, VirtualPlant(model, noise=noise, seed=seed, hidden=hidden), faults=faults, speed=speed)
     over = threading.Event()
 
     def serve() -> None:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from analysis.measured import FloatArray, Run
-from drivers.block import Block, Status
-from drivers.instrument import Records, Stream
-from rig.acquire.drive import drive_of, load
-from rig.acquire.plan import Plan, RunPlan
-from rig.errors import PlanError
+from isorig.analysis.campaign import FloatArray, Run
+from isorig.drivers.block import Block, Status
+from isorig.drivers.instrument import Records, Stream
+from isorig.rig.acquire.block_stream import Incoming
+from isorig.rig.acquire.drive import drive_of, load
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.errors import PlanError
 
-#: Seconds of rest and of drive; seconds without a block after which the look is over.
+#: Seconds of rest and of drive; seconds without a sample after which the look is over.
 REST, DRIVEN = 0.25, 0.75
 SILENCE = 1.0
 #: How much livelier a channel must be under drive than at rest, and how far rates may lie apart by the instrument's clock and by
@@ -25,6 +25,13 @@ LIVELIER = 1.2
 OWN, HOST = 0.01, 0.25
 #: Share of full scale that counts as the end of an input.
 END = 0.999
+#: What the instrument, or its driver, may say of a block that speaks against a run.
+REPORTED = {
+    Status.OVERLOAD: "the instrument reports an overload; choose a larger range or a lower gain",
+    Status.FAULT: "the instrument reports a fault of its own; switch it off and on, and check it",
+    Status.LOST: "the instrument loses samples inside; give it a lower rate or fewer inputs",
+    Status.DISAGREES: "the instrument's counter, frame numbers and clock disagree; check its firmware and the cable",
+}
 
 
 def check_room(plan: Plan, output: Path, bytes_per_sample: int = 4) -> str | None:
@@ -44,16 +51,17 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     """What speaks against taking this run, each in a sentence with the remedy."""
     rate = plan.instrument.sample_rate
     rest, driven = round(REST * rate), round(DRIVEN * rate)
-    drive, _ = drive_of(run, 0, rate)
-    load(instrument, run, np.concatenate([np.zeros(rest), drive[:driven]]))
-    blocks = list(_blocks(instrument, rest + driven))
+    drive = drive_of(*plan.original(run, 0), rate)[:driven] if run.played else np.zeros(driven)
+    load(instrument, run, np.concatenate([np.zeros(rest), drive]))
+    blocks = list(_blocks(instrument, rest + driven, rate))
     if not blocks:
         return ["no sample arrives; check that the instrument is on and scans"]
     raw = np.concatenate([block.samples for block in blocks])
     ticks = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
     found = _rate(blocks, rate)
-    if any(block.status & Status.OVERLOAD for block in blocks):
-        found.append("the instrument reports an overload; choose a larger range or a lower gain")
+    for status, sentence in REPORTED.items():
+        if any(block.status & status for block in blocks):
+            found.append(sentence)
     for name, about in plan.channels.items():
         source = instrument.inputs[about.input]
         values = raw[:, about.input].astype(np.float64)
@@ -92,17 +100,12 @@ def refuse(run: str, found: list[str]) -> None:
         raise PlanError(f"run {run!r} was not taken: {'; '.join(found)}; --force takes it all the same")
 
 
-def _blocks(instrument: Stream, ticks: int) -> Iterable[Block]:
+def _blocks(instrument: Stream, ticks: int, rate: float) -> Iterable[Block]:
+    incoming = Incoming(instrument, ticks, rate, away=SILENCE)
     instrument.start()
-    heard, end = time.monotonic(), 0
-    while end < ticks and time.monotonic() - heard < SILENCE:
-        block = instrument.read(0.1)
-        if block is not None:
-            heard, end = time.monotonic(), block.end_tick
-            yield block
+    yield from incoming.blocks()
     instrument.stop()
-    while (block := instrument.read(0.05)) is not None:
-        yield block
+    yield from incoming.rest()
 
 
 def _rate(blocks: list[Block], rate: float) -> list[str]:

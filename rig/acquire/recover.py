@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import h5py
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.measured import Campaign, Channel, Gap, Run
-from drivers.block import Status
-from rig.acquire.recorder import DONE, RUNNING
-from rig.errors import RecordingError
+from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Samples
+from isorig.drivers.block import Status
+from isorig.rig.acquire.journal import Found, Reader
+from isorig.rig.acquire.layout import SAMPLES, TIMING, Begin, End, Kind, Layout, RunLayout, Shape, shape_of, timing_of
+from isorig.rig.errors import RecordingError
 
-#: Datasets of a run that are no channel.
-LEDGERS = frozenset({"gaps", "timing", "progress"})
-#: A streamed gain that moves by more than this share of itself is kept beside the samples.
-GAIN_MOVED = 1e-5
+T = TypeVar("T")
+#: Arrivals that are kept of a run, the earliest of neighbours, to tell how its clock drifts.
+ARRIVALS = 4096
+#: What is remembered of each block of samples: its place in the file, how much it holds, the streamed gain's range in it.
+ENTRY = np.dtype(
+    [
+        ("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8"),
+    ]
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,14 +45,34 @@ class Drift:
 
 
 class Saved:
-    """The first `stored` samples of a channel that may be growing; read from disk by slice."""
+    """A sequence that is spread over the blocks of the file, read from disk by slice.
 
-    def __init__(self, dataset: h5py.Dataset, stored: int) -> None:
-        self._dataset = dataset
-        self.shape = (stored,)
+    Parameters
+    ----------
+    counts
+        How many items each block holds.
+    part
+        Items `start` to `stop` of block `k`.
+    dtype
+        Their type.
+    """
+
+    def __init__(self, counts: NDArray[np.int64], part: Callable[[int, int, int], NDArray[Any]], dtype: np.dtype[Any]) -> None:
+        self._ends, self._part, self._dtype = np.cumsum(counts), part, dtype
+        self.shape = (int(self._ends[-1]) if len(counts) else 0,)
 
     def __getitem__(self, key: slice, /) -> NDArray[Any]:
-        return np.asarray(self._dataset[slice(*key.indices(self.shape[0]))])
+        start, stop, step = key.indices(self.shape[0])
+        if step != 1:
+            return self[:][key]
+        items = np.empty(max(stop - start, 0), self._dtype)
+        done, k = start, int(np.searchsorted(self._ends, start, side="right"))
+        while done < stop:
+            begin = int(self._ends[k - 1]) if k else 0
+            upto = min(int(self._ends[k]), stop)
+            items[done - start : upto - start] = self._part(k, done - begin, upto - begin)
+            done, k = upto, k + 1
+        return items
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,15 +88,19 @@ class Recovered:
     run
         Its samples, read from the open file as they are asked for; None where there are none.
     stored, lost, planned
-        Ticks that are in the file, that were lost on the way, that the plan asks for.
+        Ticks that are in the file, that were lost on the way or since, that the plan asks for.
+    damaged
+        How many of `lost` may have been stored in blocks which are damaged now.
     overloads
         Blocks that came with an overload.
     planned_gain
         The gain that the plan says; the run has the one that the instrument streamed.
     drift
         Of the instrument's clock against this machine's; None where it cannot be told.
-    ledger
-        The run's group, with what a recording keeps beside the samples.
+    timing
+        When each block of the instrument arrived and what it said, as `TIMING`; None where nothing is kept.
+    sensors
+        What is told of each channel's sensor.
     """
 
     id: str
@@ -82,7 +113,9 @@ class Recovered:
     overloads: int
     planned_gain: float
     drift: Drift | None
-    ledger: h5py.Group | None = None
+    damaged: int = 0
+    timing: Samples | None = None
+    sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -90,9 +123,292 @@ class Recovered:
         if not self.begun:
             return f"{self.id}: not begun."
         lost = f", {self.lost} lost on the way" if self.lost else ", none lost"
+        if self.damaged:
+            lost = f", {self.lost} lost, up to {self.damaged} of them in damaged parts of the file"
         if self.finished:
             return f"{self.id}: whole, {self.stored} samples saved{lost}."
         return f"{self.id}: broken off, {self.stored} of {self.planned} samples saved{lost}."
+
+
+class _Take:
+    """A run that was begun: where its blocks are, and sums over what came with them."""
+
+    def __init__(self, run: int) -> None:
+        self.run = run
+        self.begin: tuple[int, Begin] | None = None
+        self.end: tuple[int, End] | None = None
+        self.overloads = self.stored = self.timed = 0
+        self.next = 0
+        self._entries = np.zeros(64, ENTRY)
+        self._count = 0
+        self._arrivals = np.zeros((0, 2))
+
+    @property
+    def entries(self) -> NDArray[Any]:
+        """Its blocks, in the order of their ticks."""
+        return self._entries[: self._count]
+
+    def add(self, shape: Shape, found: Found, rate: float) -> None:
+        """Take note of a block of samples; one that goes back in time is left out."""
+        if shape.first_tick < self.next:
+            return
+        timing = timing_of(shape, found.content)
+        gains = timing["gain"][np.isfinite(timing["gain"])]
+        if self._count == len(self._entries):
+            self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
+        low, high = (gains.min(), gains.max()) if len(gains) else (np.nan, np.nan)
+        self._entries[self._count] = (
+            found.number, found.place, shape.first_tick, shape.rows, shape.blocks, low, high,
+        )  # fmt: skip
+        self._count += 1
+        self.next = shape.first_tick + shape.rows
+        self.stored += shape.rows
+        self.timed += shape.blocks
+        self.overloads += int((timing["status"] & Status.OVERLOAD).astype(bool).sum())
+        sound = np.isfinite(timing["host_time"])
+        self._arrivals = np.concatenate([self._arrivals, np.column_stack([timing["tick"], timing["host_time"]])[sound]])
+        while len(self._arrivals) > ARRIVALS:
+            self._thin(rate)
+
+    def _thin(self, rate: float) -> None:
+        # The earlier of two neighbours: blocks come late, never early.
+        pairs = self._arrivals[: len(self._arrivals) // 2 * 2].reshape(-1, 2, 2)
+        late = pairs[:, :, 1] - pairs[:, :, 0] / rate
+        self._arrivals = np.take_along_axis(pairs, np.argmin(late, axis=1)[:, None, None], axis=1)[:, 0]
+
+    def drift(self, rate: float) -> Drift | None:
+        """Of the instrument's clock; None where the run is too short to tell."""
+        if self.timed < 64:
+            return None
+        tick, host = self._arrivals.T - self._arrivals[0][:, None]
+        if len(host) < 32 or host[-1] < 1.0:
+            return None
+        # In each sixteenth of the run the earliest is taken, and a line laid through these. Ticks that were lost are counted, so
+        # that loss is no drift.
+        late = host - tick / rate
+        first = [part[np.argmin(late[part])] for part in np.array_split(np.arange(len(host)), 16)]
+        (slope, _), covariance = np.polyfit(host[first], late[first], 1, cov=True)
+        # A virtual rig that plays faster than real time has no such clock.
+        return Drift(ppm=-1e6 * float(slope), std=1e6 * float(np.sqrt(covariance[0, 0]))) if abs(slope) < 0.1 else None
+
+
+class WorkingFile:
+    """A working file that is finished, being written, or was left behind.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is no working file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._reader = Reader(path)
+        self._takes: dict[int, _Take] = {}
+        self._layout: Layout | None = None
+        try:
+            # The first block holds the layout; where it is damaged, the beginning of a run says the same.
+            for found in self._reader.blocks():
+                if (layout := _layout(found)) is not None:
+                    self._layout = layout
+                    break
+            self._reader.rewind()
+            self.refresh()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def known(self) -> dict[str, float | str]:
+        """What is known of the rig beforehand."""
+        return self._whole.known
+
+    @property
+    def replaced(self) -> bool:
+        """Whether another file, or none, stands at its place by now."""
+        return self._reader.replaced()
+
+    @property
+    def _whole(self) -> Layout:
+        if self._layout is None:
+            raise RecordingError(
+                f"{self._reader.path} is no working file of a session; give one that ends in .partial, or rig check a finished "
+                "recording"
+            )
+        return self._layout
+
+    def refresh(self) -> None:
+        """Take note of what was written since the last time.
+
+        Raises
+        ------
+        RecordingError
+            Where the file is no working file.
+        """
+        layout = self._whole
+        for found in self._reader.blocks():
+            if found.kind == Kind.LAYOUT:
+                continue
+            if found.take not in self._takes:
+                self._takes[found.take] = _Take(found.run)
+            take = self._takes[found.take]
+            if found.kind == Kind.BEGIN and (begin := _begin(found)) is not None:
+                take.begin = found.number, begin
+            elif found.kind == Kind.END and (end := _decoded(found, End)) is not None:
+                take.end = found.number, end
+            elif found.kind == Kind.SAMPLES and (shape := shape_of(layout, found.content)) is not None:
+                take.add(shape, found, self._rate(take))
+
+    def runs(self) -> list[Recovered]:
+        """Every planned run as far as it got, in the plan's order."""
+        return [self._recovered(k) for k in range(len(self._whole.runs))]
+
+    def run(self, name: str) -> Recovered:
+        """The run of that name, after a `refresh`."""
+        self.refresh()
+        return self._recovered(next(k for k, run in enumerate(self._whole.runs) if run.id == name))
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._reader.close()
+
+    def _rate(self, take: _Take) -> float:
+        return self._whole.sample_rate if take.begin is None else take.begin[1].sample_rate
+
+    def _recovered(self, k: int) -> Recovered:
+        planned = self._whole.runs[k]
+        takes = [take for take in self._takes.values() if take.run == k]
+        if not takes:
+            return Recovered(
+                id=planned.id, finished=False, begun=False, run=None, stored=0, lost=0, planned=planned.planned, overloads=0,
+                planned_gain=planned.gain, drift=None,
+            )  # fmt: skip
+        # Of a run that was taken several times the last that is whole, else the one that got furthest.
+        best = next((take for take in reversed(takes) if _finished(take)), max(takes, key=lambda take: take.stored))
+        gaps, damaged = _gaps(best)
+        rate = self._rate(best)
+        timing = self._timing(best)
+        return Recovered(
+            id=planned.id, finished=_finished(best), begun=True,
+            run=self._measured(planned, best, gaps, timing, rate) if best.stored else None,
+            stored=best.stored, lost=sum(gap.count for gap in gaps), damaged=damaged, planned=planned.planned,
+            overloads=best.overloads, planned_gain=planned.gain, drift=best.drift(rate), timing=timing,
+            sensors={name: channel.told for name, channel in self._whole.channels.items()},
+        )  # fmt: skip
+
+    def _measured(self, planned: RunLayout, take: _Take, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:
+        channels = {}
+        entries = take.entries.copy()
+        offset = SAMPLES.size + TIMING.itemsize * entries["blocks"]
+        for name, about in self._whole.channels.items():
+            channels[name] = Channel(
+                name=name, samples=self._saved(entries["rows"], entries["place"] + offset, about.stored),
+                quantity=about.quantity, unit=about.unit, scale=about.scale, offset=about.offset,  # type: ignore[arg-type]
+                full_scale=about.full_scale,
+            )  # fmt: skip
+            offset = offset + entries["rows"] * about.stored.itemsize
+        gain = planned.gain
+        if np.isfinite(entries["low"]).any():
+            low, high = float(np.nanmin(entries["low"])), float(np.nanmax(entries["high"]))
+            streamed = _Gains(entries, timing, planned.gain)
+            gain = low if low == high else streamed.median()
+            channels["gain"] = Channel(
+                name="gain", samples=Saved(entries["rows"], streamed.part, np.dtype(np.float64)), quantity="gain", unit="1"
+            )
+        begin = None if take.begin is None else take.begin[1]
+        return Run(
+            id=planned.id, configuration=planned.configuration, sample_rate=rate, gain=gain, channels=channels,
+            excitation=planned.excitation, use=planned.use, band=planned.band, repeat_of=planned.repeat_of, gaps=gaps,
+            started=None if begin is None else datetime.fromtimestamp(begin.started_ns / 1e9, UTC),
+            period=None if begin is None else begin.period,
+        )  # fmt: skip
+
+    def _timing(self, take: _Take) -> Saved:
+        entries = take.entries.copy()
+        return self._saved(entries["blocks"], entries["place"] + SAMPLES.size, TIMING)
+
+    def _saved(self, counts: NDArray[np.int64], places: NDArray[np.int64], dtype: np.dtype[Any]) -> Saved:
+        def part(k: int, start: int, stop: int) -> NDArray[Any]:
+            size = dtype.itemsize
+            return np.frombuffer(self._reader.read(int(places[k]) + start * size, (stop - start) * size), dtype)
+
+        return Saved(counts, part, dtype)
+
+
+class _Gains:
+    """The streamed gain of each stored sample."""
+
+    def __init__(self, entries: NDArray[Any], timing: Saved, otherwise: float) -> None:
+        self._entries, self._timing, self._otherwise = entries, timing, otherwise
+        self._begins = np.concatenate([[0], np.cumsum(entries["blocks"])])
+
+    def part(self, k: int, start: int, stop: int) -> NDArray[np.float64]:
+        """Of samples `start` to `stop` of block k."""
+        gains, rows = self._steps(k)
+        return np.repeat(gains, rows)[start:stop]
+
+    def median(self) -> float:
+        """Over all samples."""
+        steps = [self._steps(k) for k in range(len(self._entries))]
+        gains, rows = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+        order = np.argsort(gains)
+        passed = np.cumsum(rows[order])
+        return float(gains[order][np.searchsorted(passed, passed[-1] / 2)])
+
+    def _steps(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        # Gains and for how many samples each of them stood.
+        entry = self._entries[k]
+        timing = self._timing[int(self._begins[k]) : int(self._begins[k + 1])]
+        timing = timing[np.isfinite(timing["gain"])]
+        if not len(timing):
+            return np.array([self._otherwise]), np.array([entry["rows"]], np.int64)
+        edges = np.clip(timing["tick"][1:] - entry["first"], 0, entry["rows"])
+        return timing["gain"].astype(np.float64), np.diff(edges, prepend=0, append=entry["rows"]).clip(0)
+
+
+def _finished(take: _Take) -> bool:
+    return take.end is not None and take.end[1].whole
+
+
+def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
+    # Ticks that no block holds, and how many may have been stored once: the numbers of the blocks around them do not follow.
+    entries = take.entries
+    if not len(entries):
+        return (), 0
+    begin = -1 if take.begin is None else take.begin[0]
+    ends = entries["first"] + entries["rows"]
+    last = ends[-1], entries["number"][-1]
+    counted, closed = last if take.end is None else (max(take.end[1].counted, last[0]), take.end[0])
+    begins = np.concatenate([[0], ends])
+    counts = np.concatenate([entries["first"], [counted]]) - begins
+    torn = np.diff(np.concatenate([[begin], entries["number"], [closed]])) > 1
+    gaps = tuple(Gap(first_tick=int(begins[k]), count=int(counts[k])) for k in np.flatnonzero(counts))
+    return gaps, int(counts[torn].sum())
+
+
+def _layout(found: Found) -> Layout | None:
+    layout = None
+    if found.kind == Kind.LAYOUT:
+        layout = _decoded(found, Layout)
+    elif found.kind == Kind.BEGIN:
+        begin = _begin(found)
+        layout = None if begin is None else begin.layout
+    if layout is None or not layout.channels or not 0.0 < layout.sample_rate < math.inf:
+        return None
+    return layout
+
+
+def _begin(found: Found) -> Begin | None:
+    begin = _decoded(found, Begin)
+    if begin is None or not (0.0 < begin.sample_rate < math.inf and 0 <= begin.started_ns < 1 << 62):
+        return None
+    return begin
+
+
+def _decoded(found: Found, kind: type[T]) -> T | None:
+    try:
+        return msgspec.json.decode(found.content, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
 
 
 @contextmanager
@@ -104,89 +420,11 @@ def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered
     RecordingError
         Where the file is no working file.
     """
+    file = WorkingFile(path)
     try:
-        # This mode needs no clean end of the writer.
-        file = h5py.File(path, "r", libver="latest", swmr=True)
-    except FileNotFoundError:
-        raise RecordingError(f"{path} does not exist; give the working file of a session (its name ends in .partial)") from None
-    except OSError as error:
-        raise RecordingError(
-            f"{path} is no working file ({str(error).splitlines()[0]}); give one that ends in .partial, or remove it where its "
-            "session was killed before the first sample"
-        ) from None
-    with file:
-        if "runs" not in file or any("progress" not in group for group in file["runs"].values()):
-            raise RecordingError(f"{path} is no working file; a finished recording needs no recovery, use rig check")
-        known = {key: value if isinstance(value, str) else float(value) for key, value in file["rig"].attrs.items()}
-        yield known, [recovered(group, name) for name, group in file["runs"].items()]
-
-
-def recovered(group: h5py.Group, name: str) -> Recovered:
-    """What a working file holds of one run."""
-    progress = group["progress"][0]
-    names = [key for key in group if key not in LEDGERS]
-    # A writer that was killed may have stored one channel's block and not the next's.
-    stored = min(len(group[key]) for key in names)
-    gaps = tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in group["gaps"][:])
-    timing = group["timing"][:]
-    run = None
-    if stored > 0:
-        attrs = group.attrs
-        channels = {}
-        for key in names:
-            about = group[key].attrs
-            channels[key] = Channel(
-                name=key, samples=Saved(group[key], stored), quantity=about["quantity"], unit=about["unit"],
-                scale=float(about["scale"]), offset=float(about["offset"]),
-                full_scale=float(about["range"]) if "range" in about else None,
-            )  # fmt: skip
-        gain, streamed = float(attrs["gain"]), timing["gain"][np.isfinite(timing["gain"])]
-        if len(streamed):
-            gain = float(np.median(streamed))
-            if np.ptp(streamed) > GAIN_MOVED * abs(gain):
-                gains = _gains(timing, stored, gaps)
-                gain = float(np.median(gains))
-                channels["gain"] = Channel(name="gain", samples=gains, quantity="gain", unit="1")
-        run = Run(
-            id=name, configuration=attrs["configuration"], sample_rate=float(progress["sample_rate"]), gain=gain,
-            channels=channels, excitation=attrs["excitation"], use=attrs["use"],
-            started=datetime.fromtimestamp(int(progress["started_ns"]) / 1e9, UTC),
-            band=tuple(float(f) for f in attrs["band"]) if "band" in attrs else None,  # type: ignore[arg-type]
-            period=int(progress["period"]) or None, gaps=gaps,
-        )  # fmt: skip
-    return Recovered(
-        id=name, finished=bool(progress["state"] == DONE), begun=bool(progress["state"] >= RUNNING), run=run, stored=stored,
-        lost=sum(gap.count for gap in gaps), planned=int(group.attrs["planned"]), planned_gain=float(group.attrs["gain"]),
-        ledger=group, overloads=int((timing["status"] & Status.OVERLOAD).astype(bool).sum()),
-        drift=_drift(timing, float(progress["sample_rate"])),
-    )  # fmt: skip
-
-
-def _gains(timing: np.ndarray, stored: int, gaps: Sequence[Gap]) -> NDArray[np.float64]:
-    # The streamed gain of each stored sample.
-    timing = timing[np.isfinite(timing["gain"])]
-    # Gaps are in the order of their ticks: behind each, a sample is that much later than its index says.
-    late = np.cumsum([0, *(gap.count for gap in gaps)], dtype=np.int64)
-    behind = np.array([gap.first_tick for gap in gaps], np.int64) - late[:-1]
-    index = np.arange(stored, dtype=np.int64)
-    ticks = index + late[np.searchsorted(behind, index, side="right")]
-    block = np.clip(np.searchsorted(timing["tick"], ticks, side="right") - 1, 0, None)
-    return np.asarray(timing["gain"][block])
-
-
-def _drift(timing: np.ndarray, rate: float) -> Drift | None:
-    # Blocks come late, never early: in each sixteenth of the run the earliest is taken, and a line laid through these. Ticks that
-    # were lost are counted, so that loss is no drift.
-    if len(timing) < 64 or rate <= 0.0:
-        return None
-    host = timing["host_time"] - timing["host_time"][0]
-    if host[-1] < 1.0:
-        return None
-    late = host - (timing["tick"] - timing["tick"][0]) / rate
-    first = [part[np.argmin(late[part])] for part in np.array_split(np.arange(len(timing)), 16)]
-    (slope, _), covariance = np.polyfit(host[first], late[first], 1, cov=True)
-    # A virtual rig that plays faster than real time has no such clock.
-    return Drift(ppm=-1e6 * float(slope), std=1e6 * float(np.sqrt(covariance[0, 0]))) if abs(slope) < 0.1 else None
+        yield file.known, file.runs()
+    finally:
+        file.close()
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Set
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial as partial_of
 from pathlib import Path
+from typing import Literal
 
-import h5py
+import msgspec
 
-from drivers.instrument import Exciter, Stream
-from rig.acquire.check import Verdict, check_run
-from rig.acquire.instruments import opened, opened_analyzer
-from rig.acquire.keep import keep_measured, keep_session, whole_runs
-from rig.acquire.plan import Plan, RunPlan
-from rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
-from rig.acquire.recorder import Tally, lay_out, working_file
-from rig.acquire.records import measure_run
-from rig.acquire.recover import Drift, Recovered, recovered
-from rig.acquire.take import Live, take
-from rig.errors import OutputError, PlanError, RecordingError
+from isorig.drivers.instrument import Exciter, Noticing, Records, Sourcing, Stream
+from isorig.rig.acquire.analyzer_session import measure_run
+from isorig.rig.acquire.display_thread import Aside
+from isorig.rig.acquire.instruments import opened, opened_analyzer
+from isorig.rig.acquire.journal import SYNC
+from isorig.rig.acquire.locks import output_locked, port_locked
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
+from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
+from isorig.rig.acquire.recover import Drift, Recovered, WorkingFile
+from isorig.rig.acquire.remarks import Remarks
+from isorig.rig.acquire.run_check import Verdict, check_run
+from isorig.rig.acquire.shutdown import ended_by_signals
+from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
+from isorig.rig.acquire.take import Live, take
+from isorig.rig.errors import OutputError, PlanError, RecordingError
+from isorig.rig.files.output import sweep
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +38,10 @@ class Taken:
     tally: Tally
     verdict: Verdict
     drift: Drift | None = None
+
+
+#: What becomes of the next run: it is taken, left out, or the session ends before it.
+Decision = Literal["take", "skip", "end"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,11 +56,17 @@ class Operator:
         Told what is to be seen.
     taken
         Told of each run that was taken.
+    decide
+        Asked before each run, by its name, what becomes of it.
+    stopped
+        Asked while a run lasts; True ends the run.
     """
 
     lock: Callable[[str], None]
     watch: Callable[[Live], None]
     taken: Callable[[Taken], None]
+    decide: Callable[[str], Decision] = lambda name: "take"
+    stopped: Callable[[], bool] = lambda: False
 
 
 def acquire(
@@ -60,6 +78,7 @@ def acquire(
     resume: bool = False,
     again: Set[str] = frozenset(),
     force: bool = False,
+    sync: float = SYNC,
 ) -> tuple[Path, list[Taken]]:
     """Take the runs of a plan and write them as a recording.
 
@@ -82,41 +101,96 @@ def acquire(
         Go on with a session that was broken off: whole runs are kept, the others taken.
     force
         Begin runs that the look before them speaks against.
+    sync
+        Seconds of measurement that a power loss may take; 0 syncs every block.
 
     Raises
     ------
     DriverError, RigError
         Where the instrument or the disk fails.
     """
-    partial = working_file(output)
+    aside = Aside()
+    told = beside(operator, aside)
+    try:
+        with output_locked(output), _port_locked(port), ended_by_signals():
+            _make_room(plan, output, force=force)
+            done = _done(working_file(output), output, plan, resume=resume) - _planned(again, plan)
+            if plan.instrument.analyzer:
+                taken = _with_analyzer(plan, port, output, told, done, resume=resume, force=force)
+            else:
+                taken = _with_stream(plan, port, output, told, done, resume=resume, force=force, sync=sync)
+            aside.settle()
+    finally:
+        aside.end()
+    return output, taken
+
+
+def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
+    # What sessions that were killed have left takes room, too.
+    for path in (output, working_file(output)):
+        sweep(path)
     no_room = check_room(plan, output)
     if no_room is not None and not force:
         raise OutputError(f"{no_room}; --force begins all the same")
-    done = _done(partial, output, plan, resume=resume) - _planned(again, plan)
-    if plan.instrument.analyzer:
-        return output, _with_analyzer(plan, port, output, operator, done, resume=resume, force=force)
+
+
+def beside(operator: Operator, aside: Aside) -> Operator:
+    """The same operator, told of everything from another thread, and of all that was before a question is asked."""
+
+    def lock(configuration: str) -> None:
+        aside.settle()
+        operator.lock(configuration)
+
+    def decide(name: str) -> Decision:
+        aside.settle()
+        return operator.decide(name)
+
+    return replace(
+        operator, lock=lock, decide=decide, watch=lambda live: aside.latest(lambda: operator.watch(live)),
+        taken=lambda item: aside.each(lambda: operator.taken(item)),
+    )  # fmt: skip
+
+
+def _with_stream(
+    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, sync: float
+) -> list[Taken]:
+    partial = working_file(output)
     taken: list[Taken] = []
     with opened(plan, port) as instrument:
         _check_against(instrument, plan)
         lay_out(partial, plan, instrument.inputs)
+        after = ended(output) if resume else None
         try:
-            with _single_writer(partial) as file:
+            with (
+                recording_into(partial, plan, instrument.inputs, sync=sync, after=after) as file,
+                closing(WorkingFile(partial)) as saved,
+            ):
                 configuration = ""
-                for run, repeat, name in _wanted(plan, done):
+                wanted = list(_wanted(plan, done))
+                for number, run, repeat, name in _decided(wanted, operator):
                     if run.configuration != configuration:
                         _set_up(instrument, run.configuration, operator)
                         configuration = run.configuration
                     if not force:
                         refuse(name, preflight(instrument, plan, run))
-                    tally = take(instrument, file, plan, run, repeat, name, operator.watch)
-                    found = recovered(file[f"runs/{name}"], name)
-                    taken.append(Taken(id=name, tally=tally, verdict=check_run(found, drive=plan.drive), drift=found.drift))
+                    remarks = Remarks(plan.instrument.sample_rate)
+                    watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
+                    tally = take(instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped)
+                    found = saved.run(name)
+                    verdict = check_run(found, drive=plan.drive, against=remarks.against(), told=remarks.told())
+                    taken.append(Taken(id=name, tally=tally, verdict=verdict, drift=found.drift))
                     operator.taken(taken[-1])
         finally:
             keep_session(partial, output, add=resume)
     if not output.exists():
         raise RecordingError(f"not one sample arrived, so {output} was not written; check the instrument and begin again")
-    return output, taken
+    return taken
+
+
+def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], live: Live) -> None:
+    # Which of the session's runs it is, and what the session still needs.
+    left = live.of - live.seconds + sum(seconds[number:])
+    watch(msgspec.structs.replace(live, number=number, runs=len(seconds), left=max(left, 0.0)))
 
 
 def _with_analyzer(
@@ -126,10 +200,12 @@ def _with_analyzer(
     taken: list[Taken] = []
     configuration = ""
     with opened_analyzer(plan, port) as instrument:
-        for run, _, name in _wanted(plan, done):
+        for _, run, _, name in _decided(list(_wanted(plan, done)), operator):
             if run.configuration != configuration:
                 operator.lock(run.configuration)
                 configuration = run.configuration
+            if run.source is not None and isinstance(instrument, Sourcing):
+                instrument.set_source(run.source)
             if not force:
                 refuse(name, look_at_analyzer(instrument))
             measured, overloads = measure_run(instrument, plan, run, name)
@@ -140,11 +216,15 @@ def _with_analyzer(
                 id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
                 overloads=overloads, planned_gain=run.gain, drift=None,
             )  # fmt: skip
-            taken.append(
-                Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=check_run(found, drive=plan.drive))
-            )
+            against = [f"The driver noticed: {clause}." for clause in _noticed(instrument)]
+            verdict = check_run(found, drive=plan.drive, against=against)
+            taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
             operator.taken(taken[-1])
     return taken
+
+
+def _noticed(instrument: Records) -> Sequence[str]:
+    return instrument.noticed if isinstance(instrument, Noticing) else ()
 
 
 def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:
@@ -152,6 +232,16 @@ def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:
         for repeat, name in enumerate(run.ids()):
             if name not in done:
                 yield run, repeat, name
+
+
+def _decided(wanted: Sequence[tuple[RunPlan, int, str]], operator: Operator) -> Iterator[tuple[int, RunPlan, int, str]]:
+    # Those that the operator has taken, each with its number among all, from 1.
+    for number, (run, repeat, name) in enumerate(wanted, 1):
+        decision = operator.decide(name)
+        if decision == "end":
+            return
+        if decision == "take":
+            yield number, run, repeat, name
 
 
 def _check_against(instrument: Stream, plan: Plan) -> None:
@@ -170,6 +260,11 @@ def _check_against(instrument: Stream, plan: Plan) -> None:
             f"run {played!r} needs a drive and a {plan.instrument.kind} instrument plays none; drive the rig by other means "
             'and call the excitation "other"'
         )
+
+
+def _port_locked(port: str) -> AbstractContextManager[None]:
+    # Every session has a simulated instrument of its own.
+    return nullcontext() if port == "virtual" else port_locked(port)
 
 
 def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:
@@ -197,10 +292,3 @@ def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> Set[str]:
     if partial.exists():
         keep_session(partial, output, add=output.exists())
     return whole_runs(output, plan)
-
-
-@contextmanager
-def _single_writer(partial: Path) -> Iterator[h5py.File]:
-    with h5py.File(partial, "r+", libver="latest") as file:
-        file.swmr_mode = True
-        yield file

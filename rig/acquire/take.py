@@ -6,28 +6,29 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-import h5py
 import msgspec
 import numpy as np
 
-from drivers.block import Block
-from drivers.errors import ConnectionLostError, DriverError
-from drivers.instrument import Stream
-from rig.acquire.drive import drive_of, load
-from rig.acquire.live import RunningCoherence
-from rig.acquire.plan import Plan, RunPlan
-from rig.acquire.recorder import RunWriter, Tally
+from isorig.drivers.block import Block
+from isorig.drivers.errors import DriverError
+from isorig.drivers.instrument import Stream
+from isorig.rig.acquire.block_stream import Incoming
+from isorig.rig.acquire.drive import drive_of, load
+from isorig.rig.acquire.live import RunningCoherence
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
+from isorig.rig.acquire.remarks import Remarks
 
-#: Seconds without a block after which a run is over, and seconds between two looks at the levels.
-SILENCE = 2.0
+#: Seconds between two looks at the levels.
 LOOK = 0.25
 
 
 class Live(msgspec.Struct, frozen=True, kw_only=True):
     """What is to be seen while a run lasts.
 
-    rms and peak of each channel in its unit since the last look, its full scale where it is known, and the median coherence with
-    the drive inside its band so far.
+    rms and peak of each channel in its unit since the last look, its highest peak so far, its full scale where it is known, and
+    the median coherence with the drive inside its band so far. Then which of how many runs it is, and the seconds that the
+    session still needs.
     """
 
     run: str
@@ -40,6 +41,10 @@ class Live(msgspec.Struct, frozen=True, kw_only=True):
     overloads: int
     lost: int
     damaged: int
+    highest: dict[str, float] = {}
+    number: int = 1
+    runs: int = 1
+    left: float = 0.0
 
 
 class Look:
@@ -61,6 +66,7 @@ class Look:
         )
         self._blocks: list[Block] = []
         self._seconds = 0.0
+        self._highest = dict.fromkeys(self._columns, 0.0)
         self._at = time.monotonic()
 
     def add(self, block: Block) -> None:
@@ -74,12 +80,14 @@ class Look:
     def take(self, name: str, tally: Tally) -> Live:
         """What was to be seen since the last look."""
         values = {}
-        if self._blocks:
+        if any(len(block.samples) for block in self._blocks):
             raw = np.concatenate([block.samples for block in self._blocks])
             values = {key: raw[:, column] * self._scale[key] for key, column in self._columns.items()}
             if self._coherence is not None:
                 self._coherence.add(values)
             self._seconds = self._blocks[-1].end_tick / self._rate
+            for key, v in values.items():
+                self._highest[key] = max(self._highest[key], float(np.abs(v).max()))
         self._blocks, self._at = [], time.monotonic()
         return Live(
             run=name, seconds=min(self._seconds, self._run.seconds), of=self._run.seconds,
@@ -87,13 +95,22 @@ class Look:
             peak={key: float(np.abs(v).max()) for key, v in values.items()}, full_scale=self._full,
             coherence={} if self._coherence is None else self._coherence.medians(),
             overloads=tally.overloads, lost=tally.lost, damaged=getattr(self._instrument, "damaged", 0),
+            highest=dict(self._highest),
         )  # fmt: skip
 
 
 def take(
-    instrument: Stream, file: h5py.File, plan: Plan, run: RunPlan, repeat: int, name: str, watch: Callable[[Live], None]
+    instrument: Stream,
+    file: WorkingFile,
+    plan: Plan,
+    run: RunPlan,
+    repeat: int,
+    name: str,
+    watch: Callable[[Live], None],
+    remarks: Remarks,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Tally:
-    """Take one run.
+    """Take one run; what its blocks say beside their samples goes into `remarks`. It ends early where `stopped` says so.
 
     Raises
     ------
@@ -101,26 +118,35 @@ def take(
         Where the instrument or the disk fails; what was measured until then is in the file.
     """
     rate = plan.instrument.sample_rate
-    drive, period = drive_of(run, repeat, rate)
+    drive = drive_of(*plan.original(run, repeat), rate)
     load(instrument, run, drive)
-    writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=period)
+    writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period)
     look = Look(plan, run, instrument)
+    incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
     counted, whole = None, False
+
+    def keep(block: Block) -> None:
+        writer.put(block)
+        look.add(block)
+        remarks.add(block)
+        if look.due():
+            watch(look.take(name, writer.tally))
+
     try:
         instrument.start()
-        _stream(instrument, run.ticks(rate), writer, look, lambda: watch(look.take(name, writer.tally)))
+        for block in incoming.blocks():
+            keep(block)
         counted = instrument.stop()
-        while (block := instrument.read(0.1)) is not None:
-            look.add(block)
-            writer.put(block)
+        for block in incoming.rest():
+            keep(block)
         whole = True
-    except ConnectionLostError:
-        raise
     except BaseException:
-        # The operator, or the disk: the drive must not go on.
-        _quietly_stop(instrument)
+        # The operator, the disk or the wire: the drive must not go on.
+        with suppress(DriverError):
+            instrument.stop()
         raise
     finally:
+        remarks.end(instrument, incoming.returned)
         tally = writer.finish(counted, whole=whole)
     watch(look.take(name, tally))
     return tally
@@ -129,25 +155,3 @@ def take(
 def columns_of(plan: Plan) -> Mapping[str, int]:
     """The input of each channel."""
     return {name: about.input for name, about in plan.channels.items()}
-
-
-def _stream(instrument: Stream, ticks: int, writer: RunWriter, look: Look, seen: Callable[[], None]) -> None:
-    heard = time.monotonic()
-    end_tick = 0
-    while end_tick < ticks:
-        block = instrument.read(0.1)
-        now = time.monotonic()
-        if block is None:
-            if now - heard > SILENCE:
-                return
-            continue
-        heard, end_tick = now, max(end_tick, block.end_tick)
-        writer.put(block)
-        look.add(block)
-        if look.due():
-            seen()
-
-
-def _quietly_stop(instrument: Stream) -> None:
-    with suppress(DriverError):
-        instrument.stop()

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from rig.acquire.session import Taken
-    from rig.acquire.take import Live
 
 
 def acquire(
@@ -24,12 +20,15 @@ def acquire(
     again: tuple[str, ...] = (),
     force: bool = False,
     yes: bool = False,
+    view: bool = False,
     json: bool = False,
+    sync: float = 1.0,
 ) -> None:
     """Measure the runs of a plan with an instrument, and write them as a recording.
 
-    Each run is looked at right after it was taken. Ctrl-C, an unplugged instrument or a full disk end the session with what was
-    measured; rig recover and --resume go on after a kill.
+    Each run is looked at right after it was taken. A cable that comes back within 15 s is taken up again. Ctrl-C, TERM, a closed
+    terminal, an unplugged instrument or a full disk end the session with what was measured and the drive off; rig recover and
+    --resume go on after a kill.
 
     Example: rig acquire session.toml -o campaign.h5
 
@@ -49,115 +48,69 @@ def acquire(
         Begin runs that the look before them speaks against.
     yes
         Ask nothing: whoever calls this sees to locking and unlocking.
+    view
+        Show the session on a page in the browser of this machine, at the address that is printed. The page has buttons to stop a
+        run, to take it again, to note something, and to start the next run where the session waits for the operator: before the
+        first run, where the rig is to be locked or unlocked, and after a run that is not sound. With --yes it never waits.
     json
         Tell levels and results as one JSON object a line on standard output: event is "live" while a run lasts, "taken"
-        behind it, and "ask" where the rig is to be locked or unlocked and a line on standard input is waited for.
+        behind it, "ask" where the rig is to be locked or unlocked and a line on standard input is waited for, and "view" with
+        the address of the page.
+    sync
+        Seconds between two times that what was measured is handed to the disk itself: a power loss takes no more than these;
+        a kill takes a quarter of a second in any case. 0 waits for the disk after every block.
     """
-    from drivers.errors import DriverError
-    from rig.acquire.session import Operator
-    from rig.acquire.session import acquire as run_session
-    from rig.acquire.sound import read_plan
-    from rig.errors import OutputError, PlanError
+    from isorig.drivers.errors import DriverError
+    from isorig.rig.acquire.notes import reopen_notes, settle_notes
+    from isorig.rig.acquire.plan import as_virtual
+    from isorig.rig.acquire.plan_check import read_plan
+    from isorig.rig.acquire.session import Operator
+    from isorig.rig.acquire.session import acquire as run_session
+    from isorig.rig.acquire.shutdown import ended_by_signals
+    from isorig.rig.acquire.terminal import Terminal
+    from isorig.rig.errors import OutputError, PlanError
+    from isorig.rig.view.with_screen import viewed
 
-    planned = read_plan(plan)
+    planned = read_plan(plan) if port != "virtual" else as_virtual(read_plan(plan))
+    if not 0.0 <= sync < float("inf"):
+        raise PlanError(f"--sync is {sync:g} s; give 0 or more, 1 is usual")
     if again and not resume:
         raise PlanError("--again takes runs of an earlier session once more; give it together with --resume")
     if output.exists() and not resume:
         raise OutputError(f"{output} exists already; go on with it by --resume, or give another -o")
-    with _Screen(json=json) as screen:
-        operator = Operator(lock=_silent if yes else screen.ask, watch=screen.watch, taken=screen.taken)
+    reopen_notes(output)
+    wire = port or planned.instrument.port
+    with ended_by_signals(), Terminal(json=json) as terminal:
+        told = Operator(lock=_silent if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
+        shown = viewed(planned, output, told, terminal, asks=not yes) if view else nullcontext((None, told))
         try:
-            path, taken = run_session(
-                planned, port or planned.instrument.port, output, operator, resume=resume, again=set(again), force=force
-            )
-        except (KeyboardInterrupt, DriverError):
+            with shown as (desk, operator):
+                path, taken = run_session(
+                    planned, wire, output, operator, resume=resume, again=set(again), force=force, sync=sync
+                )
+                while desk is not None and (name := desk.again()):
+                    _, more = run_session(planned, wire, output, operator, resume=True, again={name}, force=force, sync=sync)
+                    taken = [item for item in taken if item.id != name] + more
+        except (KeyboardInterrupt, SystemExit, DriverError):
+            settle_notes(output)
             if output.exists():
-                print(f"what was measured is in {output}; rig acquire --resume goes on with the plan", file=sys.stderr)
+                # The terminal may be what ended it.
+                with suppress(OSError):
+                    print(f"what was measured is in {output}; rig acquire --resume goes on with the plan", file=sys.stderr)
             raise
-    if not json:
-        bad = [item.id for item in taken if not item.verdict.good]
-        print(f"{len(taken)} runs taken" + ("" if bad else ", all sound"))
-        if bad:
-            print(f"worth taking again while the rig stands: --resume {' '.join(f'--again {name}' for name in bad)}")
-        print(path)
+    settle_notes(output)
+    if json:
+        return
+    bad = [item.id for item in taken if not item.verdict.good]
+    words = [f"{len(taken)} runs taken" + ("" if bad else ", all sound")]
+    if bad:
+        words.append(f"worth taking again while the rig stands: --resume {' '.join(f'--again {name}' for name in bad)}")
+    try:
+        print(*words, path, sep="\n", flush=True)
+    except BrokenPipeError:
+        # Whoever read has ended; nothing is left to be written at the end of the program.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _silent(configuration: str) -> None:
     """Nobody is asked."""
-
-
-class _Screen:
-    """The live view: a line for the run that lasts, a line for each that was taken."""
-
-    def __init__(self, *, json: bool) -> None:
-        from rich.console import Console
-        from rich.live import Live as Display
-
-        self._json = json
-        self._console = Console(stderr=True)
-        self._display = Display(console=self._console, refresh_per_second=8, transient=True)
-
-    def __enter__(self) -> _Screen:
-        if not self._json:
-            self._display.start()
-        return self
-
-    def __exit__(self, *ended: object) -> None:
-        if not self._json:
-            self._display.stop()
-
-    def ask(self, configuration: str) -> None:
-        from rig.errors import PlanError
-
-        if self._json:
-            self._line("ask", {"configuration": configuration})
-        self._display.stop()
-        print(f"Bring the rig into the configuration {configuration!r}, then press Enter.", file=sys.stderr, flush=True)
-        if not sys.stdin.readline():
-            raise PlanError("nobody answers on standard input; --yes asks nothing where whoever calls sees to locking")
-        if not self._json:
-            self._display.start()
-
-    def watch(self, live: Live) -> None:
-        if self._json:
-            self._line("live", live)
-            return
-        self._display.update(_levels(live))
-
-    def taken(self, item: Taken) -> None:
-        if self._json:
-            self._line("taken", item)
-            return
-        coherent = "  ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
-        told = f"{item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
-        if item.verdict.detections:
-            told += f"; {item.verdict.detections[0].periods} periods after the first, distortion " + "  ".join(
-                f"{d.response} {100 * max(d.odd, d.even):.1f} % (noise {100 * d.noise:.1f} %)" for d in item.verdict.detections
-            )
-        if item.drift is not None and item.drift.sure:
-            told += f"; its clock runs {item.drift.ppm:+.0f} ± {item.drift.std:.0f} ppm against this machine's"
-        self._console.print(told, markup=False, highlight=False)
-        for sentence in item.verdict.advice:
-            self._console.print(f"  {sentence}", markup=False, highlight=False)
-
-    @staticmethod
-    def _line(kind: str, content: object) -> None:
-        import msgspec
-
-        print(msgspec.json.encode({"event": kind, **msgspec.to_builtins(content)}).decode(), flush=True)
-
-
-def _levels(live: Live) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, title=f"{live.run}: {max(live.of - live.seconds, 0.0):.0f} s left", title_justify="left")
-    for head in ("channel", "rms", "peak", "of range", "coherence so far"):
-        table.add_column(head, justify="left" if head == "channel" else "right")
-    for name, rms in live.rms.items():
-        share = live.peak[name] / live.full_scale[name] if name in live.full_scale else None
-        shown = "" if share is None else f"{'█' * min(int(10 * share), 10)} {100 * share:.0f} %"
-        coherence = f"{live.coherence[name]:.2f}" if name in live.coherence else ""
-        table.add_row(name, f"{rms:.3g}", f"{live.peak[name]:.3g}", shown, coherence)
-    table.caption = f"lost {live.lost}, overloads {live.overloads}, damaged on the way {live.damaged}"
-    return table

@@ -25,10 +25,10 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
     """
     from rich.console import Console
 
-    from rig.characterized import characterize_campaign, write_characterization
-    from rig.recording import read
-    from rig.set_ups import about, write_set_ups
-    from rig.terminal import show_table
+    from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
+    from isorig.rig.files.recording import read
+    from isorig.rig.terminal import show_table
+    from isorig.rig.thesis.four_set_ups import about, write_set_ups
 
     measured = read(campaign)
     with Console(stderr=True).status("reading") as status:
@@ -38,10 +38,17 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
     path = write_characterization(output, measured, found, {"set_ups": read_off})
     rows = [
         (name, "–" if e.value is None else f"{e.value:.6g}", "–" if e.std is None else f"{e.std:.2g}", e.unit, e.method, e.note)
-        for name, e in found.table.items()
+        for name, e in {"head_mass": found.head_mass, **found.table}.items()
     ]
+    for doubt in found.doubts:
+        print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
     title = f"{campaign.name}: held-out error {100 * found.error:.2g} % of the signal, noise alone {100 * found.floor:.2g} %"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
+    for level in drive_levels(measured):
+        size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"
+        print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
+    if not found.calibrated:
+        print("The recording does not tell its sensors' calibration_std, so the deviations are those of the noise alone.")
     for fault in found.faults:
         print(fault.text)
     print(path)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from analysis.measured import Channel, Run
+    from isorig.analysis.campaign import Campaign, Channel, Run
 
 #: Channels that stand beside one another in a line of the terminal.
 SIDE_BY_SIDE = 5
@@ -16,7 +16,8 @@ SIDE_BY_SIDE = 5
 def check(*files: Path) -> None:
     """List the runs of recordings, and refuse files that are not sound.
 
-    Of each run: duration, rms of every channel in its unit, and samples at or beyond the end of an input's range.
+    Of each run: duration, sample rate, rms of every channel in its unit, and samples at or beyond the end of an input's range.
+    Below the table stands what a run lacks for the commands that come after.
 
     Example: rig check campaign.h5
 
@@ -25,26 +26,48 @@ def check(*files: Path) -> None:
     files
         Recordings to check, sample by sample.
     """
-    from rig.errors import RecordingError
-    from rig.recording import open_recording
-    from rig.terminal import show_table
+    from isorig.rig.errors import RecordingError
+    from isorig.rig.files.recording import open_recording
+    from isorig.rig.terminal import show_table
 
     if not files:
         raise RecordingError("no file was given; name at least one recording")
     for file in files:
         with open_recording(file) as campaign:
-            names = list(dict.fromkeys(name for run in campaign.runs for name in run.channels))
+            names = list(dict.fromkeys(name for run in campaign.runs for name in run.sensors))
             rows = [_row(run, names) for run in campaign.runs]
             ids = [run.id for run in campaign.runs]
-        about = ("run", "set-up", "gain", "s")
+            remarks = _remarks(campaign)
+        about = ("run", "set-up", "gain", "s", "Hz")
         if len(names) <= SIDE_BY_SIDE:
-            show_table(f"{file}: rms of each channel", (*about, *names, "clipped", "lost"), rows)
-            continue
-        # Too many channels for a line: each gets one of its own.
-        first, last = len(about), len(about) + len(names)
-        show_table(str(file), (*about, "clipped", "lost"), [row[:first] + row[last:] for row in rows])
-        levels = [[name, *(row[first + k] for row in rows)] for k, name in enumerate(names)]
-        show_table("rms of each channel", ("channel", *ids), levels)
+            show_table(f"{file}: rms of each channel", (*about, *names, "clip", "lost"), rows)
+        else:
+            # Too many channels for a line: each gets one of its own.
+            first, last = len(about), len(about) + len(names)
+            show_table(str(file), (*about, "clip", "lost"), [row[:first] + row[last:] for row in rows])
+            levels = [[name, *(row[first + k] for row in rows)] for k, name in enumerate(names)]
+            show_table("rms of each channel", ("channel", *ids), levels)
+        for remark in remarks:
+            print(remark)
+
+
+def _remarks(campaign: Campaign) -> list[str]:
+    # No reason to refuse the file, but some command will.
+    from isorig.rig.errors import PlanError
+    from isorig.rig.files.rigfile import rig_of
+
+    try:
+        model = rig_of(campaign)
+    except PlanError as error:
+        return [f"The rig's description cannot be used: {error}"]
+    told = []
+    for run in campaign.runs:
+        if run.configuration not in model.configurations:
+            known = ", ".join(model.configurations)
+            told.append(f"Run {run.id!r} has the configuration {run.configuration!r}; the rig knows {known}, so correct it.")
+        if model.drive.channel not in run.channels:
+            told.append(f"Run {run.id!r} has no channel {model.drive.channel!r}, which drives; transfer functions need it.")
+    return told
 
 
 def _row(run: Run, names: Sequence[str]) -> list[str]:
@@ -57,8 +80,18 @@ def _row(run: Run, names: Sequence[str]) -> list[str]:
     unknown = all(channel.full_scale is None for channel in run.channels.values())
     told = ", ".join(clipped) or ("unknown" if unknown else "no")
     lost = sum(gap.count for gap in run.gaps)
-    about = f"{run.configuration}, {run.excitation}" + (", held out" if run.use == "holdout" else "")
-    return [run.id, about, f"{run.gain:g}", f"{run.duration:.1f}", *rms, told, str(lost)]
+    about = f"{run.configuration} {run.excitation}" + (" held out" if run.use == "holdout" else "")
+    return [run.id, about, _gain(run), f"{run.duration:.1f}", f"{run.sample_rate:.10g}", *rms, told, str(lost)]
+
+
+def _gain(run: Run) -> str:
+    # The run's one number, or from where to where a streamed gain went.
+    from isorig.analysis.spectra.gain_levels import GAIN, changes
+
+    if not changes(run):
+        return f"{run.gain:g}"
+    gain = run.read(GAIN)
+    return f"{gain.min():.3g} to {gain.max():.3g}"
 
 
 def _rms_and_clipped(channel: Channel, block: int = 1 << 20) -> tuple[str, int]:

@@ -8,7 +8,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def demo(*, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("demo-out"), seed: int = 1) -> None:
+def demo(
+    *, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("demo-out"), seed: int = 1, investigate: bool = False
+) -> None:
     """Measure a virtual rig through a real port, then work on the recording: transfer functions, parameters, isolation, cause.
 
     The rig has the thesis's parameters, 20 N of friction and a head of 6.5 kg. A simulated instrument plays it on a
@@ -21,20 +23,28 @@ def demo(*, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("
     output
         The folder for all results; the recording and the page are campaign.h5 and report.html.
     seed
-        Seed of the sensors' noise.
+        Seed of the sensors' noise, and of what is hidden.
+    investigate
+        Instead: hide an effect in the rig and look for it as rig investigate does, from the first run on.
     """
-    from rig.acquire.session import Operator, Taken, acquire
-    from rig.acquire.sound import read_plan
-    from rig.characterized import characterize_campaign, write_characterization
-    from rig.commands.frf import frf
-    from rig.commands.isolation import isolation
-    from rig.demo import PLAN, Clock, virtual_instrument
-    from rig.many import diagnose_file
-    from rig.output import write_text
-    from rig.recording import read
-    from rig.report.measurement import measurement_page
-    from rig.report.sections import number
-    from rig.terminal import show_table
+    if investigate:
+        from isorig.rig.next.demo import show
+
+        show(output, seed)
+        return
+    from isorig.rig.acquire.plan import as_virtual
+    from isorig.rig.acquire.plan_check import read_plan
+    from isorig.rig.acquire.session import Operator, Taken, acquire
+    from isorig.rig.commands.frf import frf
+    from isorig.rig.commands.isolation import isolation
+    from isorig.rig.demo import PLAN, Clock, virtual_instrument
+    from isorig.rig.diagnose_many import diagnose_file
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.parameter_table import characterize_campaign, write_characterization
+    from isorig.rig.files.recording import read
+    from isorig.rig.report.measurement import measurement_page
+    from isorig.rig.report.sections import number
+    from isorig.rig.terminal import show_table
 
     clock = Clock()
     recording = output / "campaign.h5"
@@ -49,7 +59,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("
     with virtual_instrument(seed) as port:
         clock.tell(f"measuring after {PLAN.name} from the instrument at {port}")
         operator = Operator(lock=lambda _: None, watch=lambda _: None, taken=took)
-        acquire(read_plan(PLAN), port, recording, operator)
+        acquire(as_virtual(read_plan(PLAN)), port, recording, operator)
     clock.tell(f"{recording} written; from here on nothing else is known")
     measured = read(recording)
     clock.tell("transfer functions")
@@ -63,7 +73,7 @@ def demo(*, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("
     page = write_text(output / "report.html", measurement_page(measured, found))
     clock.tell("and what a frictionless simulation would have got wrong")
     outcome = diagnose_file(recording, output / "diagnosis", "linear")
-    from analysis.rigs import THESIS
+    from isorig.analysis.model.built_in import THESIS
 
     rows = [(name, number(e.value), number(e.std, 2), e.unit, number(THESIS[name], 4)) for name, e in found.table.items()]
     show_table("Parameters beside the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)

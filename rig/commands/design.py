@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -13,6 +13,7 @@ def design(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     parameters: Path | None = None,
+    method: Literal["joint", "half-power"] = "joint",
     points: int = 100,
     draws: int = 100,
     offset: tuple[float, ...] = (0.0, 0.01, 0.02),
@@ -28,9 +29,11 @@ def design(
     profile
         The moves, the limit and the safety factor, a TOML file.
     output
-        The folder for design.json, strokes.csv, histories.csv and pictures.
+        The folder for design.json, strokes.csv, moves.csv, histories.csv and pictures.
     parameters
         The parameters.json of the present rig, with deviations; the thesis's table where absent.
+    method
+        Which of the table's values: those of the joint fit, or those read by half-power.
     points
         Isolation frequencies on the grid.
     draws
@@ -44,30 +47,41 @@ def design(
     """
     import numpy as np
 
-    from rig.design_figures import history_figure, offset_figure, stroke_figure
-    from rig.designed import RATE, designed, read_design, rigs_of
-    from rig.errors import PlanError
-    from rig.figures import isolation_figure, save
-    from rig.output import write_csv, write_json
-    from rig.terminal import show_table
+    from isorig.rig.design_figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
+    from isorig.rig.design_study import RATE, designed, read_design, rigs_of, with_head
+    from isorig.rig.errors import PlanError
+    from isorig.rig.figures import isolation_figure, save
+    from isorig.rig.files.output import write_csv, write_json
+    from isorig.rig.files.parameter_seed import read_seed
+    from isorig.rig.terminal import show_table
 
     if not 2 <= points <= 100_000 or not 0 <= draws <= 100_000:
         raise PlanError(f"{points} points and {draws} draws cannot be studied; give 2 to 100000 points and up to 100000 draws")
     plan = read_design(profile)
-    rigs = rigs_of(parameters, plan, draws=draws, seed=seed)
+    table = with_head(read_seed(parameters, method), plan)
+    rigs = rigs_of(table, plan, draws=draws, randomness=seed)
     found = designed(plan, rigs, points=points, offsets=offset, rocking_frequency=rocking_frequency)
     columns = {"frequency_hz": found.studies["with friction"].frequency}
     for name, study in found.studies.items():
-        plain = name.replace(" ", "_")
+        plain = _plain(name)
         columns[f"stroke_{plain}_m"] = study.stroke
         if len(study.draws):
             columns[f"stroke_{plain}_std_m"] = study.draws.std(axis=0, ddof=1)
     write_csv(output / "strokes.csv", columns)
     times = {"time_s": np.arange(len(found.head)) / RATE, "head_m_s2": found.head}
     for name, bodies in found.histories.items():
-        plain = name.split(",")[0].replace(" ", "_")
+        plain = _plain(name)
         times |= {f"{plain}_{body}_m": values for body, values in bodies.items()}
     write_csv(output / "histories.csv", times)
+    levels = {"acceleration_m_s2": next(iter(found.levels.values())).acceleration}
+    for name, item in found.levels.items():
+        plain = _plain(name)
+        levels[f"isolated_{plain}"] = item.isolation
+        levels[f"largest_{plain}_m"] = np.array([r.largest for r in item.unlocked])
+        levels[f"settling_{plain}_s"] = np.array([r.settling for r in item.unlocked])
+    write_csv(output / "moves.csv", levels)
+    save(level_figure(found.levels), output / "moves.png")
+    save(bond_figure(found.rigs, plan.bond), output / "bond.png")
     save(stroke_figure(found), output / "strokes.png")
     save(history_figure(found), output / "histories.png")
     save(isolation_figure(found.ratios, {}), output / "ratio.png")
@@ -83,6 +97,14 @@ def design(
         "median_ratio_5_to_15_hz": {
             name: float(np.median(r.ratio[(r.frequency >= 5.0) & (r.frequency <= 15.0)])) for name, r in found.ratios.items()
         },
+        "assumed": list(table.assumed), "notes": table.told,
+        "bond": {
+            "distance_m": plan.bond.distance, "seconds": plan.bond.seconds, "tolerance_m": plan.bond.tolerance,
+            "cases": {
+                name: {"largest_m": r.largest, "settling_s": _told(r.settling), "stroke_m": found.stroke(name)}
+                for name, r in found.bonds.items()
+            },
+        },
         "drive_offsets": [
             {"offset_m": o, "rocking_rad": d.rocking, "stroke_m": d.stroke, "ratio_over_none": d.worst}
             for o, d in found.offsets.items()
@@ -94,12 +116,28 @@ def design(
     ]  # fmt: skip
     allowed = 1e3 * plan.limit / plan.safety
     show_table(f"stroke within {allowed:.3g} mm", ("", "lowest, Hz", "std, Hz", "recommended, Hz"), rows)
+    for name, response in found.bonds.items():
+        still = (
+            "does not settle" if np.isnan(response.settling) else f"is within it {1e3 * response.settling:.0f} ms after the move"
+        )
+        print(
+            f"{name}: in a move of {1e3 * plan.bond.distance:g} mm in {1e3 * plan.bond.seconds:g} ms the heatblock leaves the "
+            "table "
+            f"by {1e6 * response.largest:.2g} µm of the ±{1e6 * plan.bond.tolerance:g} µm that the bond allows, and {still}"
+        )
+    for sentence in table.told:
+        print(sentence)
     for item in told["drive_offsets"]:
         print(
             f"drive {1e3 * item['offset_m']:g} mm off: the motor rocks by {1e3 * item['rocking_rad']:.3g} mrad, "
             f"the ratio from 5 to 50 Hz is at worst {item['ratio_over_none']:.3g} times that without offset"
         )
     print(output)
+
+
+def _plain(name: str) -> str:
+    # A case's name as a column's.
+    return name.replace(",", "").replace(" ", "_")
 
 
 def _told(value: float) -> float | None:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from rig.many import Outcome
+    from isorig.rig.diagnose_many import Outcome
+
+
+#: Seconds that the search for causes in one recording may take unless the user says otherwise.
+LIMIT = 300.0
 
 
 def diagnose(
     *campaigns: Path,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     baseline: Literal["coulomb", "linear"] = "coulomb",
+    tolerance: float = 0.0,
+    seconds: float = LIMIT,
     scheduler: str | None = None,
     again: bool = False,
 ) -> None:
-    """Show what the baseline's simulation gets wrong, name the cause, extend the model and measure the gain.
+    """Show what the baseline's simulation gets wrong, name the cause, extend the model and measure the improvement.
 
     Example: rig diagnose campaign.h5 -o diagnosis
 
@@ -31,26 +38,40 @@ def diagnose(
         a folder of its own in it, and summary.csv tells of all.
     baseline
         The wire bonder with Coulomb friction, or without any.
+    tolerance
+        Error, as a share of the signal, that is not worth a cause: 0.05 calls a baseline that errs by less than 5 %
+        adequate.
+    seconds
+        Time limit for one recording: the search for causes ends then, and the answer says that it is partial; inf for none.
     scheduler
-        Of several recordings: the address of a Dask scheduler that shares them out; its workers must see the same files.
+        Of several recordings: the Dask scheduler that shares them out, by its address or the file that it writes; its workers
+        must see the same files.
     again
         Of several recordings: also those that have an answer already.
     """
     from rich.console import Console
 
-    from rig.errors import RecordingError
-    from rig.many import diagnose_file, diagnose_files, recordings_in, summary
-    from rig.output import write_text
+    from isorig.rig.diagnose_many import diagnose_file, diagnose_files, recordings_in, summary, time_limit
+    from isorig.rig.errors import RecordingError, RigError
+    from isorig.rig.files.output import write_text
 
+    if not 0.0 <= tolerance < math.inf:
+        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, such as 0.05 for 5 %")
+    limit = time_limit(seconds)
     files = recordings_in(campaigns)
     console = Console(stderr=True)
     if len(files) == 1 and not campaigns[0].is_dir():
         with console.status(f"{files[0].name}: reading") as status:
-            _say(diagnose_file(files[0], output, baseline, lambda text: status.update(f"{files[0].name}: {text}")), output)
+            outcome = diagnose_file(
+                files[0], output, baseline, lambda text: status.update(f"{files[0].name}: {text}"),
+                tolerance=tolerance, limit=limit,
+            )  # fmt: skip
+            _say(outcome, output)
         return
     outcomes: list[Outcome] = []
     with console.status(f"0 of {len(files)} recordings diagnosed") as status:
-        for outcome in diagnose_files([(f, output / f.stem) for f in files], baseline, scheduler=scheduler, again=again):
+        jobs = [(f, output / f.stem) for f in files]
+        for outcome in diagnose_files(jobs, baseline, scheduler=scheduler, again=again, tolerance=tolerance, limit=limit):
             outcomes.append(outcome)
             status.update(f"{len(outcomes)} of {len(files)} recordings diagnosed")
             _say(outcome, output / outcome.campaign)
@@ -65,10 +86,14 @@ def _say(outcome: Outcome, folder: Path) -> None:
     if outcome.refusal:
         print(f"{outcome.campaign}: refused; {outcome.refusal}")
         return
+    if outcome.doubts:
+        print(f"{outcome.campaign}: CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {outcome.doubts}")
     pairs = zip(outcome.causes.split("+"), outcome.locations.split("+"), strict=True)
     named = ", ".join(f"{cause} at {place}" for cause, place in pairs if cause) or "no cause named"
     print(
         f"{outcome.campaign}: {outcome.verdict}; {named}; held-out error {outcome.holdout_baseline:.3g} -> "
         f"{outcome.holdout_extended:.3g} (noise floor {outcome.noise_floor:.3g})"
     )
+    if outcome.cut_short:
+        print("  the search for causes was ended by the time limit and may have missed causes; give it more with --seconds")
     print(f"  {folder / 'report.html'}")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from analysis.measured import Campaign
-    from analysis.quality import Fault
-    from rig.transfer import Transfer
+    from isorig.analysis.campaign import Campaign
+    from isorig.analysis.spectra.quality import Fault
+    from isorig.rig.transfer import Transfer
 
 #: Seconds between two looks at a recording that is being made.
 LOOK = 2.0
@@ -49,10 +49,10 @@ def frf(
     follow
         The recording is being made: estimate from what is there, again and again until it is finished.
     """
-    from analysis.errors import DataError
-    from rig.acquire.follow import follow as followed
-    from rig.recording import open_recording
-    from rig.transfer import faults_in, transfer_functions
+    from isorig.analysis.errors import DataError
+    from isorig.rig.acquire.follow import follow as followed
+    from isorig.rig.files.recording import open_recording
+    from isorig.rig.transfer import faults_in, transfer_functions
 
     def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[Fault]]:
         wrong = faults_in(measured, reference)
@@ -82,10 +82,10 @@ def frf(
 def _tell(found: Sequence[Transfer], wrong: Sequence[Fault], output: Path, name: str) -> None:
     import numpy as np
 
-    from rig.figures import frf_figure, periods_figure, save
-    from rig.output import write_csv, write_json
-    from rig.terminal import show_table
-    from rig.transfer import about
+    from isorig.rig.figures import frf_figure, periods_figure, save
+    from isorig.rig.files.output import write_csv, write_json
+    from isorig.rig.terminal import show_table
+    from isorig.rig.transfer import about
 
     for item in found:
         value = item.frf

@@ -16,9 +16,10 @@ def import_(
     data: Path | None = None,
     draft: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
-    """Import MATLAB, CSV, universal (UFF 58 and 58b), TDMS and WAV files after a mapping, as one recording.
+    """Import files of other programs after a mapping, as one recording.
 
-    Propose the mapping with --draft from the files, correct it, then import it.
+    They are MATLAB, CSV and other text, LVM, universal (UFF 58 and 58b), TDMS, WAV, HDF5, JSON, NPY and NPZ files. Propose
+    the mapping with --draft from the files, correct it, then import it.
 
     Example: rig import --draft run1.mat run2.mat -o mapping.toml, then: rig import mapping.toml -o campaign.h5
 
@@ -33,16 +34,20 @@ def import_(
     draft
         Look at the files and propose a mapping.
     """
-    from rig.errors import PlanError
-    from rig.exchange.draft import draft_mapping
-    from rig.exchange.importing import import_campaign
-    from rig.exchange.reading import read_foreign
-    from rig.output import write_text
+    from isorig.rig.errors import PlanError
+    from isorig.rig.exchange.draft import draft_mapping
+    from isorig.rig.exchange.importing import import_campaign
+    from isorig.rig.exchange.reading import read_foreign
+    from isorig.rig.files.output import write_text
 
     if draft:
         write_text(output, draft_mapping([read_foreign(path) for path in files], output.parent))
     elif len(files) > 1 or files[0].suffix.lower() != ".toml":
         raise PlanError(f"{files[0]} is not a mapping; propose one with rig import --draft, then import that")
     else:
-        import_campaign(files[0], output, data=data)
+        campaign = import_campaign(files[0], output, data=data)
+        for run in campaign.runs:
+            if run.gaps:
+                lost = sum(gap.count for gap in run.gaps)
+                print(f"run {run.id!r}: the file has no value of {lost} samples; they are kept as {len(run.gaps)} gaps")
     print(output)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -13,10 +13,14 @@ def isolation(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     model: Path | None = None,
+    parameters: Path | None = None,
+    method: Literal["joint", "half-power"] | None = None,
     stitch: float = 15.0,
     resolution: float = 0.25,
 ) -> None:
     """Work out how much of the drive reaches the heatblock unlocked over locked, and compare it with a simulation.
+
+    Example: rig isolation campaign.h5 --parameters parameters/parameters.json -o isolation
 
     Example: rig isolation campaign.h5 --model diagnosis/model.json -o isolation
 
@@ -28,6 +32,11 @@ def isolation(
         The folder for isolation.csv, isolation.json and isolation.png.
     model
         A model.json whose simulation is put through the same estimate; none where absent.
+    parameters
+        The parameters.json of rig characterize: the wire bonder with these values is simulated, by the joint fit and by
+        half-power, both beside the measured ratio.
+    method
+        Which of the two, where only one is wanted.
     stitch
         Where the highest gain hands over to the next, Hz.
     resolution
@@ -35,29 +44,30 @@ def isolation(
     """
     import numpy as np
 
-    from analysis.isolation import friction_bound
-    from rig.compared import about_offset, about_peaks, compared_isolation, told
-    from rig.figures import isolation_figure, save
-    from rig.models import read_model
-    from rig.output import write_csv, write_json
-    from rig.recording import read
+    from isorig.analysis.isolation.ratio import friction_bound
+    from isorig.rig.figures import isolation_figure, save
+    from isorig.rig.files.output import write_csv, write_json
+    from isorig.rig.files.recording import read
+    from isorig.rig.isolation_comparison import about_isolated, about_offset, about_peaks, compared_isolation, given_models, told
 
-    rig, origin = (None, None) if model is None else read_model(model)
-    found = compared_isolation(read(campaign), rig, origin=origin, stitch=stitch, resolution=resolution)
+    models, notes = given_models(model, parameters, method)
+    found = compared_isolation(read(campaign), models, stitch=stitch, resolution=resolution)
     columns = {"frequency_hz": found.measured.frequency, "gain": found.measured.gain}
     for name, ratio in found.ratios.items():
-        columns |= {f"ratio_{name}": ratio.ratio, f"ratio_{name}_std": ratio.std}
+        plain = name.replace(" ", "_").replace("-", "_")
+        columns |= {f"ratio_{plain}": ratio.ratio, f"ratio_{plain}_std": ratio.std}
     if found.stuck:
         columns["friction_bound"] = friction_bound(found.measured, found.stuck).astype(np.float64)
     write_csv(output / "isolation.csv", columns)
     save(isolation_figure(found.ratios, found.stuck), output / "isolation.png")
-    sentences = told(found)
+    sentences = [*notes, *told(found)]
     write_json(
         output / "isolation.json",
         {
             "format": "rig-isolation", "format_version": 1, "stitches_hz": found.measured.stitches,
             "steps": [{"ratio": s, "std": d} for s, d in found.measured.steps],
             "stuck_share": {f"{gain:g}": share for gain, share in found.stuck.items()},
+            "isolated": {name: about_isolated(share) for name, share in found.isolated.items()},
             "peaks": {name: about_peaks(ratio.peaks) for name, ratio in found.ratios.items()},
             "peak_offset": {name: about_offset(offset) for name, offset in found.offsets.items()}, "text": sentences,
         },

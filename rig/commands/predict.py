@@ -30,9 +30,9 @@ def predict(
     as_recorded
         Put the faults of the measurement chain that the model carries on the responses.
     """
-    from rig.models import read_model
-    from rig.prediction import predicted
-    from rig.recording import read, write
+    from isorig.rig.files.models import read_model
+    from isorig.rig.files.recording import read, write
+    from isorig.rig.prediction import predicted
 
     rig, origin = read_model(model)
     write(output, predicted(rig, read(runs), origin=origin, as_recorded=as_recorded))

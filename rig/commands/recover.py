@@ -20,8 +20,10 @@ def recover(working: Path, *, output: Annotated[Path, Parameter(name=["-o", "--o
     output
         The recording to write.
     """
-    from rig.acquire.keep import keep_recovered
+    from isorig.rig.acquire.notes import settle_notes
+    from isorig.rig.acquire.store import keep_recovered
 
     for item in keep_recovered(working, output):
         print(item.text)
+    settle_notes(output, session=working.with_name(working.name.removesuffix(".partial")))
     print(output)

@@ -29,10 +29,10 @@ def report(
     """
     from rich.console import Console
 
-    from rig.characterized import characterize_campaign, read_parameters, write_characterization
-    from rig.output import write_text
-    from rig.recording import read
-    from rig.report.measurement import measurement_page
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.parameter_table import characterize_campaign, read_parameters, write_characterization
+    from isorig.rig.files.recording import read
+    from isorig.rig.report.measurement import measurement_page
 
     earlier = [read_parameters(path) for path in history]
     measured = read(campaign)

@@ -11,7 +11,9 @@ from cyclopts import Parameter
 def simulate(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
-    model: str = "wire-bonder",
+    model: str | None = None,
+    parameters: Path | None = None,
+    method: Literal["joint", "half-power"] = "joint",
     drive: Path | None = None,
     excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] = "random",
     configuration: str = "unlocked",
@@ -31,6 +33,8 @@ def simulate(
 
     Example: rig simulate --excitation moves --seconds 10 -o moves.h5
 
+    Example: rig simulate --parameters parameters/parameters.json --gain 35 -o again.h5
+
     Example: rig simulate --model one-mass --excitation half-sine --seconds 2 --events stops.csv -o pulse.h5
 
     Parameters
@@ -38,7 +42,12 @@ def simulate(
     output
         The recording to write.
     model
-        wire-bonder (as in the thesis), one-mass, two-mass, three-mass, a description in .toml or a model.json.
+        wire-bonder (as in the thesis; where nothing is given), one-mass, two-mass, three-mass, a description in .toml or a
+        model.json.
+    parameters
+        The parameters.json of rig characterize: the wire bonder with these values, driven as hard as was measured at that gain.
+    method
+        Which of the table's values: those of the joint fit, or those read by half-power.
     drive
         A recording whose drive channel is used; then the options of the made-up drive do not count.
     excitation
@@ -47,7 +56,8 @@ def simulate(
     configuration
         How the rig is set up.
     gain
-        Drive gain; 70 is an rms of 3.8 m/s^2 at the head, and moves of 12.5 m/s^2.
+        Drive gain. With parameters it is as hard as what was measured there; without, 70 is an rms of 3.8 m/s^2 at the head and
+        moves of 12.5 m/s^2.
     level
         rms of noise or multisine, peak of all else, in the drive's unit; what the gain stands for where absent (a rig
         driven by a force: 500 N).
@@ -62,12 +72,24 @@ def simulate(
     events
         A table to write beside: the time of every stick and slip.
     """
-    from rig.inside import MadeUp, events_table, made_up, with_forces
-    from rig.output import write_text
-    from rig.recording import read, write
-    from rig.rigfile import read_rig
+    from isorig.rig.errors import PlanError
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.parameter_seed import read_seed
+    from isorig.rig.files.recording import read, write
+    from isorig.rig.files.rigfile import GivenRig, read_rig
+    from isorig.rig.virtual.simulated_recording import MadeUp, events_table, made_up, with_forces
 
-    given = read_rig(model)
+    if model is not None and parameters is not None:
+        raise PlanError("--model and --parameters are both given, and each is a rig; give one of them")
+    if parameters is None:
+        given = read_rig(model or "wire-bonder")
+    else:
+        table = read_seed(parameters, method)
+        given = GivenRig(model=table.model)
+        if level is None and drive is None:
+            level = table.level(gain, excitation)
+        for sentence in table.told:
+            print(sentence)
     plan = MadeUp(
         kind=excitation, gain=gain, level=level, band=band, seconds=seconds, sample_rate=sample_rate, seed=seed,
         configuration=configuration,

@@ -19,6 +19,8 @@ def campaign(
     seed: int = 0,
     noise: float = 1e-3,
     session: Literal["first", "later"] = "first",
+    hide: str | None = None,
+    size: float = 1.0,
 ) -> None:
     """Play a whole session on a virtual rig: three gains unlocked, two locked, a series of moves.
 
@@ -36,21 +38,27 @@ def campaign(
         Standard deviation of every sensor's noise, m/s^2.
     session
         The first session, or other runs measured later on the same rig.
+    hide
+        An effect that is hidden in the rig: a cause of the catalogue such as end_stop, "outside: hose" or another that no
+        catalogue names, or "two". The seed draws its place and numbers.
+    size
+        Size of the effect; 1 is full size.
     """
-    from analysis.rigs import wire_bonder
-    from rig.models import read_model
-    from rig.recording import write
-    from rig.virtual import LATER, SESSION, virtual_campaign
+    from isorig.analysis.model.built_in import wire_bonder
+    from isorig.rig.files.models import read_model
+    from isorig.rig.files.recording import write
+    from isorig.rig.virtual.campaign import LATER, SESSION
+    from isorig.rig.virtual.effects import hidden_in, played
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
-    write(output, virtual_campaign(rig, SESSION if session == "first" else LATER, noise=noise, seed=seed))
+    write(output, played(hidden_in(rig, hide, size, seed), SESSION if session == "first" else LATER, seed, noise))
     print(output)
 
 
 @app.command
 def instrument(
     *,
-    kind: Literal["framed", "di1100", "mti600", "sr785", "35670a"] = "framed",
+    kind: str = "framed",
     model: Path | None = None,
     seed: int = 0,
     noise: float = 1e-3,
@@ -66,6 +74,8 @@ def instrument(
     first_tick: int = 0,
     ppm: float = 0.0,
     tcp: bool = False,
+    hide: str | None = None,
+    size: float = 1.0,
 ) -> None:
     """Start a simulated instrument with a virtual rig behind it on a pseudo-terminal, and print its port.
 
@@ -78,7 +88,7 @@ def instrument(
     Parameters
     ----------
     kind
-        framed, di1100, mti600 (behind a serial CAN adapter), sr785 or 35670a.
+        framed, di1100, mti600 (behind a serial CAN adapter), sr785, 35670a, or another kind whose far end is simulated.
     model
         A model.json of the rig; the thesis's wire bonder where absent.
     seed
@@ -100,28 +110,35 @@ def instrument(
         How much faster than told its clock runs, parts per million.
     tcp
         Listen on a TCP port of this machine instead of a pseudo-terminal, for machines that have none.
+    hide, size
+        An effect that is hidden in the rig behind a framed instrument, and its size; as of rig virtual campaign.
 
     A fault (from drop to ppm) that an instrument of that kind cannot have is refused.
     """
-    from analysis.rigs import wire_bonder
-    from drivers.simulated.faults import Faults
-    from drivers.simulated.framed import SimulatedFramed
-    from drivers.simulated.served import TcpWire, exchange
-    from drivers.simulated.wire import PtyWire
-    from rig.acquire.far_ends import far_end
-    from rig.acquire.plant import VirtualPlant
-    from rig.models import read_model
+    from isorig.analysis.model.built_in import wire_bonder
+    from isorig.drivers.simulated.faults import Faults
+    from isorig.drivers.simulated.framed import SimulatedFramed
+    from isorig.drivers.simulated.served import TcpWire, exchange
+    from isorig.drivers.simulated.wire import PtyWire
+    from isorig.rig.acquire.far_ends import PLAYS, far_end
+    from isorig.rig.acquire.plant import VirtualPlant
+    from isorig.rig.errors import RigError
+    from isorig.rig.files.models import read_model
+    from isorig.rig.virtual.effects import hidden_in
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
     faults = Faults(
         drop=drop, duplicate=duplicate, corrupt=corrupt, stall=stall, overload=overload, unplug_after=unplug_after,
         turn_after=turn_after, first_tick=first_tick, ppm=ppm, seed=seed,
     )  # fmt: skip
-    if kind == "framed":
+    if kind == PLAYS:
         wire = TcpWire() if tcp else PtyWire()
         print(wire.port, flush=True)
-        SimulatedFramed(wire, VirtualPlant(rig, noise=noise, seed=seed), faults=faults, speed=speed).serve(seconds)
+        plant = VirtualPlant(rig, noise=noise, seed=seed, hidden=hidden_in(rig, hide, size, seed))
+        SimulatedFramed(wire, plant, faults=faults, speed=speed).serve(seconds)
         return
+    if hide is not None:
+        raise RigError(f"--hide needs an instrument that plays a drive; a {kind} plays none, so choose framed")
     peer = far_end(kind, rig, noise=noise, seed=seed, speed=speed or 1.0, seconds=min(seconds, 600.0), faults=faults)
     wire = TcpWire() if tcp else PtyWire()
     print(wire.port, flush=True)

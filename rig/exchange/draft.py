@@ -5,56 +5,102 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from rig.errors import RecordingError
-from rig.exchange.importing import JITTER
-from rig.exchange.mapping import RESERVED
-from rig.exchange.table import Column, ForeignTable
-from rig.exchange.units import known_unit
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
+from isorig.rig.exchange.mapping import RESERVED
+from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
+from isorig.rig.exchange.tree import PLAIN
+from isorig.rig.exchange.units import UNITS, known_unit
+from isorig.rig.files.recording import GAIN
 
 #: Words in a column's name, and the wire bonder's channel that they stand for.
 WORDS = (("heatblock", "heatblock"), ("heat", "heatblock"), ("prey", "heatblock"), ("table", "table"), ("head", "head"),
          ("drive", "head"), ("motor", "motor"))  # fmt: skip
 
+#: Words in a column's name, and the unit that is guessed where the file does not say it.
+QUANTITIES = (
+    ("force", "N"), ("kraft", "N"), ("displacement", "m"), ("position", "m"), ("weg", "m"), ("angular_velocity", "rad/s"),
+    ("velocity", "m/s"), ("current", "A"), ("strom", "A"), ("voltage", "V"), ("spannung", "V"), ("torque", "N m"),
+    ("angle", "rad"), ("winkel", "rad"),
+)  # fmt: skip
+#: Columns of fewer values next to longer ones are settings, not records.
+SHORT = 16
+
+
+@dataclass(frozen=True)
+class _Part:
+    # Columns of a file that were sampled together: name in the draft, and source with its column.
+    table: ForeignTable
+    group: str
+    columns: dict[str, tuple[str, Column]]
+    time: str | None
+
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path) -> str:
-    """A mapping in TOML: one run a file or a group of columns inside it, one channel a name that all of them have.
+    """A mapping in TOML: one run for each part of a file that was sampled together, with the channels that it has.
+
+    Parameters
+    ----------
+    tables
+        What the files hold.
+    folder
+        Where the mapping will stand.
 
     Raises
     ------
     RecordingError
-        Where they have no column in common.
+        Where none of them holds a time record.
     """
-    groups = [(table, group, columns) for table in tables for group, columns in _groups(table).items()]
-    if not groups:
-        raise RecordingError(f"{tables[0].path} holds spectra alone; a recording needs time records, so export those too")
-    first = groups[0][2]
-    shared = [name for name in first if all(name in columns for _, _, columns in groups)]
-    time = next((name for name in shared if all(is_time(name, c[name][1]) for _, _, c in groups)), None)
-    # Columns that were sampled together have one length: the most common one.
-    usual = Counter(len(first[name][1].values) for name in shared).most_common(1)
-    channels = [name for name in shared if name != time and len(first[name][1].values) == usual[0][0]]
-    if not channels:
-        named = ", ".join(str(table.path) for table in tables)
-        raise RecordingError(f"{named} have no column in common; propose a mapping for each alone")
-    lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", "", "[rig]"]
-    lines += ["# What is known beforehand, SI: head_mass, motor_mass, heatblock_mass, table_mass, friction_force ...", ""]
+    parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
+    if not parts:
+        raise RecordingError(_no_records(tables))
+    lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
+    lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
+    lines += [
+        "[rig]",
+        "# What is known beforehand, SI: head_mass, motor_mass, heatblock_mass, table_mass, friction_force ...",
+        "",
+    ]
+    # A column is one channel in all parts that have it; where parts hold different columns each lists its own.
+    places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
-    for place in channels:
-        names[place] = _name(place, set(names.values()))
+    first = {place: next(part.columns[place] for part in parts if place in part.columns) for place in places}
+    for place in places:
+        names[place] = _name(place, first[place][1], set(names.values()))
         lines += _channel(names[place], *first[place])
     ids: set[str] = set()
-    for table, group, columns in groups:
-        sources = {names[place]: columns[place] for place in channels}
-        plain = {names[place]: first[place][0] for place in channels}
-        other = {name: source for name, (source, _) in sources.items() if source != plain[name]}
-        lines += _run(table, group, None if time is None else columns[time][0], sources, other, folder, ids)
+    for part in parts:
+        own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
+        other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
+        lines += _run(part, own, other, folder, ids)
     return "\n".join(lines)
+
+
+def _no_records(tables: Sequence[ForeignTable]) -> str:
+    path = tables[0].path
+    spectra = [spectrum for table in tables for spectrum in table.spectra]
+    kinds = {spectrum.kind for spectrum in spectra}
+    if "transfer_function" in kinds:
+        count = sum(spectrum.kind == "transfer_function" for spectrum in spectra)
+        return (
+            f"{path} holds {count} transfer functions and no time record, and a recording is made of time records: export those "
+            "too"
+        )
+    if spectra:
+        told = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
+        return (
+            f"{path} holds only spectra without a phase ({told}); neither modes nor parameters can be fitted to them, so export "
+            "the time records or the transfer functions"
+        )
+    remarks = "; ".join(remark for table in tables for remark in table.remarks)
+    return f"{path} holds no time record{f' ({remarks})' if remarks else ''}; export the time records as columns"
 
 
 def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
@@ -65,58 +111,72 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
         group, name = ("", source) if found is None else (found["before"] or found["after"] or "", found["name"])
         groups.setdefault(group, {})[name] = (source, column)
     alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
-    if alike and alike[0][1] == len(groups):
+    if alike and alike[0][1] == len(groups) and not _one_each(groups):
         return groups
     return {"": {source: (source, column) for source, column in table.columns.items()}} if table.columns else {}
 
 
-def is_time(name: str, column: Column) -> bool:
-    """Whether a column holds evenly spaced seconds: by its name and its values."""
-    if not re.fullmatch(r"(.*[./])?(t|time|zeit|seconds|x_?value)([ _]?s)?", name, re.IGNORECASE):
-        return False
-    values = np.asarray(column.values, dtype=np.float64)
-    if len(values) < 2 or not np.isfinite(values).all() or values[-1] <= values[0]:
-        return False
-    grid = np.linspace(values[0], values[-1], len(values))
-    return bool(np.abs(values - grid).max() <= JITTER * (grid[1] - grid[0]))
+def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
+    # Structures with one plain array each (a.values, b.values) are channels, not runs.
+    return len(groups) > 1 and all(len(columns) == 1 and next(iter(columns)) in PLAIN for columns in groups.values())
+
+
+def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
+    # What has one length and one rate was sampled together; clocks belong to the records of their length.
+    clocks = {name: len(column.values) for name, (_, column) in columns.items() if is_time(name, column)}
+    sampled: dict[tuple[int, float | None], dict[str, tuple[str, Column]]] = {}
+    for name, (source, column) in columns.items():
+        if name not in clocks and len(column.values) > 1:
+            sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
+    longest = max((size for size, _ in sampled), default=0)
+    return [
+        _Part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
+        for (size, _), there in sampled.items()
+        if size >= (SHORT if table.spectra else min(SHORT, longest))
+    ]
 
 
 def _channel(name: str, source: str, column: Column) -> list[str]:
     found = known_unit(column.unit)
+    guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
     values = np.asarray(column.values, dtype=np.float64)
+    finite = values[np.isfinite(values)]
+    extent = f" from {finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""
     note = "" if found else f"    # ? {f'the file says {column.unit!r}' if column.unit else 'the file does not say'}"
+    sensitivity = "1.0    # ? column's unit per unit, e.g. V per m/s^2"
+    if column.sensitivity != 1.0:
+        sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
     return [
-        f"[channels.{name}]    # {len(values)} values from {values.min():.4g} to {values.max():.4g}",
+        f"[channels.{name}]    # {len(values)} values{extent}",
         f"source = {_quoted(source)}",
-        f"unit = {_quoted(found or 'm/s^2')}{note}",
-        "sensitivity = 1.0    # ? column's unit per unit, e.g. V per m/s^2",
+        f"unit = {_quoted(found or ('1' if name == GAIN else guess))}{note}",
+        f"sensitivity = {sensitivity}",
         'place = ""',
         "",
     ]
 
 
-def _name(source: str, taken: set[str]) -> str:
+def _name(source: str, column: Column, taken: set[str]) -> str:
     plain = re.sub(r"\W+", "_", source).strip("_").lower() or "channel"
+    if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:
+        return GAIN
     name = next((channel for word, channel in WORDS if word in plain and channel not in taken), plain)
-    if name in RESERVED or not name.isidentifier():
+    if name in (*RESERVED, GAIN) or not name.isidentifier():
         name = f"channel_{name}"
     while name in taken:
         name += "_2"
     return name
 
 
-def _run(
-    table: ForeignTable, group: str, time: str | None, sources: dict[str, tuple[str, Column]], other: dict[str, str],
-    folder: Path, ids: set[str],
-) -> list[str]:  # fmt: skip
+def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str]) -> list[str]:
+    table, group = part.table, part.group
     told = re.split(r"[./]", group)[-1] or table.path.stem
     name = told if told not in ids else f"{told}_{len(ids)}"
     ids.add(name)
     locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", told, re.IGNORECASE) is not None
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", told, re.IGNORECASE)
     gain = _number(table, group, ("gain",)) or (float(guess[1]) if guess else 1.0)
-    rates = {column.sample_rate for _, column in sources.values()}
-    rate = (rates.pop() if len(rates) == 1 else None) or _number(table, group, ("sample_rate", "fs", "Fs"))
+    rate = next(column.sample_rate for _, column in part.columns.values())
     lines = [
         "[[runs]]",
         f"id = {_quoted(name)}",
@@ -125,12 +185,17 @@ def _run(
         f"gain = {gain}    # ?",
         'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
     ]
-    if time is not None:
-        lines.append(f"time = {_quoted(time)}")
+    if part.time is not None:
+        lines.append(f"time = {_quoted(part.time)}")
+        unit = time_unit(part.time, table.columns[part.time])
+        if not table.columns[part.time].unit or seconds_per(unit) != 1.0:
+            lines.append(f"time_unit = {_quoted(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
         lines.append("# sample_rate = 1024.0    # ? the file does not say; without it nothing can be imported")
+    if own:
+        lines.append(f"channels = [{', '.join(_quoted(name) for name in own)}]")
     if other:
         lines.append(f"sources = {{ {', '.join(f'{name} = {_quoted(source)}' for name, source in other.items())} }}")
     return [*lines, ""]

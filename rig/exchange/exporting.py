@@ -13,14 +13,21 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from analysis.measured import Campaign, FloatArray, Run
-from rig.errors import PlanError
-from rig.output import replaced
-from rig.transfer import Transfer
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.rig.errors import PlanError
+from isorig.rig.exchange.table import STREAMED
+from isorig.rig.exchange.uff import FREQUENCY, REFERENCE, RESPONSE, TIME
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.output import replaced
+from isorig.rig.files.recording import GAIN
+from isorig.rig.transfer import Transfer
 
 #: Dataset 58: ordinate data types by SI unit (SDRC universal file; 8 displacement, 11 velocity, 12 acceleration, 13 force).
 ORDINATES = {"m": 8, "m/s": 11, "m/s^2": 12, "N": 13}
-TIME, FREQUENCY = 17, 18
+#: Function type of a coherence; characters of a line, and of an entity's name.
+COHERENCE, LINE, UFF_NAME = 6, 80, 10
+#: Directions of dataset 58 as mappings and recordings write them.
+DIRECTIONS = {f"{sign}{axis}": (-k if sign == "-" else k) for k, axis in enumerate("xyz", 1) for sign in ("", "+", "-")}
 #: Longest name of a field in MATLAB.
 MATLAB_NAME = 63
 
@@ -58,15 +65,19 @@ def parameters_frame(path: Path) -> pd.DataFrame:
         Where the file is neither.
     """
     try:
-        content = msgspec.json.decode(path.read_bytes())
+        content = msgspec.json.decode(content_of(path))
     except OSError as error:
         raise PlanError(f"{path} cannot be read ({error.strerror}); give a parameters.json or a findings.json") from None
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise PlanError(f"{path} is not JSON ({error}); give a parameters.json or a findings.json") from None
     kind = content.get("format") if isinstance(content, dict) else None
     try:
         table = content["parameters"] if kind == "rig-parameters" else content["baseline"]["parameters"]
         rows = [{"name": name, **row} for name, row in table.items()]
+        if any(not isinstance(value, str | int | float | None) for row in rows for value in row.values()):
+            raise PlanError(
+                f"{path} has a parameter that is no number or word; give a file that rig characterize or diagnose wrote"
+            )
     except (KeyError, TypeError, AttributeError):
         rows = []
     if not rows:
@@ -97,12 +108,13 @@ def samples_tree(campaign: Campaign) -> dict[str, Any]:
     runs = {
         _name(run.id, taken): {
             "id": run.id, "configuration": run.configuration, "gain": run.gain, "sample_rate": run.sample_rate,
-            "excitation": run.excitation, **{name: channel.read() for name, channel in run.channels.items()},
+            "excitation": run.excitation,
+            **_fields({STREAMED if name == GAIN else name: channel.read() for name, channel in run.channels.items()}),
         }
         for run in campaign.runs
     }  # fmt: skip
     units = {name: channel.unit for run in campaign.runs for name, channel in run.channels.items()}
-    return {"runs": runs, "units": units, "rig": dict(campaign.known) or {"note": "nothing known beforehand"}}
+    return {"runs": runs, "units": _fields(units), "rig": dict(campaign.known) or {"note": "nothing known beforehand"}}
 
 
 def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
@@ -124,7 +136,12 @@ def frame_tree(frame: pd.DataFrame) -> dict[str, Any]:
     """A parameter table as a tree: parameters.<name> with value, std, unit."""
     taken: set[str] = set()
     rows = frame.replace({None: np.nan}).to_dict("records")
-    return {"parameters": {_name(str(row["name"]), taken): {str(k): v for k, v in row.items()} for row in rows}}
+    return {"parameters": {_name(str(row["name"]), taken): _fields(row) for row in rows}}
+
+
+def _fields(values: Mapping[Any, Any]) -> dict[str, Any]:
+    taken: set[str] = set()
+    return {_name(str(key), taken): value for key, value in values.items()}
 
 
 def _name(text: str, taken: set[str]) -> str:
@@ -138,10 +155,14 @@ def _name(text: str, taken: set[str]) -> str:
 
 
 def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
-    """Time records as datasets 58: the channel is the response entity, the run stands in the first line."""
-    return [
-        _dataset(
-            1, channel.name, "NONE", np.arange(len(run)) / run.sample_rate, channel.read(), (TIME, "s"), channel.unit, binary,
+    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line says the run."""
+    short = next((run.id for run in campaign.runs if len(run) < 2), None)
+    if short is not None:
+        raise PlanError(f"run {short!r} has one sample and a universal file needs two; choose others with --run, or export .mat")
+    points = _Points(campaign)
+    return [_si_units()] + [
+        points.dataset(
+            1, channel.name, "", np.arange(len(run)) / run.sample_rate, channel.read(), (TIME, "s"), binary,
             f"{run.id}, {run.configuration}, gain {run.gain:g}",
         )
         for run in campaign.runs
@@ -149,32 +170,66 @@ def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def frf_sets(found: Sequence[Transfer]) -> list[dict[str, Any]]:
-    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58.
+def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, Any]]:
+    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58, after the units (164, SI).
 
     In text: the package counts half the bytes of complex values in the head of a binary dataset.
     """
-    sets = []
+    points = _Points(campaign)
+    sets = [_si_units()]
     for item in found:
         frf, told = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
         for kind, values in ((4, frf.value), (6, frf.coherence)):
-            sets.append(_dataset(kind, frf.response, frf.reference, frf.frequency, values, (FREQUENCY, "Hz"), "1", False, told))
+            sets.append(points.dataset(kind, frf.response, frf.reference, frf.frequency, values, (FREQUENCY, "Hz"), False, told))
     return sets
 
 
-def _dataset(
-    kind: int, response: str, reference: str, x: FloatArray, values: Any, axis: tuple[int, str], unit: str, binary: bool,
-    told: str,
-) -> dict[str, Any]:  # fmt: skip
+class _Points:
+    """Where a campaign's channels are in a universal file: a name of ten characters, node, direction and unit of each."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
+        self._units = {name: channel.unit for name, channel in channels.items()}
+        self._nodes = {name: k for k, name in enumerate(channels, 1)}
+        self._directions = {name: DIRECTIONS.get(c.about.get("direction", "").strip().lower(), 0) for name, c in channels.items()}
+        self._names: dict[str, str] = {}
+        for name in channels:
+            short = name[:UFF_NAME]
+            if short in self._names.values():
+                end = f"~{self._nodes[name]}"
+                short = name[: UFF_NAME - len(end)] + end
+            self._names[name] = short
+
+    def dataset(
+        self, kind: int, response: str, reference: str, x: FloatArray, values: Any, axis: tuple[int, str], binary: bool, told: str
+    ) -> dict[str, Any]:
+        """A dataset 58; `reference` is empty for a time record, and a coherence has no unit."""
+        import pyuff
+
+        above = self._units[response] if kind != COHERENCE else "1"
+        below = self._units[reference] if reference and kind != COHERENCE else ""
+        return dict(
+            pyuff.prepare_58(
+                binary=int(binary), id1=told[:LINE], id4=(RESPONSE + response)[:LINE],
+                id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
+                rsp_ent_name=self._names[response], rsp_node=self._nodes[response], rsp_dir=self._directions[response],
+                ref_ent_name=self._names.get(reference, "NONE"), ref_node=self._nodes.get(reference, 0),
+                ref_dir=self._directions.get(reference, 0), abscissa_spacing=1, data=values, x=x,
+                abscissa_spec_data_type=axis[0], abscissa_axis_units_lab=axis[1],
+                ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
+                orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
+                abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0, num_pts=len(x),
+                ord_data_type=6 if np.iscomplexobj(values) else 4, z_axis_value=0.0,
+            )
+        )  # fmt: skip
+
+
+def _si_units() -> dict[str, Any]:
     import pyuff
 
     return dict(
-        pyuff.prepare_58(
-            binary=int(binary), id1=told[:80], func_type=kind, rsp_ent_name=response[:10], rsp_node=1, rsp_dir=0,
-            ref_ent_name=reference[:10], ref_node=1, ref_dir=0, abscissa_spacing=1, data=values, x=x,
-            abscissa_spec_data_type=axis[0], abscissa_axis_units_lab=axis[1], ordinate_spec_data_type=ORDINATES.get(unit, 0),
-            ordinate_axis_units_lab=unit, abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0,
-            num_pts=len(x), ord_data_type=6 if np.iscomplexobj(values) else 4, orddenom_spec_data_type=0, z_axis_value=0.0,
+        pyuff.prepare_164(
+            units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0
         )
     )  # fmt: skip
 

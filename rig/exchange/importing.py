@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from analysis.measured import Campaign, Channel, FloatArray, Run, Samples
-from rig.errors import PlanError, RecordingError
-from rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
-from rig.exchange.reading import read_foreign
-from rig.exchange.table import Column, ForeignTable
-from rig.exchange.units import unit
-from rig.output import replaced
-from rig.recording import write
-from rig.rigfile import read_description
+from isorig.analysis.campaign import Campaign, Channel, Gap, IntArray, Run, Samples
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.exchange.clock import column_rate
+from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
+from isorig.rig.exchange.reading import read_foreign
+from isorig.rig.exchange.table import Column, ForeignTable
+from isorig.rig.exchange.units import UNITS, known_unit, unit
+from isorig.rig.files.recording import Extra, write
+from isorig.rig.files.rigfile import read_description
 
-#: A time column may stray so many samples from an even grid.
-JITTER = 0.1
+#: What a mapping may say of a sensor.
+SENSOR = ("sensor", "place", "direction")
 
 
 def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = None) -> Campaign:
@@ -37,56 +37,132 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
     ------
     PlanError, RecordingError
         In one sentence: which file, run, channel or key, what was found, what to do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import isorig as iso
+    >>> lines = ["time,shaker,motor"] + [f"{k / 256},{k % 7},{k % 5}" for k in range(1024)]
+    >>> _ = Path("bench.csv").write_text("\\n".join(lines))
+    >>> _ = Path("mapping.toml").write_text('''
+    ... [[runs]]
+    ... id = "a"
+    ... file = "bench.csv"
+    ... configuration = "unlocked"
+    ... gain = 1.0
+    ... time = "time"
+    ... [channels.head]
+    ... source = "shaker"
+    ... unit = "m/s^2"
+    ... [channels.motor]
+    ... source = "motor"
+    ... unit = "g"
+    ... ''')
+    >>> run = iso.import_campaign(Path("mapping.toml"), Path("imported.h5")).runs[0]
+    >>> run.sample_rate, float(run.read("motor").max())
+    (256.0, 39.2266)
     """
     mapping = read_mapping(mapping_path)
     folder = data if data is not None else mapping_path.parent
+    model, description = wire_bonder(), None
+    if mapping.description is not None:
+        model, description = read_description(mapping_path.parent / mapping.description)
+    for wanted in mapping.runs:
+        if wanted.configuration not in model.configurations:
+            raise PlanError(
+                f"{mapping_path}: run {wanted.id!r} has the configuration {wanted.configuration!r}; {model.name} has "
+                f"{', '.join(model.configurations)}, so correct it"
+                + ("" if mapping.description else ", or name the rig's own description with description = FILE.toml")
+            )
     tables: dict[str, ForeignTable] = {}
     runs = []
     for wanted in mapping.runs:
         if wanted.file not in tables:
             tables[wanted.file] = read_foreign(folder / wanted.file)
         runs.append(_run(wanted, mapping, tables[wanted.file]))
-    description = None if mapping.description is None else read_description(mapping_path.parent / mapping.description)[1]
     campaign = Campaign(runs=tuple(runs), known=mapping.rig, description=description, source=str(output))
-    with replaced(output) as temporary:
-        write(temporary, campaign)
-        _note_sensors(temporary, mapping)
+    # The format lets a writer add attributes of its own.
+    told = {
+        name: {key: value for key in SENSOR if (value := getattr(channel, key))} for name, channel in mapping.channels.items()
+    }  # fmt: skip
+    write(output, campaign, {run.id: Extra(channels=told) for run in runs})
     return campaign
 
 
 def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     here = f"{table.path}, run {wanted.id!r}"
-    sources = {name: wanted.sources.get(name, channel.source) for name, channel in mapping.channels.items()}
+    sources = {
+        name: wanted.sources.get(name, channel.source) for name, channel in mapping.channels.items()
+        if not wanted.channels or name in wanted.channels
+    }  # fmt: skip
     columns = {name: _column(table, source, f"{here}: channel {name!r}") for name, source in sources.items()}
     lengths = {name: len(column.values) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {n}" for name, n in lengths.items())
-        raise RecordingError(f"{here} has columns of unequal length ({told}); map columns that were sampled together")
+        raise RecordingError(
+            f"{here} has columns of unequal length ({told}); map columns that were sampled together, each group as a run with "
+            "its own channels = [...]"
+        )
     total = next(iter(lengths.values()))
     first, last = wanted.samples or (0, total)
     if last > total:
         raise PlanError(f"{here} wants samples up to {last}, but its columns have {total}; correct samples")
+    lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
+    lost = lost[(lost >= first) & (lost < last)]
+    kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
     return Run(
         id=wanted.id, configuration=wanted.configuration, sample_rate=_rate(wanted, columns, table, here), gain=wanted.gain,
         channels={
-            name: channel_of(name, mapping.channels[name], column, first, last, f"{here}: channels.{name}")
+            name: channel_of(name, mapping.channels[name], column, kept, f"{here}: channels.{name}")
             for name, column in columns.items()
         },
         excitation=wanted.excitation, started=wanted.started, band=wanted.band, period=wanted.period, use=wanted.use,
-        spectra=table.spectra,
+        gaps=_gaps(lost - first), spectra=table.spectra,
     )  # fmt: skip
+
+
+def _gaps(lost: IntArray) -> tuple[Gap, ...]:
+    # Lost samples in a row are one gap.
+    rows = np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1)
+    return tuple(Gap(first_tick=int(row[0]), count=len(row)) for row in rows if len(row))
 
 
 def _column(table: ForeignTable, name: str, here: str) -> Column:
     if name not in table.columns:
-        raise PlanError(f"{here} comes from column {name!r}, which is not there; the file has {', '.join(table.columns)}")
+        why = next((f" ({remark})" for remark in table.remarks if repr(name) in remark), "")
+        raise PlanError(
+            f"{here} comes from column {name!r}, which is not there{why}; the file has {', '.join(table.columns) or 'no records'}"
+        )
     return table.columns[name]
 
 
-def channel_of(name: str, wanted: ChannelMap, column: Column, first: int, last: int, here: str) -> Channel:
-    """A channel in SI: the file's own values are kept as raw samples, and the mapping becomes scale and offset."""
+def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | slice, here: str) -> Channel:
+    """A channel in SI: the file's own values are kept as raw samples, and the mapping becomes scale and offset.
+
+    Raises
+    ------
+    PlanError
+        Where the file says another unit of the same quantity than the mapping does.
+    RecordingError
+        Where a value is not finite.
+    """
     meant = unit(wanted.unit, here)
-    values = column.values[first:last]
+    said = known_unit(column.unit)
+    if said is not None and wanted.sensitivity == 1.0 and said != known_unit(wanted.unit):
+        other = UNITS[said]
+        if other.quantity == meant.quantity and other.factor != meant.factor:
+            raise PlanError(
+                f"{here} has unit {wanted.unit!r}, but the file says {said!r}, {other.factor / meant.factor:.6g} times as much; "
+                f"write unit = {said!r}, and where the file is wrong sensitivity = {other.factor / meant.factor:.6g} with it"
+            )
+    values = column.values[kept]
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        at = int(np.flatnonzero(~np.isfinite(values))[0])
+        row = int(np.arange(len(column.values))[kept][at])
+        raise RecordingError(
+            f"{here}: column {wanted.source!r} holds {values[at]} at sample {row}; recordings hold finite numbers only, so cut "
+            "the run with samples = [first, last + 1] or correct the file"
+        )
     # The format keeps numbers; a file's logical values are 0 and 1.
     samples: Samples = np.ascontiguousarray(values.astype(np.uint8) if values.dtype.kind == "b" else values)
     return Channel(
@@ -100,37 +176,15 @@ def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here:
     if wanted.sample_rate is not None:
         return wanted.sample_rate
     if wanted.time is not None:
-        return even_rate(
-            np.asarray(_column(table, wanted.time, here).values, dtype=np.float64), f"{here}: column {wanted.time!r}"
-        )
+        column = _column(table, wanted.time, here)
+        if len(column.values) != len(next(iter(columns.values())).values):
+            raise PlanError(
+                f"{here}: column {wanted.time!r} has {len(column.values)} values and the channels "
+                f"{len(next(iter(columns.values())).values)}; give sample_rate, or the clock that goes with them"
+            )
+        return column_rate(wanted.time, column, f"{here}: column {wanted.time!r}", wanted.time_unit)
     rates = {column.sample_rate for column in columns.values()}
     rate = rates.pop() if len(rates) == 1 else None
     if rate is None:
-        raise PlanError(f"{here} says no common sample rate; give sample_rate in Hz, or time = the column that holds seconds")
+        raise PlanError(f"{here} says no common sample rate; give sample_rate in Hz, or time = the column that holds the time")
     return rate
-
-
-def even_rate(time: FloatArray, here: str) -> float:
-    """The rate of an evenly spaced column of seconds, Hz."""
-    span = float(time[-1] - time[0]) if len(time) > 1 else 0.0
-    if not 0.0 < span < np.inf:
-        raise RecordingError(f"{here} goes from {time[0]:g} to {time[-1]:g} s; it must ascend, so give sample_rate instead")
-    rate = (len(time) - 1) / span
-    stray = np.abs((time - time[0]) * rate - np.arange(len(time)))
-    worst = int(np.argmax(stray))
-    if not stray[worst] <= JITTER:
-        raise RecordingError(
-            f"{here} strays {stray[worst]:.2g} samples from an even grid at sample {worst}; "
-            "split the run where samples are missing, or resample it evenly"
-        )
-    return rate
-
-
-def _note_sensors(path: Path, mapping: Mapping) -> None:
-    # The format lets a writer add attributes of its own.
-    with h5py.File(path, "a") as file:
-        for run in file["runs"].values():
-            for name, channel in mapping.channels.items():
-                for key in ("sensor", "place", "direction"):
-                    if getattr(channel, key):
-                        run[name].attrs[key] = getattr(channel, key)

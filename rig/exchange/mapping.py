@@ -9,13 +9,15 @@ from typing import Literal
 
 import msgspec
 
-from analysis.measured import Quantity
-from rig.errors import PlanError
-from rig.exchange.units import unit
-from rig.tomlfile import read_toml
+from isorig.analysis.campaign import Quantity
+from isorig.rig.errors import PlanError
+from isorig.rig.exchange.clock import seconds_per
+from isorig.rig.exchange.units import unit
+from isorig.rig.files.recording import GAIN
+from isorig.rig.files.tomlfile import read_toml
 
-#: Names that the recording format keeps for itself.
-RESERVED = ("gain", "gaps", "timing", "spectra")
+#: Names that the recording format keeps for itself; `gain` is the streamed gain and nothing else.
+RESERVED = ("gaps", "timing", "spectra")
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -66,7 +68,11 @@ class RunMap(Part, frozen=True):
     sample_rate
         Hz; where absent, what the file says or what its column `time` gives.
     time
-        Name of the column that holds seconds.
+        Name of the column that holds the time.
+    time_unit
+        Unit of that column: s, ms, us, ns, min or h; where absent, as the file says it, else seconds.
+    channels
+        The channels that this run has; all where absent.
     samples
         First and last + 1 sample of the part; the whole file where absent.
     sources
@@ -79,6 +85,8 @@ class RunMap(Part, frozen=True):
     gain: float
     sample_rate: float | None = None
     time: str | None = None
+    time_unit: str = ""
+    channels: tuple[str, ...] = ()
     excitation: Literal["random", "multisine", "sweep", "moves", "free", "other"] = "other"
     started: datetime | None = None
     band: tuple[float, float] | None = None
@@ -131,6 +139,9 @@ def _check(mapping: Mapping, where: str) -> None:
         if unknown:
             allowed = ", ".join(mapping.channels)
             raise PlanError(f"{here} gives a source for {unknown[0]!r}, which is no channel; allowed are {allowed}")
+        absent = next((name for name in run.channels if name not in mapping.channels), None)
+        if absent is not None:
+            raise PlanError(f"{here} has the channel {absent!r}, which is none; allowed are {', '.join(mapping.channels)}")
         _check_run(run, here)
 
 
@@ -143,12 +154,17 @@ def _check_channel(name: str, channel: ChannelMap, here: str) -> None:
         raise PlanError(f"{here}.offset is {channel.offset:g}; give a finite number")
     if channel.range is not None and not 0.0 < channel.range < math.inf:
         raise PlanError(f"{here}.range is {channel.range:g}; a full scale is positive and finite")
-    unit(channel.unit, here)
+    meant = unit(channel.unit, here)
+    measured = channel.quantity or meant.quantity
+    if name == GAIN and measured != GAIN:
+        raise PlanError(f"{here} measures {measured}; this name stands for the streamed gain, in 1 or %, so choose another")
 
 
 def _check_run(run: RunMap, here: str) -> None:
     if run.sample_rate is not None and run.time is not None:
         raise PlanError(f"{here} has both sample_rate and time; keep the one that is right")
+    if run.time_unit and seconds_per(run.time_unit) is None:
+        raise PlanError(f"{here} has time_unit {run.time_unit!r}; give s, ms, us, ns, min or h")
     if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:
         raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, counted from 0")
     if run.started is not None and run.started.tzinfo is None:

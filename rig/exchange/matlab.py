@@ -2,72 +2,148 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.errors import RecordingError
-from rig.exchange.table import Column, ForeignTable, columns_of
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.exchange.tree import table_of
+from isorig.rig.files.hdf import SIGNATURE, opened, survived
+from isorig.rig.files.hdf_walk import EXPANSION, SPARE
+from isorig.rig.files.output import reason
+
+#: Bytes of a version 5 file before its first variable, and the kind of a variable that is compressed.
+HEAD, COMPRESSED = 128, 15
+#: Bytes that MATLAB puts before what is HDF5.
+MATLAB_BLOCK = 512
+#: Structs and cells are followed so deep, and so many of their parts are read.
+DEEP, PARTS_MOST = 16, 20_000
 
 
 def read_matlab(path: Path) -> ForeignTable:
-    """All numeric variables of a .mat file."""
-    items = _version73(path) if h5py.is_hdf5(path) else _version5(path)
-    columns: dict[str, Column] = {}
-    numbers: dict[str, float] = {}
-    for name, values in items:
-        if values.dtype.kind not in "biuf" or values.size == 0:
-            continue
-        if values.size == 1:
-            numbers[name] = float(values.ravel()[0])
-        else:
-            columns |= columns_of(name, values)
-    return ForeignTable(path=path, columns=columns, numbers=numbers)
+    """All numeric variables of a .mat file; a struct array's elements are called name[0], name[1] ..."""
+    remarks: list[str] = []
+    items = _version73(path) if _is_version73(path) else _version5(path, remarks)
+    return table_of(path, list(items), remarks)
 
 
-def _version5(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
+def _is_version73(path: Path) -> bool:
+    # HDF5 behind a block of 512 bytes of MATLAB's own; other programs leave that away.
+    with path.open("rb") as file:
+        head = file.read(MATLAB_BLOCK + len(SIGNATURE))
+    return head.startswith(SIGNATURE) or head[MATLAB_BLOCK:] == SIGNATURE
+
+
+def _version5(path: Path, remarks: list[str]) -> Iterator[tuple[str, Any]]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
+    _bounded(path)
+    # scipy's reader crashes on some damaged files.
+    survived(path)
     try:
         content = loadmat(path, simplify_cells=True)
     except (MatReadError, ValueError, TypeError, NotImplementedError, IndexError, EOFError, OSError, MemoryError) as error:
-        raise RecordingError(f"{path} cannot be read as a MATLAB file ({_first(error)}); save it again with save -v7") from None
+        raise RecordingError(f"{path} cannot be read as a MATLAB file ({reason(error)}); save it again with save -v7") from None
     except Exception as error:
         # scipy's parser and zlib raise whatever a damaged byte leads them to.
-        raise RecordingError(f"{path} is a damaged MATLAB file ({_first(error)}); copy it again from its source") from None
+        raise RecordingError(f"{path} is a damaged MATLAB file ({reason(error)}); copy it again from its source") from None
     for name, value in content.items():
-        if not name.startswith("__"):
+        if name == "None" or type(value).__name__ == "MatlabOpaque":
+            remarks.append("an object of a MATLAB class (timeseries, table ...) is left out; save its values as plain arrays")
+        elif not name.startswith("__"):
             yield from _flattened(name, value)
 
 
-def _flattened(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+def _bounded(path: Path) -> None:
+    # A variable that is compressed tells its size in its first bytes (MathWorks, "MAT-File Format", level 5): a few kilobytes
+    # must not become gigabytes.
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+        order = ">" if head[-2:] == b"MI" else "<"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}II", tag)
+            after = file.tell() + size
+            if kind == COMPRESSED:
+                with suppress(zlib.error, struct.error):
+                    begin = zlib.decompressobj().decompress(file.read(min(size, 1 << 10)), 8)
+                    declared = struct.unpack(f"{order}II", begin)[1]
+                    if declared > EXPANSION * size + SPARE:
+                        raise RecordingError(
+                            f"{path} declares {declared >> 20} MiB in {size} bytes; at most {EXPANSION} times as much as is "
+                            "stored is read, so save it again without compression"
+                        )
+            file.seek(after)
+
+
+def _flattened(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    if depth > DEEP:
+        return
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _flattened(f"{name}.{key}", inner)
-    elif isinstance(value, np.ndarray | int | float | np.number):
-        yield name, np.asarray(value)
+            yield from _flattened(f"{name}.{key}", inner, depth + 1)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        # A struct array or a cell array: its elements, in MATLAB's order.
+        for k, inner in enumerate(np.ravel(np.asarray(value, dtype=object), order="F")[:PARTS_MOST]):
+            yield from _flattened(f"{name}[{k}]", inner, depth + 1)
+    elif isinstance(value, np.ndarray | int | float | complex | str | np.number):
+        yield name, value
 
 
-def _version73(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
-    found: list[tuple[str, NDArray[Any]]] = []
-
-    def visit(name: str, item: object) -> None:
-        # "#refs#" holds what cells point to; MATLAB_empty marks a size in place of values.
-        if isinstance(item, h5py.Dataset) and not name.startswith("#") and not item.attrs.get("MATLAB_empty", 0):
-            found.append((name.replace("/", "."), np.asarray(item[()])))
-
+def _version73(path: Path) -> Iterator[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
     try:
-        with h5py.File(path, "r") as file:
-            file.visititems(visit)
-    except (OSError, RuntimeError, MemoryError) as error:
-        raise RecordingError(f"{path} is damaged ({_first(error)}); copy it again from its source") from None
+        with opened(path) as file:
+            for name in file:
+                if not name.startswith("#"):
+                    _visit(file, name, file[name], found, 0)
+    except RecordingError:
+        raise
+    except (OSError, RuntimeError, MemoryError, TypeError, ValueError, KeyError) as error:
+        raise RecordingError(f"{path} is damaged ({reason(error)}); copy it again from its source") from None
     yield from found
 
 
-def _first(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+def _visit(file: h5py.File, name: str, item: Any, found: list[tuple[str, Any]], depth: int) -> None:
+    # MATLAB_class says what the numbers of a dataset are; "#refs#" holds what cells and struct arrays point to.
+    if depth > DEEP or len(found) > PARTS_MOST:
+        return
+    if isinstance(item, h5py.Group):
+        if "MATLAB_sparse" not in item.attrs:
+            for key in item:
+                _visit(file, f"{name}.{key}", item[key], found, depth + 1)
+        return
+    # MATLAB_empty marks a size in place of values.
+    if not isinstance(item, h5py.Dataset) or item.attrs.get("MATLAB_empty", 0):
+        return
+    if _class_of(item) == "char":
+        if item.dtype.kind in "ui":
+            found.append((name, "".join(map(chr, np.asarray(item[()]).ravel(order="C").tolist()))))
+    elif item.dtype.kind in "biuf":
+        found.append((name, np.asarray(item[()])))
+    elif item.dtype.names == ("real", "imag"):
+        raw = item[()]
+        found.append((name, np.asarray(raw["real"] + 1j * raw["imag"])))
+    elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+        _referred(file, name, item, found, depth)
+
+
+def _referred(file: h5py.File, name: str, item: h5py.Dataset, found: list[tuple[str, Any]], depth: int) -> None:
+    # A cell array name{k}, or a field of a struct array: name(k).field is kept as name[k].field.
+    before, _, field = name.rpartition(".")
+    cell = _class_of(item) == "cell" or not before
+    for k, reference in enumerate(np.asarray(item[()]).ravel()[:PARTS_MOST]):
+        if reference:
+            _visit(file, f"{name}[{k}]" if cell else f"{before}[{k}].{field}", file[reference], found, depth + 1)
+
+
+def _class_of(item: h5py.Dataset) -> str:
+    value = item.attrs.get("MATLAB_class", b"")
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)

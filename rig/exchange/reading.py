@@ -6,13 +6,19 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
-from rig.errors import RecordingError
-from rig.exchange.table import ForeignTable
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.files.inputs import regular
 
 #: Reader by the ending of the name, as module:function; loaded when it is needed.
 READERS: Mapping[str, str] = {
-    ".mat": "matlab:read_matlab", ".csv": "text:read_text", ".txt": "text:read_text", ".tsv": "text:read_text",
-    ".dat": "text:read_text", ".uff": "uff:read_uff", ".unv": "uff:read_uff", ".tdms": "more:read_tdms", ".wav": "more:read_wav",
+    ".mat": "matlab:read_matlab",
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), "text:read_text"),
+    ".lvm": "lvm:read_lvm",
+    **dict.fromkeys((".uff", ".unv"), "uff:read_uff"),
+    ".tdms": "other_formats:read_tdms", ".wav": "other_formats:read_wav",
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), "hdf5:read_hdf5"),
+    ".json": "arrays:read_json", ".npy": "arrays:read_npy", ".npz": "arrays:read_npz",
 }  # fmt: skip
 
 
@@ -28,10 +34,11 @@ def read_foreign(path: Path) -> ForeignTable:
     if place is None:
         raise RecordingError(f"{path} ends in {path.suffix or 'nothing'}; files that can be imported end in {', '.join(READERS)}")
     try:
+        regular(path)
         if path.stat().st_size == 0:
             raise RecordingError(f"{path} is empty; export or copy it again")
         module, function = place.split(":")
-        reader: Callable[[Path], ForeignTable] = getattr(import_module(f"rig.exchange.{module}"), function)
+        reader: Callable[[Path], ForeignTable] = getattr(import_module(f"isorig.rig.exchange.{module}"), function)
         table = reader(path)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read ({error.strerror or error}); give the path of a file") from None

@@ -4,40 +4,71 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.measured import Spectrum
+from isorig.analysis.campaign import IntArray, Spectrum
+
+#: Columns that one array of several axes becomes at most.
+COLUMNS_MOST = 256
+
+#: The streamed gain in files whose `gain` is a run's one number.
+STREAMED = "gain_streamed"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A record of a file: its values as they stand there, shape (n,), its rate in Hz and its unit where the file says them."""
+    """A record of a file.
+
+    Parameters
+    ----------
+    values
+        As they stand there, shape (n,).
+    sample_rate
+        Hz, where the file says it.
+    unit
+        Unit of the physical value, as the file says it.
+    sensitivity
+        What the file's values are in that unit: physical value = values / sensitivity.
+    lost
+        Indices of samples that the file has no value of.
+    """
 
     values: NDArray[Any]
     sample_rate: float | None = None
     unit: str = ""
+    sensitivity: float = 1.0
+    lost: IntArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignTable:
-    """The columns of a file, the single numbers beside them, and spectra that it holds."""
+    """The columns of a file, the single numbers next to them, spectra that it holds, and remarks on what was found in it."""
 
     path: Path
     columns: Mapping[str, Column]
     numbers: Mapping[str, float] = field(default_factory=dict)
     spectra: tuple[Spectrum, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
-def columns_of(name: str, values: NDArray[Any], sample_rate: float | None = None, unit: str = "") -> dict[str, Column]:
-    """A vector as one column; a matrix as one column for each of its shorter side, called name[0], name[1] ..."""
+def vectors_of(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """A vector by its name; an array of more axes as vectors along its longest, called name[0], name[1] ... or name[0,2] ...
+
+    It is empty where the array would become more than `COLUMNS_MOST` vectors.
+    """
     values = np.squeeze(np.asarray(values))
     if values.ndim == 1:
-        return {name: Column(values=values, sample_rate=sample_rate, unit=unit)}
-    if values.ndim != 2:
+        return {name: values}
+    if values.ndim == 0 or values.size == 0:
         return {}
-    tall = values if values.shape[0] >= values.shape[1] else values.T
-    return {f"{name}[{k}]": Column(values=tall[:, k], sample_rate=sample_rate, unit=unit) for k in range(tall.shape[1])}
+    along = np.moveaxis(values, int(np.argmax(values.shape)), 0)
+    if values.size // along.shape[0] > COLUMNS_MOST:
+        return {}
+    flat = along.reshape(along.shape[0], -1)
+    places = product(*(range(n) for n in along.shape[1:]))
+    return {f"{name}[{','.join(map(str, place))}]": flat[:, k] for k, place in enumerate(places)}

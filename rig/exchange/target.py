@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from analysis.measured import Campaign
-from rig.errors import PlanError
-from rig.exchange import exporting
-from rig.recording import open_recording
-from rig.transfer import transfer_functions
+from isorig.analysis.campaign import Campaign
+from isorig.rig.errors import PlanError
+from isorig.rig.exchange import exporting
+from isorig.rig.files.recording import open_recording
+from isorig.rig.transfer import transfer_functions
 
 ENDINGS = (".mat", ".uff", ".csv", ".parquet")
 
@@ -42,7 +42,7 @@ def export_campaign(
     if ending == ".mat":
         exporting.write_matlab(exporting.frf_tree(found), output)
     elif ending == ".uff":
-        exporting.write_uff(exporting.frf_sets(found), output)
+        exporting.write_uff(exporting.frf_sets(found, campaign), output)
     else:
         exporting.write_frame(exporting.frf_frame(found), output)
     return [output]

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.characterize import Characterization
-from analysis.isolation import broad, stuck_share
-from analysis.measured import Campaign, Run
-from rig.report.sections import words
+from isorig.analysis.campaign import Campaign, Run, broad
+from isorig.analysis.isolation.ratio import stuck_share
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.rig.report.sections import words
 
+#: What is said where nothing is missing.
+NOTHING = "The model serves rig predict, rig isolation and rig design as it is."
 #: Share of time stuck above which a gain tells nothing of the isolation, and rms force over friction that mostly slides.
 STUCK, SLIDES = 0.5, 1.2
 
 
 def advice(campaign: Campaign, found: Characterization) -> list[str]:
-    """Sentences: what to drive harder, where a second gain is missing, what stays unknown, what to hold out."""
+    """Sentences, most pressing first: what to drive harder, where a second gain is missing, what stays unknown, what to hold out.
+
+    None where nothing is missing.
+    """
     told = [] if found.adequate else ["Run rig diagnose on this recording: it looks for the cause of what is left."]
     friction = found.table["friction_force"].value
     unlocked = {run.gain: run for run in broad(campaign.select(configuration="unlocked"))}
@@ -34,7 +39,7 @@ def advice(campaign: Campaign, found: Characterization) -> list[str]:
         )
     if not any(run.use == "holdout" for run in campaign.runs):
         told.append('Record one run more and mark it use = "holdout": a model judged on a run of its own is judged harder.')
-    return told or ["Nothing is missing: the model serves rig predict, rig isolation and rig design as it is."]
+    return told
 
 
 def _stuck(found: Characterization, run: Run, friction: float) -> str:

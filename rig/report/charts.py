@@ -9,10 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.measured import FloatArray
+from isorig.analysis.campaign import FloatArray
 
 #: What a trace stands for; the page gives each its colour, dark and light.
 Role = Literal["measured", "simulated", "extended", "noise", "first", "second", "third", "fourth", "fifth", "sixth"]
+Style = Literal["solid", "dash", "dot", "markers", "points", "bars"]
 SERIES: tuple[Role, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
 #: Most points of a trace: more than this no screen shows.
 MOST_POINTS = 1500
@@ -29,13 +30,13 @@ class Trace:
     x, y
         Values, shape (n,); `x` may be names for bars. NaN breaks the line.
     spread
-        Half width of the error band, shape (n,).
+        Half width of the error band, or of the bars where single points are drawn, shape (n,).
     role
         What it stands for.
     panel
         Which panel it is drawn in, from the top.
     style
-        How it is drawn.
+        How it is drawn; "points" are markers with error bars.
     """
 
     name: str
@@ -44,17 +45,41 @@ class Trace:
     spread: FloatArray | None = None
     role: Role = "measured"
     panel: int = 0
-    style: Literal["solid", "dash", "dot", "markers", "bars"] = "solid"
+    style: Style = "solid"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """A vertical axis: its label, whether it is logarithmic, its ends where fixed, its share of the height."""
+    """A vertical axis.
+
+    Parameters
+    ----------
+    label
+        Its label, of one or more lines.
+    log
+        Whether it is logarithmic.
+    ends
+        Its ends, where they are fixed.
+    height
+        Its share of the chart's height.
+    step
+        Distance of its ticks, where it is fixed.
+    """
 
     label: str
     log: bool = False
     ends: tuple[float, float] | None = None
     height: float = 1.0
+    step: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mark:
+    """A stretch of the common axis that is shaded in one panel."""
+
+    begin: float
+    end: float
+    panel: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +96,12 @@ class Chart:
         What is drawn.
     x_label, x_log, x_ends
         The common axis.
+    x_date
+        Whether the axis shows dates; x is in days since 1970.
     link
         Charts of one link zoom together.
+    marks
+        What is shaded.
     """
 
     name: str
@@ -82,16 +111,28 @@ class Chart:
     x_label: str = "frequency, Hz"
     x_log: bool = True
     x_ends: tuple[float, float] | None = None
+    x_date: bool = False
     link: str | None = None
+    marks: Sequence[Mark] = ()
+
+    @property
+    def bars(self) -> int:
+        """How many bars stand below one another; 0 where there are none. Every one gets its label."""
+        shown = [trace for trace in self.traces if trace.style == "bars"]
+        return len(shown[0].x) * max(1, len(shown)) if shown else 0
 
     def to_tree(self) -> dict[str, Any]:
         """The chart as plain values for the page's script, arrays as float32 in base64."""
         return {
             "name": self.name,
-            "panels": [{"label": p.label, "log": p.log, "ends": _ends(p.ends, p.log), "height": p.height} for p in self.panels],
+            "panels": [
+                {"label": p.label, "log": p.log, "ends": _ends(p.ends, p.log), "height": p.height, "step": p.step}
+                for p in self.panels
+            ],
             "traces": [_trace(trace) for trace in self.traces],
-            "x": {"label": self.x_label, "log": self.x_log, "ends": _ends(self.x_ends, self.x_log)},
+            "x": {"label": self.x_label, "log": self.x_log, "ends": _ends(self.x_ends, self.x_log), "date": self.x_date},
             "link": self.link,
+            "marks": [{"begin": m.begin, "end": m.end, "panel": m.panel} for m in self.marks],
         }
 
 

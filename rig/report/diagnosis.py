@@ -5,22 +5,38 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from analysis.diagnose.diagnosis import Diagnosis
-from analysis.diagnose.step import Step
-from analysis.measured import Campaign
-from rig.report.charts import Role
-from rig.report.frequency import frequency_sections
-from rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
-from rig.report.page import Report, Section, Table, build_report
-from rig.report.sections import number, parameters_table, provenance_section, runs_section, words
-from rig.report.surface import surface_charts
+import numpy as np
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.diagnose.step import Curve, Step
+from isorig.rig.report.charts import Chart, Panel, Role, Trace
+from isorig.rig.report.frequency import frequency_sections
+from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
+from isorig.rig.report.page import Report, Section, Table, build_report
+from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, words
+from isorig.rig.report.surface import surface_charts
 
 VERDICTS = {
     "adequate": "Adequate: the baseline explains the data to the noise.",
-    "explained": "Explained: the named cause accounts for what the baseline got wrong.",
-    "partly explained": "Partly explained: a cause is certain, and a misfit beyond it remains.",
-    "unexplained": "Unexplained: the baseline misfits, and no cause in the catalogue earns its name.",
+    "explained": "Explained: what is named removes at least 80 % of the baseline's reproducible excess error.",
+    "partly explained": "Partly explained: at least one cause is certain; a reproducible error beyond it remains.",
+    "unexplained": "Unexplained: the baseline misfits, and no place and kind of cause is certain enough to be named.",
 }
+KINDS: dict[Kind, str] = {
+    "spring_shape": "a spring's force over deflection",
+    "damping_shape": "a damper's force over speed",
+    "friction_shape": "a dry friction level",
+    "memory": "a force that depends on the motion before",
+    "drift": "a value that changes over the session",
+    "added_motion": "a further degree of freedom",
+    "known_value": "a value taken as known",
+    "sensor": "a sensor's static curve or transfer function",
+}
+CUT_SHORT = "The search for causes was ended by the time limit and may have missed causes."
+DOUBTFUL = "Check units, channels and given values first: something here is as hardly any rig has it."
+UNEXPLAINED_SO_FAR = "Unexplained so far: the baseline misfits, and the time was over before a cause was named."
 EVIDENCE = (
     "Every figure is taken from the record and from the fitted baseline's simulation under the same drive; what estimation does "
     "to it cancels, and only the difference counts."
@@ -65,10 +81,12 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
             charts=surface_charts(diagnosis.baseline.model, diagnosis.beside),
         ),
-        *(_named(step) for step in diagnosis.steps),
+        *(_named(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)),
+        _considered(diagnosis),
+        _budget(diagnosis),
         Section(
-            title="Gain on held-out data",
-            text=[_gained(diagnosis), content["holdout"]["how"]],
+            title="Improvement on held-out data",
+            text=[_improvement(diagnosis), content["holdout"]["how"]],
             charts=[scores_chart(scores, diagnosis.division.judged)],
         ),
         Section(title="Advice for the next measurement", text=advice(diagnosis)),
@@ -76,49 +94,119 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
     ]
     report = Report(
         title=f"Diagnosis of {Path(campaign.source).name}",
-        verdict=VERDICTS[diagnosis.verdict],
+        verdict=_verdict(diagnosis),
         summary=_summary(diagnosis),
         sections=sections,
     )
     return build_report(report)
 
 
-def _gained(diagnosis: Diagnosis) -> str:
-    before, after = (f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in (diagnosis.gain.before, diagnosis.gain.after))
+def _verdict(diagnosis: Diagnosis) -> str:
+    said = VERDICTS[diagnosis.verdict]
+    if diagnosis.cut_short and diagnosis.verdict == "unexplained":
+        said = UNEXPLAINED_SO_FAR
+    return f"{DOUBTFUL} {said}" if diagnosis.doubts else said
+
+
+def _improvement(diagnosis: Diagnosis) -> str:
+    before, after = (
+        f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in (diagnosis.improvement.before, diagnosis.improvement.after)
+    )
     if not diagnosis.steps:
         return f"The baseline's error lies between {before} of the signal (95 % interval of resampled blocks)."
-    low, high = diagnosis.gain.removed_interval
+    low, high = diagnosis.improvement.removed_interval
     return (
         f"The baseline's error lies between {before} of the signal, the extended model's between {after}: "
-        f"{100 * diagnosis.gain.removed:.3g} % of what stood above the floor is gone ({100 * low:.3g} to {100 * high:.3g} %; "
-        "95 % intervals of resampled blocks)."
+        f"{100 * diagnosis.improvement.removed:.3g} % of what stood above the floor is gone ({100 * low:.3g} to "
+        f"{100 * high:.3g} %; 95 % intervals of resampled blocks)."
     )
 
 
 def _summary(diagnosis: Diagnosis) -> list[str]:
     errors = (diagnosis.baseline_error, diagnosis.extended_error, diagnosis.floor)
     before, after, floor = (f"{100 * error:.2g} %" for error in errors)
-    gained = f", the extended model by {after}" if diagnosis.steps else ""
-    told = [
-        f"On data that took no part in any fit the baseline errs by {before} of the signal{gained}; "
-        f"a perfect model would err by {floor}, the sensors' noise."
+    extended = f", the extended model by {after}" if diagnosis.steps else ""
+    told = [doubt.text for doubt in diagnosis.doubts] + [
+        f"On data that took no part in any fit the baseline errs by {before} of the signal{extended}; "
+        f"a perfect model would err by {floor}: the sensors' noise, and what runs of one drive do not share."
     ]
-    for step in diagnosis.steps:
+    if diagnosis.cut_short:
+        told.append(CUT_SHORT)
+    for step, (share, low, high) in zip(diagnosis.steps, diagnosis.shares, strict=True):
         values = ", ".join(f"{words(k)} {v:.4g} ± {d:.1g} {u}" for k, (v, d, u) in step.parameters.items())
-        told.append(f"Named: {words(step.cause)} at {step.location}" + (f", {values}." if values else "."))
+        removed = f"it removes {100 * share:.3g} % ({100 * low:.3g} to {100 * high:.3g} %) of the baseline's reproducible excess"
+        told.append(f"Named: {_what(step)} at {step.location}; {removed}" + (f"; {values}." if values else "."))
     return told
 
 
-def _named(step: Step) -> Section:
-    told = [*step.evidence, f"It beats every rival in {100 * step.confidence:.0f} % of resampled held-out blocks."]
+def _what(step: Step) -> str:
+    # The form, or the kind where no form comes within reach of the free shape.
+    return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
+
+
+def _named(step: Step, share: tuple[float, float, float]) -> Section:
+    told = [*step.evidence, f"It beats every rival in {100 * step.confidence:.0f} % of resampled held-out data."]
     told += [f"The data cannot tell it apart from {words(cause)} at {place}." for cause, place in step.indistinguishable]
+    charts = []
+    if step.curve is not None:
+        told.append(
+            f"A free shape was fitted: the curve below is what the data choose over {step.curve.over}. No law of this kind at "
+            "this place can do better, and the extended model carries the curve."
+        )
+        charts.append(_curve_chart(step, step.curve))
+    if step.closest is not None:
+        told.append(
+            f"The nearest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % where the free "
+            f"shape removes {100 * share[0]:.3g} %, so it is not named."
+        )
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
-    rivals = [(words(r.cause), r.location, number(r.holdout_error, 3)) for r in step.rivals]
-    if rivals:
-        told.append(f"Its own held-out error is {step.after:.3g}; the rivals were fitted in full to the same data.")
-        tables.append(Table(columns=("rival", "location", "held-out error"), rows=rivals, caption="Rivals, best first."))
-    return Section(title=f"Named: {words(step.cause)} ({step.location})", text=told, tables=tables)
+    return Section(title=f"Named: {_what(step)} ({step.location})", text=told, tables=tables, charts=charts)
+
+
+def _curve_chart(step: Step, curve: Curve) -> Chart:
+    x, value, std = (np.array(column) for column in zip(*curve.points, strict=True))
+    quantity = {"deflection": "force", "speed": "force", "position": "friction force", "time": "value"}.get(curve.over, "value")
+    low, high = curve.reached
+    return Chart(
+        name=f"curve-{step.location}",
+        caption=f"{step.location}: {quantity} over {curve.over}, with one standard deviation. The runs reached {low:.3g} to "
+        f"{high:.3g} {curve.unit}; beyond that the curve is an extrapolation.",
+        panels=[Panel(label=f"{quantity}, {curve.value_unit}")],
+        traces=[Trace(name="free shape", x=x, y=value, spread=std, role="extended")],
+        x_label=f"{curve.over}, {curve.unit}", x_log=False,
+    )  # fmt: skip
+
+
+def _considered(diagnosis: Diagnosis) -> Section:
+    rows = [
+        (
+            words(told.cause), told.location, "" if told.holdout_error is None else number(told.holdout_error, 3),
+            "" if told.share is None else f"{100 * max(told.share, 0.0):.3g} %", told.standing, told.why,
+        )
+        for told in diagnosis.told
+    ]  # fmt: skip
+    columns = ("cause", "location", "held-out error", "share removed", "standing", "why")
+    text = ["Every cause that was fitted, and those that these runs could not have shown."] if rows else ["None was needed."]
+    return Section(title="All causes considered", text=text, tables=[Table(columns=columns, rows=rows)] if rows else [])
+
+
+def _budget(diagnosis: Diagnosis) -> Section:
+    before, after = (budget.shares for budget in diagnosis.budgets)
+    rows = [
+        (nature, *(f"{100 * v:.3g} % ({100 * low:.3g} to {100 * high:.3g})" for v, low, high in (before[nature], after[nature])))
+        for nature in before
+    ]
+    return Section(
+        title="What the error consists of",
+        text=[diagnosis.budgets[0].how],
+        tables=[
+            Table(
+                columns=("nature", "baseline", "extended model"), rows=rows,
+                caption="Shares of the held-out error's power, with 95 % intervals over resampled runs.",
+            )
+        ],
+    )  # fmt: skip
 
 
 def advice(diagnosis: Diagnosis) -> list[str]:

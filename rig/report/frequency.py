@@ -6,29 +6,44 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from analysis.errors import DataError
-from analysis.measured import Campaign
-from analysis.model import RigModel
-from rig.compared import Compared, compared_isolation, told
-from rig.prediction import predicted
-from rig.report.charts import SERIES, Chart, Panel, Role, Trace, spread_over
-from rig.report.page import Section
-from rig.transfer import Transfer, transfer_functions
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.isolation_comparison import Compared, Model, compared_isolation, told
+from isorig.rig.prediction import predicted
+from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
+from isorig.rig.report.page import Section
+from isorig.rig.report.sections import per
+from isorig.rig.transfer import Transfer, transfer_functions
 
 
 def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
     """Transfer functions and the isolation ratio, measured and as a model simulates the same runs; or why there are none."""
-    sections = []
+    found, why = isolation_of(campaign, model)
+    sections = [transfer_section(campaign, model)]
+    if found is not None:
+        sections.append(isolation_section(found))
+    elif why:
+        sections.append(Section(title="Isolation ratio", text=[why]))
+    return sections
+
+
+def transfer_section(campaign: Campaign, model: RigModel) -> Section:
+    """Transfer functions, measured and as a model simulates the same runs; or why there are none."""
     try:
-        sections.append(frf_section(campaign, predicted(model, campaign, as_recorded=True), model.drive.channel))
+        return frf_section(campaign, predicted(model, campaign, as_recorded=True), model.drive.channel)
     except DataError as error:
-        sections.append(Section(title="Transfer functions", text=[f"None: {error}."]))
+        return Section(title="Transfer functions", text=[f"None: {error}."])
+
+
+def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
+    """The isolation ratio measured and simulated, or None and why; no reason where the rig cannot be locked at all."""
     if "locked" not in model.configurations:
-        return sections
+        return None, ""
     try:
-        return [*sections, isolation_section(compared_isolation(campaign, model))]
+        return compared_isolation(campaign, [Model(name="simulated", rig=model)]), ""
     except DataError as error:
-        return [*sections, Section(title="Isolation ratio", text=[f"None: {error}."])]
+        return None, f"None: {error}."
 
 
 def frf_section(campaign: Campaign, simulated: Campaign, reference: str) -> Section:
@@ -41,21 +56,31 @@ def frf_section(campaign: Campaign, simulated: Campaign, reference: str) -> Sect
         "drive has power. Bands show one standard deviation. A coherence below 1 means noise, friction or another nonlinearity."
     ]
     charts = [
-        _frf_chart([m for m in measured if m.frf.response == name], [m for m in other if m.frf.response == name])
+        _frf_chart(
+            [m for m in measured if m.frf.response == name],
+            [m for m in other if m.frf.response == name],
+            per(_unit(campaign, name), _unit(campaign, first.reference)),
+        )
         for name in names
     ]
     return Section(title="Transfer functions", text=text, charts=charts)
 
 
-def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer]) -> Chart:
+def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer], ratio_unit: str) -> Chart:
     colours: dict[str, Role] = {item.label: SERIES[k % len(SERIES)] for k, item in enumerate(measured)}
     traces = []
-    for item in measured:
+    for item in sorted(measured, key=lambda m: m.configuration == "locked"):
         frf, role = item.within_band(), colours[item.label]
         kept = spread_over(frf.frequency)
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        traces.append(Trace(name=item.label, x=f, y=size, spread=frf.magnitude_std[kept], role=role))
-        traces.append(Trace(name=item.label, x=f, y=frf.coherence[kept], role=role, panel=1))
+        # Locked curves are dashed over the unlocked ones: a motor that is stuck makes the two the same.
+        style: Style = "dash" if item.configuration == "locked" else "solid"
+        turned = np.degrees(np.angle(frf.value[kept]))
+        traces += [
+            Trace(name=item.label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
+            Trace(name=item.label, x=f, y=_unjoined(turned), role=role, panel=1, style=style),
+            Trace(name=item.label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
+        ]
     for item in simulated:
         frf = item.within_band()
         kept = spread_over(frf.frequency)
@@ -65,29 +90,51 @@ def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer]) -> C
     return Chart(
         name=f"frf-{about.response}", caption=f"{about.response} over {about.reference}.",
         panels=[
-            Panel(label=f"|{about.response} / {about.reference}|", log=True, height=2.0),
-            Panel(label="coherence", ends=(0.0, 1.0)),
+            Panel(label=f"|{about.response} / {about.reference}|, {ratio_unit}", log=True, height=2.0),
+            Panel(label="phase, °", ends=(-185.0, 185.0), step=90.0),
+            Panel(label="coherence", ends=(0.0, 1.02)),
         ],
         traces=traces, link="frequency",
     )  # fmt: skip
 
 
+def _unit(campaign: Campaign, channel: str) -> str:
+    return next((run.channels[channel].unit for run in campaign.runs if channel in run.channels), "1")
+
+
+def _unjoined(degrees: FloatArray) -> FloatArray:
+    # Where a phase wraps from one end to the other, no line is drawn across.
+    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0)
+    shown = degrees.copy()
+    shown[wraps] = np.nan
+    return shown
+
+
 def isolation_section(found: Compared) -> Section:
     """The isolation ratio with its sentences."""
+    return Section(title="Isolation ratio", text=told(found), charts=[isolation_chart(found)])
+
+
+def isolation_chart(found: Compared) -> Chart:
+    """The isolation ratio, measured and simulated, with the lines at which the motor mostly sticks."""
     roles: Mapping[str, Role] = {"measured": "measured", "simulated": "simulated"}
     traces = []
     for name, ratio in found.ratios.items():
         kept = spread_over(ratio.frequency)
         traces.append(
-            Trace(name=name, x=ratio.frequency[kept], y=ratio.ratio[kept], spread=ratio.std[kept], role=roles[name])
+            Trace(
+                name=name, x=ratio.frequency[kept], y=ratio.ratio[kept], spread=ratio.std[kept], role=roles[name],
+                style="solid" if name == "measured" else "dash",
+            )
         )  # fmt: skip
     ratio = found.measured
     stuck = np.isin(ratio.gain, [gain for gain, share in found.stuck.items() if share > 0.5])
     if stuck.any():
         ends = ratio.frequency[stuck][[0, -1]]
-        traces.append(Trace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dash"))
-    chart = Chart(
-        name="isolation-ratio", caption="Acceleration of the heatblock per acceleration of the head, unlocked over locked.",
-        panels=[Panel(label="unlocked / locked", log=True)], traces=traces, link="frequency",
+        traces.append(Trace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dot"))
+    return Chart(
+        name="isolation-ratio",
+        caption="Acceleration of the heatblock per acceleration of the head, unlocked over locked: 1 means no isolation, "
+        "0.1 that a tenth passes.",
+        panels=[Panel(label="ratio, unlocked / locked", log=True)], traces=traces, link="frequency",
     )  # fmt: skip
-    return Section(title="Isolation ratio", text=told(found), charts=[chart])

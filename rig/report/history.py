@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import hypot
 
-from analysis.characterize import Characterization
-from rig.characterized import ParameterFile
-from rig.report.page import Section, Table
-from rig.report.sections import number, words
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.rig.files.parameter_table import ParameterFile
+from isorig.rig.report.page import Section, Table
+from isorig.rig.report.sections import number, words
 
 #: Deviations from which on a change counts.
 CHANGED = 3.0

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnose.judge import Score
-from analysis.measured import FloatArray
-from analysis.model import RigModel
-from analysis.trials import Trial, expected
-from rig.report.charts import Chart, Panel, Role, Trace, spread_over
-from rig.report.sections import label
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.score import Score
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.report.charts import Chart, Panel, Role, Trace, spread_over
+from isorig.rig.report.sections import label, unit
 
 #: Points of an amplitude spectrum, segments behind it, and seconds of a stretch of time.
 LINES = 400
@@ -36,10 +36,11 @@ def distinct(trials: Sequence[Trial]) -> list[Trial]:
 
 def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
     """A chart per kind of run: spectra of what was measured, of each model's error, and the noise."""
-    return [_misfit_chart(trial, models) for trial in distinct(trials)]
+    about = ": amplitude density of each channel and of what the model gets wrong."
+    return [_misfit_chart(trial, models, about if k == 0 else ".") for k, trial in enumerate(distinct(trials))]
 
 
-def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated]) -> Chart:
+def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated], about: str) -> Chart:
     rate = trial.sample_rate
     traces = []
     for panel, name in enumerate(trial.channels):
@@ -55,8 +56,8 @@ def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated]) ->
             traces.append(Trace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
     return Chart(
         name=f"misfit-{trial.run.id}",
-        caption=f"{label(trial.run)}: amplitude density per √Hz of each channel and of what the model gets wrong.",
-        panels=[Panel(label=name, log=True) for name in trial.channels],
+        caption=f"{label(trial.run)}{about}",
+        panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}/√Hz", log=True) for name in trial.channels],
         traces=traces,
         link="spectra",
     )
@@ -72,7 +73,7 @@ def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]
 
 def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
     """A stretch of held-out time of each kind of unlocked run: measured, and each model running free."""
-    charts = []
+    charts: list[Chart] = []
     for trial in [t for t in distinct(trials) if t.run.configuration == "unlocked"] or distinct(trials):
         rate = trial.sample_rate
         part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
@@ -86,8 +87,11 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
         charts.append(
             Chart(
                 name=f"time-{trial.run.id}",
-                caption=f"{label(trial.run)}: {SECONDS:g} s that no fit has seen; the model ran free from the run's start.",
-                panels=[Panel(label=f"{name}, {trial.run.channel(name).unit}") for name in trial.channels],
+                # What is said once holds for all.
+                caption=f"{label(trial.run)}."
+                if charts
+                else f"{label(trial.run)}: {SECONDS:g} s that no fit has seen; the model ran free from the run's start.",
+                panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}") for name in trial.channels],
                 traces=traces,
                 x_label="time, s",
                 x_log=False,
@@ -102,7 +106,7 @@ def scores_chart(scores: Mapping[tuple[str, Role], Score], trials: Sequence[Tria
     return Chart(
         name="held-out-error",
         caption="rms(predicted − measured) / rms(measured) of each run and channel over the part that no fit has seen.",
-        panels=[Panel(label="", height=1.0)] * max(1, len(names) // 7),
+        panels=[Panel(label="")],
         traces=[
             Trace(name=title, x=names, y=score.error.ravel(), role=role, style="bars") for (title, role), score in scores.items()
         ],

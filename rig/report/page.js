@@ -15,10 +15,15 @@
     const bytes = Uint8Array.from(atob(box.bdata), (c) => c.charCodeAt(0));
     return Array.from(new Float32Array(bytes.buffer));
   };
-  for (const chart of charts)
-    for (const trace of chart.traces)
+  function unpack(chart) {
+    for (const trace of chart.traces) {
       for (const key of ["x", "y", "spread"]) if (trace[key]) trace[key] = numbers(trace[key]);
+      if (chart.x.date) trace.x = trace.x.map(moment);
+    }
+  }
 
+  const moment = (days) => (Number.isFinite(days) ? new Date(days * 864e5).toISOString() : null);
+  const across = (chart, x) => (chart.x.date ? moment(x) : x);
   const axis = (panel) => (panel ? `y${panel + 1}` : "y");
   const faded = (colour) => colour + "38";
 
@@ -27,7 +32,7 @@
     for (const t of chart.traces) {
       const colour = colours[theme][t.role];
       const base = { yaxis: axis(t.panel), legendgroup: t.name, name: t.name, hoverlabel: { namelength: -1 } };
-      if (t.spread) {
+      if (t.spread && t.style !== "points") {
         const log = chart.panels[t.panel].log;  // a band that reaches zero would open the axis to nowhere
         const hidden = { ...base, type: "scatter", mode: "lines", line: { width: 0 }, showlegend: false, hoverinfo: "skip", x: t.x };
         out.push({ ...hidden, y: t.y.map((v, i) => log ? Math.max(v - t.spread[i], v / 3) : v - t.spread[i]) });
@@ -38,9 +43,10 @@
       if (t.style === "bars") {
         out.push({ ...base, type: "bar", orientation: "h", x: t.y, y: t.x, marker: { color: colour }, showlegend: first });
       } else {
-        const points = t.style === "markers";
+        const points = t.style === "markers" || t.style === "points";
         out.push({ ...base, type: "scatter", mode: points ? "markers" : "lines", x: t.x, y: t.y, showlegend: first,
-          line: { color: colour, width: 1.5, dash: points ? "solid" : t.style }, marker: { color: colour, size: 6 } });
+          line: { color: colour, width: 1.5, dash: points ? "solid" : t.style }, marker: { color: colour, size: 6 },
+          ...(t.style === "points" && t.spread ? { error_y: { type: "data", array: t.spread, color: colour, thickness: 1, width: 0 } } : {}) });
       }
     }
     return out;
@@ -53,7 +59,7 @@
     return Math.log10(high / low);
   }
 
-  function layout(chart, theme, narrow) {
+  function layout(chart, theme, narrow, width) {
     const ink = theme === "dark" ? "#e6e8ea" : "#1c2024", line = theme === "dark" ? "#33393f" : "#d9dce0";
     const style = { color: ink, gridcolor: line, zerolinecolor: line, linecolor: line, ticks: "outside", automargin: true };
     const total = chart.panels.reduce((sum, p) => sum + p.height, 0), gap = 0.05;
@@ -62,33 +68,38 @@
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "keep", barmode: "group",
       modebar: { bgcolor: "rgba(0,0,0,0)", color: theme === "dark" ? "#78818a" : "#9aa1a8", activecolor: ink },
       font: { family: "system-ui, sans-serif", size: narrow ? 11 : 13, color: ink },
-      margin: { l: narrow ? 46 : 62, r: 8, t: narrow ? 30 : 56, b: 44 }, hovermode: bars ? "closest" : "x unified", hoverlabel: { bgcolor: theme === "dark" ? "#20252a" : "#fff" },
+      ...(width ? { width } : { autosize: true }),
+      margin: { l: narrow ? 46 : 62, r: 20, t: narrow ? 30 : 56, b: 44 }, hovermode: bars ? "closest" : "x unified", hoverlabel: { bgcolor: theme === "dark" ? "#20252a" : "#fff" },
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
       xaxis: { ...style, title: { text: chart.x.label, standoff: 6 }, type: chart.x.log ? "log" : "linear", anchor: axis(chart.panels.length - 1) },
     };
+    if (chart.x.date) out.xaxis.type = "date";
+    out.shapes = chart.marks.map((m) => ({ type: "rect", xref: "x", yref: `${axis(m.panel)} domain`, x0: across(chart, m.begin), x1: across(chart, m.end),
+      y0: 0, y1: 1, line: { width: 0 }, fillcolor: faded(colours[theme].second), layer: "below" }));
     if (chart.x.log) Object.assign(out.xaxis, { dtick: "D2", tickformat: "~g", minor: { showgrid: false } });
     if (chart.x.ends) out.xaxis.range = chart.x.ends;
     let top = 1;
     chart.panels.forEach((p, i) => {
       const height = ((1 - gap * (chart.panels.length - 1)) * p.height) / total;
-      const y = { ...style, title: { text: p.label, standoff: 4 }, type: p.log ? "log" : "linear", domain: [Math.max(top - height, 0), top] };
+      const y = { ...style, title: { text: p.label.replaceAll("\n", "<br>"), standoff: 4 }, type: p.log ? "log" : "linear", domain: [Math.max(top - height, 0), top] };
       if (p.log) Object.assign(y, decades(chart, i) < 2 ? { dtick: "D2", tickformat: ".2~g" } : { dtick: 1, exponentformat: "power" });
       if (p.ends) y.range = p.ends;
+      if (p.step) y.dtick = p.step;
       out[i ? `yaxis${i + 1}` : "yaxis"] = y;
       top -= height + gap;
     });
     if (bars) {
-      Object.assign(out.yaxis, { type: "category", autorange: "reversed", title: {} , ticks: ""});
+      Object.assign(out.yaxis, { type: "category", autorange: "reversed", title: {} , ticks: "", dtick: 1 });
       out.xaxis.anchor = "y";
     }
     return out;
   }
 
-  function draw(number, theme = dark() ? "dark" : "light") {
+  function draw(number, theme = dark() ? "dark" : "light", width = 0) {
     const div = place(number);
     const narrow = div.clientWidth < 560;
-    return Plotly.react(div, traces(charts[number], theme), layout(charts[number], theme, narrow), {
-      responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover",
+    return Plotly.react(div, traces(charts[number], theme), layout(charts[number], theme, narrow && !width, width), {
+      responsive: !width, displaylogo: false, displayModeBar: narrow ? false : "hover",
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { filename: charts[number].name, format: "svg" },
     });
@@ -102,7 +113,7 @@
     const change = range ? { "xaxis.range": range } : event["xaxis.autorange"] ? { "xaxis.autorange": true } : null;
     if (!change) return;
     following = true;
-    Promise.all(charts.map((other, i) => (i !== number && other.link === link ? Plotly.relayout(place(i), change) : null)))
+    Promise.all(charts.map((other, i) => (i !== number && other.link === link && drawn.has(i) ? Plotly.relayout(place(i), change) : null)))
       .finally(() => { following = false; });
   }
 
@@ -129,14 +140,24 @@
     });
   }
 
-  const all = (theme) => Promise.all(charts.map((_, i) => draw(i, theme)));
-  all().then(() => {
-    charts.forEach((_, i) => { place(i).on("plotly_relayout", (event) => follow(i, event)); offer(i); });
-    root.dataset.drawn = String(charts.length);
-  });
+  // What a hidden page holds is drawn when the page is first opened.
+  const drawn = new Set();
+  const all = (theme, width) => Promise.all([...drawn].map((i) => draw(i, theme, width)));
+  const PAPER = 690;  // pixels between the margins of an A4 or letter page
+  function show() {
+    const fresh = charts.map((_, i) => i).filter((i) => !drawn.has(i) && place(i).offsetParent !== null);
+    return Promise.all(fresh.map((i) => {
+      unpack(charts[i]);
+      drawn.add(i);
+      return draw(i).then(() => { place(i).on("plotly_relayout", (event) => follow(i, event)); offer(i); });
+    })).then(() => { root.dataset.drawn = String(drawn.size); });
+  }
+  show();
+  addEventListener("load", show);  // by then a link from outside has opened its page
+  addEventListener("hashchange", show);
   document.getElementById("theme").addEventListener("click", () => { root.dataset.theme = dark() ? "light" : "dark"; all(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => all());
   let before;
-  addEventListener("beforeprint", () => { before = root.dataset.theme; root.dataset.theme = "light"; all("light"); });
+  addEventListener("beforeprint", () => { before = root.dataset.theme; root.dataset.theme = "light"; all("light", PAPER); });
   addEventListener("afterprint", () => { if (before) root.dataset.theme = before; else delete root.dataset.theme; all(); });
 })();

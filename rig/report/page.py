@@ -10,17 +10,37 @@ from typing import Any
 import jinja2
 import msgspec
 
-from rig.report.charts import Chart
+from isorig.rig.report.charts import Chart
 
 HERE = Path(__file__).parent
 
 
 @dataclass(frozen=True, kw_only=True)
+class Link:
+    """A cell that leads to another page of the same report."""
+
+    text: str
+    page: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sparkline:
+    """A cell with a small picture of a series (`sparkline`): the points of its line, and of what is marked on it."""
+
+    points: str
+    marks: Sequence[tuple[float, float]]
+    told: str
+
+
+Cell = str | Link | Sparkline
+
+
+@dataclass(frozen=True, kw_only=True)
 class Table:
-    """Rows of words and numbers under their heads, and what they show."""
+    """Rows of words, numbers, links and small pictures under their heads, and what they show."""
 
     columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[Cell]]
     caption: str = ""
 
 
@@ -35,21 +55,68 @@ class Section:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Answer:
+    """A question that the first screen answers: the answer in a few words, and sentences beside it."""
+
+    question: str
+    short: str
+    text: Sequence[str] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class First:
+    """What is seen before anything is scrolled.
+
+    Parameters
+    ----------
+    sketch
+        The rig as SVG; only ever our own drawing, whose names are escaped.
+    measured
+        What was measured, and the table of channels.
+    answers
+        The questions of someone who decides.
+    picture
+        The one picture.
+    """
+
+    sketch: str
+    measured: Section
+    answers: Sequence[Answer]
+    picture: Chart | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page behind the first one, in the same file: shown alone where a link leads to it."""
+
+    name: str
+    title: str
+    verdict: str
+    sections: Sequence[Section]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Report:
-    """What a report says first, and its sections."""
+    """What a report says first, its sections, and the pages behind them."""
 
     title: str
     verdict: str
     summary: Sequence[str]
     sections: Sequence[Section]
+    first: First | None = None
+    pages: Sequence[Page] = ()
 
 
 def build_report(report: Report) -> str:
     """The page as HTML. Whatever comes from a file is escaped; nothing is fetched when it is opened."""
-    charts = [chart for section in report.sections for chart in section.charts]
+    first = [report.first.picture] if report.first is not None and report.first.picture is not None else []
+    sections = [*report.sections, *(section for page in report.pages for section in page.sections)]
+    charts = [*first, *(chart for section in sections for chart in section.charts)]
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(HERE), autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
     )
+    environment.tests["link"] = lambda cell: isinstance(cell, Link)
+    environment.tests["sparkline"] = lambda cell: isinstance(cell, Sparkline)
     return environment.get_template("page.html").render(
         report=report,
         data=_embedded([chart.to_tree() for chart in charts]),

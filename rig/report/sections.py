@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-from analysis.measured import Campaign, Run
-from rig.report.page import Section, Table
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.rig.report.page import Section, Table
 
+#: What stands where a recording does not tell.
+NOT_TOLD = "not told"
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 
 WIRE_BONDER = (
@@ -35,6 +37,32 @@ def label(run: Run) -> str:
 def number(value: float | None, digits: int = 5) -> str:
     """A figure for a table; a dash where there is none."""
     return "–" if value is None else f"{value:.{digits}g}"
+
+
+def unit(text: str) -> str:
+    """A unit as it is printed."""
+    return text.replace("^2", "²").replace("^3", "³")
+
+
+def per(response: str, reference: str) -> str:
+    """The unit of a response over a reference."""
+    return f"{unit(response)} per {unit(reference)}"
+
+
+def channels_table(campaign: Campaign) -> Table:
+    """Every channel with its sensor, place and range, as the first run that has it tells."""
+    first: dict[str, Channel] = {}
+    for run in campaign.runs:
+        for name, channel in run.sensors.items():
+            first.setdefault(name, channel)
+    rows = [
+        (
+            name, channel.about.get("sensor") or NOT_TOLD, channel.about.get("place") or NOT_TOLD,
+            NOT_TOLD if channel.full_scale is None else f"±{channel.full_scale:.3g}\u00a0{unit(channel.unit)}",
+        )
+        for name, channel in first.items()
+    ]  # fmt: skip
+    return Table(columns=("channel", "sensor", "place", "range"), rows=rows)
 
 
 def runs_section(campaign: Campaign) -> Section:
@@ -74,10 +102,15 @@ def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: st
     return Table(columns=("parameter", "value", "std", "unit"), rows=rows, caption=caption)
 
 
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def provenance_section(campaign: Campaign) -> Section:
     """File, hash, versions and command."""
     path = Path(campaign.source)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "not on disk"
+    digest = _sha256(path) if path.is_file() else "not on disk"
     rows = [("file", path.name), ("sha256", digest)]
     rows += [(name, version(name)) for name in LIBRARIES]
     rows += [("Python", sys.version.split()[0]), ("command", " ".join(["rig", *sys.argv[1:]]))]

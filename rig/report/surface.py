@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from analysis.diagnose.doubles import Doubles
-from analysis.diagnose.evidence import surfaces
-from analysis.measured import FloatArray
-from analysis.model import RigModel
-from rig.report.charts import Chart, Panel, Trace
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.estimate_pairs import Doubles
+from isorig.analysis.diagnose.evidence import surfaces
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.report.charts import Chart, Panel, Trace
 
 
 def surface_charts(model: RigModel, beside: Doubles) -> list[Chart]:

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
-HEAD = ("| what | thesis | here | agreement, or the reason for the difference |", "|---|---|---|---|")
+from isorig.rig.thesis.published_values import Stated, Verdict
+
+HEADS = ("what", "thesis (tolerance)", "here", "verdict")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One figure: what it is, what the thesis gives, what comes out here, and why they differ or agree."""
+    """One figure: what it is, what the thesis gives, what comes out here, and the verdict or a remark."""
 
     what: str
     thesis: str
@@ -22,25 +24,49 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step: its place in the thesis and name, rows, further words, pictures by name."""
+    """A step: its place in the thesis and name, rows, further words, pictures by name.
+
+    `tables` are further tables: heads and rows of cells.
+    """
 
     title: str
-    rows: Sequence[Row]
+    rows: Sequence[Row] = ()
     text: Sequence[str] = ()
     pictures: Mapping[str, Figure] = field(default_factory=dict)
+    tables: Sequence[tuple[Sequence[str], Sequence[Sequence[str]]]] = ()
+
+
+def judged(what: str, stated: Stated, value: float, *, here: str = "", why: Mapping[Verdict, str] | None = None) -> Row:
+    """A row whose verdict follows from the value; `here` writes it where four digits do not, `why` explains a verdict."""
+    reason = (why or {}).get(stated.verdict(value), "")
+    told = stated.told(value)
+    return Row(what=what, thesis=stated.shown, here=here or f"{value:.4g}", remark=f"{told}; {reason}" if reason else told)
+
+
+def plain(what: str, here: str, *, thesis: str = "not given", remark: str = "") -> Row:
+    """A row that the thesis gives nothing to compare with."""
+    return Row(what=what, thesis=thesis, here=here, remark=remark)
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """A table in Markdown."""
+    return [_line(heads), _line(["---"] * len(heads)), *(_line(row) for row in rows)]
+
+
+def _line(cells: Sequence[str]) -> str:
+    # A bar inside a cell (a magnitude) would end it.
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 
 def markdown(steps: Sequence[Step], preface: Sequence[str]) -> str:
     """The page."""
     lines = ["# The thesis reproduced", "", *[line for text in preface for line in (text, "")]]
     for step in steps:
-        lines += [
-            f"## {step.title}",
-            "",
-            "| what | thesis | here | agreement, or the reason for the difference |",
-            "|---|---|---|---|",
-        ]
-        lines += [f"| {row.what} | {row.thesis} | {row.here} | {row.remark} |" for row in step.rows]
-        lines += ["", *[line for text in step.text for line in (text, "")]]
+        lines += [f"## {step.title}", ""]
+        if step.rows:
+            lines += [*table(HEADS, [(row.what, row.thesis, row.here, row.remark) for row in step.rows]), ""]
+        for heads, rows in step.tables:
+            lines += [*table(heads, rows), ""]
+        lines += [line for text in step.text for line in (text, "")]
         lines += [line for name in step.pictures for line in (f"![{step.title}](pictures/thesis-{name}.png)", "")]
     return "\n".join(lines).rstrip() + "\n"

@@ -1,98 +1,157 @@
-"""Figures 33 to 36: how soft the isolation may be, what is assumed, and a drive off the centre of gravity."""
+"""Figures 33 to 36: how soft the isolation may be, what is assumed, flexures, and a drive off the centre of gravity."""
 
 from __future__ import annotations
+
+import inspect
 
 import msgspec
 import numpy as np
 
-from analysis.design import frictionless, stroke_study
-from analysis.measured import FloatArray
-from rig.design_figures import history_figure, offset_figure, stroke_figure
-from rig.designed import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
-from rig.figures import isolation_figure
-from rig.thesis.step import Row, Step
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.isolation.design import frictionless, rocking, stroke_study
+from isorig.analysis.isolation.flexure import SPRING_STEEL, thinnest
+from isorig.analysis.model.built_in import THESIS
+from isorig.rig.design_figures import history_figure, offset_figure, stroke_figure
+from isorig.rig.design_study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
+from isorig.rig.figures import isolation_figure
+from isorig.rig.files.parameter_seed import OF_THESIS
+from isorig.rig.thesis.published_values import above, printed
+from isorig.rig.thesis.step import Step, judged, plain
 
+#: The thesis's answer, Hz, and its curves.
+SOFT = 0.6
 #: Consecutive moves of 3 mm at 17 g with pauses of 50 ms; +-5 mm. The head and the number of moves are assumed.
 PLAN = DesignPlan(
     moves=(MovePlan(distance=3e-3, acceleration=166.7, pause=0.05, repeat=10),),
-    limit=5e-3, head=HeadPlan(mass=6.5, std=0.2), after=False,
+    limit=5e-3, head=HeadPlan(mass=6.5, std=0.2), after=False, shown=SOFT,
 )  # fmt: skip
 HEADS, REPEATS = (5.5, 6.0, 7.0, 7.5), (5, 7, 20, 40)
+#: Distances of the drive from the centre of gravity, m, and the frequency at which the motor rocks, Hz.
+OFFSETS, ROCKING = (0.0, 0.01, 0.02), 30.0
+#: Flexures tried: isolation frequencies, Hz, and widths of a leaf, m. The thesis's moves reach 400 Hz, the worst of them 60 Hz.
+FLEXED, WIDTHS = (SOFT, 1.0, 2.0), (0.03, 0.1)
+#: A parasitic mode below this lies in the band that the isolation is for, Hz.
+CLEAR = 60.0
 
 
 def lowest(points: int, *, mass: float = 6.5, repeat: int = 10, after: bool = False) -> float:
     """Lowest frequency inside the limit without friction for another head (kg) and number of moves, Hz."""
     moves = (msgspec.structs.replace(PLAN.moves[0], repeat=repeat),)
     plan = msgspec.structs.replace(PLAN, head=HeadPlan(mass=mass), moves=moves, after=after)
-    rigs = [frictionless(rig) for rig in rigs_of(None, plan, draws=0, seed=0)]
+    rigs = [frictionless(rig) for rig in rigs_of(OF_THESIS, plan, draws=0, randomness=0)]
     grid = np.geomspace(*plan.frequencies, points)
     return stroke_study(rigs, grid, plan.drive(), RATE, limit=plan.limit).lowest
 
 
 def strokes(*, points: int = 100, draws: int = 50) -> Step:
     """The worst case and how its answer hangs on what was assumed."""
-    found: Designed = designed(PLAN, rigs_of(None, PLAN, draws=draws, seed=0), points=points, offsets=(0.0, 0.01, 0.02))
+    rigs = rigs_of(OF_THESIS, PLAN, draws=draws, randomness=0)
+    found: Designed = designed(PLAN, rigs, points=points, offsets=OFFSETS, rocking_frequency=ROCKING)
     free, rough = found.studies["without friction"], found.studies["with friction"]
     middle = {name: _median(r.frequency, r.ratio) for name, r in found.ratios.items()}
-    present, soft = middle.values()
+    present, soft = next(iter(middle.values())), list(middle.values())[-1]
     rows = [
-        Row(
-            what="Fig. 34: lowest frequency within ±5 mm while moves go on, no friction, Hz", thesis="0.6",
-            here=f"{free.lowest:.3f} ± {free.std:.2g} (head of 6.5 ± 0.2 kg)", remark="agrees within the head's mass",
+        judged(
+            "Fig. 34: lowest frequency within ±5 mm while moves go on, no friction, Hz", printed(SOFT, 0.1), free.lowest,
+            here=f"{free.lowest:.3f} ± {free.std:.2g} (head of 6.5 ± 0.2 kg)",
         ),
-        Row(
-            what="the same with 20 N of friction, Hz", thesis="not studied", here=f"{rough.lowest:.2f}",
+        plain(
+            "the same with 20 N of friction, Hz", f"{rough.lowest:.2f}", thesis="not studied",
             remark="friction holds the motor where a move left it, so moves add up until the springs overcome it",
         ),
-        Row(
-            what="Fig. 35: ratio from 5 to 15 Hz, soft without friction over present with friction (medians)", thesis="curves",
-            here=f"{soft:.4f} over {present:.2f}: {present / soft:.0f} times better", remark="agrees in kind",
+        judged(
+            f"Fig. 35: ratio from 5 to 15 Hz, present with friction over {SOFT:g} Hz without (medians)",
+            above("curves, the soft one lower", 2.0), present / soft,
+            here=f"{present:.2f} over {soft:.4f}: {present / soft:.0f} times",
         ),
         *(
-            Row(
-                what=f"Fig. 36: drive {1e3 * o:g} mm off the centre of gravity", thesis="a moment and rocking, to be studied",
-                here=f"rocks by {1e3 * seen.rocking:.2g} mrad, ratio 5 to 50 Hz at worst {seen.worst:.3g} times that without",
-                remark="rocking at 30 Hz, radius of gyration 100 mm assumed",
+            plain(
+                f"Fig. 36: drive {1e3 * o:g} mm off the centre of gravity, {SOFT:g} Hz without friction",
+                f"rocks by {1e3 * seen.rocking:.2g} mrad, ratio 5 to 50 Hz at worst {seen.worst:.3g} times that without",
+                thesis="a moment and rocking, to be studied",
             )
-            for o, seen in found.offsets.items()
-            if o
+            for o, seen in found.offsets.items() if o
         ),
+        *(plain(f"lowest frequency, head of {mass:g} kg, Hz", f"{lowest(points, mass=mass):.3f}") for mass in HEADS),
         *(
-            Row(
-                what=f"lowest frequency, head of {mass:g} kg, Hz", thesis="", here=f"{lowest(points, mass=mass):.3f}",
-                remark="goes with the head's mass",
-            )
-            for mass in HEADS
-        ),
-        *(
-            Row(
-                what=f"lowest frequency, {repeat} moves, Hz", thesis="",
-                here=f"{lowest(points, repeat=repeat):.3f} while they go on, "
+            plain(
+                f"lowest frequency, {repeat} moves, Hz",
+                f"{lowest(points, repeat=repeat):.3f} while they go on, "
                 f"{lowest(points, repeat=repeat, after=True):.3f} with the swing after the last one",
-                remark="",
             )
             for repeat in REPEATS
         ),
     ]  # fmt: skip
-    text = (
-        "**Assumed:** the head's mass and the number of moves. Moves that go on are a steady pull on the spring; from seven "
-        "on their number "
-        "no longer matters. But the last move ends that pull, and where the motor happens to swing with it, the swing "
-        "afterwards is the "
-        "larger one: up to twice as far, for a number of moves that lasts half a period. So 0.6 Hz is safe for moves that go "
-        "on, and a "
-        "machine that may stop at any time needs about 1 Hz. `rig design` counts the swing afterwards unless the profile says "
-        "`after = false`. Flexures instead of bearings are the rows without friction; springs that are not linear are laws "
-        "of a link "
-        "(`cubic`, `bounded_softening`, `end_stop`) in any model that `rig simulate` plays, and causes that `rig diagnose` names."
-    )
     return Step(
-        title="Fig. 33-36: strokes and drive offset", rows=rows, text=[text],
+        title="Fig. 33-36: strokes, flexures and drive offset", rows=rows, text=_text(),
+        tables=[_cases(found, middle), _flexures()],
         pictures={
             "strokes": stroke_figure(found), "histories": history_figure(found),
-            "design-ratio": isolation_figure(found.ratios, {}), "offset": offset_figure(found),
+            "design-ratio": isolation_figure(found.ratios, {}, logarithmic=False), "offset": offset_figure(found),
         },
     )  # fmt: skip
+
+
+def _cases(found: Designed, middle: dict[str, float]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    rows: list[tuple[str, ...]] = []
+    for name, rig in found.rigs.items():
+        link, bond = rig.link("isolation"), found.bonds[name]
+        rows.append(
+            (
+                name, f"{link.stiffness:.0f}", f"{link.damping:.0f}", f"{1e3 * found.stroke(name):.2f}", f"{middle[name]:.4f}",
+                f"{1e6 * bond.largest:.2g}", f"{1e3 * bond.settling:.0f}",
+            )
+        )  # fmt: skip
+    heads = (
+        "case", "stiffness, N/m", "damping, N s/m", "stroke under the moves, mm", "ratio 5 to 15 Hz (median)",
+        "heatblock in the bond's move, µm", "settled after it, ms",
+    )  # fmt: skip
+    return heads, rows
+
+
+def _flexures() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    rows: list[tuple[str, ...]] = []
+    for frequency in FLEXED:
+        for width in WIDTHS:
+            leaf = thinnest(THESIS["motor_mass"], frequency, PLAN.limit, width=width)
+            low = min(leaf.upright, leaf.leaf)
+            rows.append(
+                (
+                    f"{frequency:g}", f"{1e3 * leaf.length:.0f} × {1e3 * width:g} × {1e3 * leaf.thickness:.2f}",
+                    f"{leaf.stress / 1e6:.0f}", f"{leaf.buckling:.2g}", f"{leaf.upright:.0f}", f"{leaf.leaf:.0f}",
+                    "clear" if low >= CLEAR else f"{low:.0f} Hz lies in the band",
+                )
+            )  # fmt: skip
+    heads = (
+        "isolation, Hz", "leaf, mm (length × width × thickness)", "stress at ±5 mm, MPa", "buckling load over weight",
+        "motor up and down, Hz", "leaf by itself, Hz", f"parasitic modes below {CLEAR:g} Hz",
+    )  # fmt: skip
+    return heads, rows
+
+
+def _text() -> list[str]:
+    given = {name: p.default for name, p in inspect.signature(rocking).parameters.items()}
+    soft = thinnest(THESIS["motor_mass"], SOFT, PLAN.limit, width=WIDTHS[0])
+    return [
+        "**Assumed:** the head's mass and the number of moves; the damping ratio stays what it is at 5.06 Hz "
+        f"({THESIS['motor_damping']:g}). The drive off the centre of gravity: rocking at {ROCKING:g} Hz with a damping ratio of "
+        f"{given['damping_ratio']:g}, a radius of gyration of {1e3 * given['radius']:g} mm, springs and bearings "
+        f"{1e3 * given['bearing_height']:g} mm from the centre of gravity.",
+        "**When moves end.** Moves that go on are a steady pull on the spring; from seven on their number no longer matters. "
+        "But the last "
+        "move ends that pull, and where the motor happens to swing with it, the swing afterwards is the larger one. `rig "
+        "design` counts "
+        "it unless the profile says `after = false`.",
+        "**Flexures** in place of bearings take the friction away: the cases without friction. Four leaves of "
+        f"{SPRING_STEEL.name} "
+        f"(E {SPRING_STEEL.modulus / 1e9:g} GPa, {SPRING_STEEL.endurance / 1e6:g} MPa for ever), on edge, as thin as stress "
+        "at ±5 mm and "
+        "twisting out under the motor's weight allow with a safety factor of 1.5 "
+        "(`analysis/isolation/flexure.py` has the formulas). "
+        f"At {SOFT:g} Hz the weight decides, not the stroke: {1e3 * soft.length:.0f} mm long, however many and however wide. "
+        "Springs that are "
+        "not linear are laws of a link (`cubic`, `bounded_softening`, `end_stop`) in any model that `rig simulate` plays.",
+    ]
 
 
 def _median(frequency: FloatArray, values: FloatArray) -> float:

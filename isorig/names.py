@@ -1,0 +1,53 @@
+"""The names of the interface: where each is defined."""
+
+from isorig.analysis import laws
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.errors import AnalysisError
+from isorig.analysis.isolation.ratio import isolated_share, isolation_ratio
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.rig_model import RigModel as Rig
+from isorig.analysis.parameters.joint_fit import characterize
+from isorig.analysis.simulate.free_run import simulate
+from isorig.analysis.simulate.sampling import Excitation
+from isorig.analysis.simulate.trace import trace
+from isorig.analysis.spectra.modes import fit_modes
+from isorig.analysis.spectra.quality import faults
+from isorig.analysis.spectra.welch import estimate
+from isorig.rig.errors import RigError
+from isorig.rig.exchange.importing import import_campaign
+from isorig.rig.files.recording import open_recording, read, write
+from isorig.rig.files.rigfile import read_rig
+from isorig.rig.prediction import predicted as predict
+from isorig.rig.transfer import transfer_functions as frf
+from isorig.rig.virtual.campaign import Take, virtual_campaign
+
+__all__ = [
+    "AnalysisError",
+    "Campaign",
+    "Channel",
+    "Excitation",
+    "Rig",
+    "RigError",
+    "Run",
+    "Take",
+    "characterize",
+    "diagnose",
+    "estimate",
+    "faults",
+    "fit_modes",
+    "frf",
+    "import_campaign",
+    "isolated_share",
+    "isolation_ratio",
+    "laws",
+    "open_recording",
+    "predict",
+    "read",
+    "read_rig",
+    "simulate",
+    "trace",
+    "virtual_campaign",
+    "wire_bonder",
+    "write",
+]

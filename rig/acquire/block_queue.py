@@ -1,0 +1,52 @@
+"""Blocks between the wire and the disk: a queue bounded by samples, whatever the size of a block."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+
+from isorig.drivers.block import Block
+
+
+class Waiting:
+    """One thread puts, another takes all that is there.
+
+    Parameters
+    ----------
+    most
+        Samples that may wait.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._blocks: deque[Block] = deque()
+        self._samples = 0
+        self._ended = False
+        self._changed = threading.Condition()
+
+    def put(self, block: Block, timeout: float) -> bool:
+        """Add a block; False where there was no room within `timeout` seconds."""
+        with self._changed:
+            room = self._changed.wait_for(lambda: self._samples < self._most, timeout)
+            if room:
+                self._blocks.append(block)
+                self._samples += len(block.samples)
+                if len(self._blocks) == 1 or self._samples > self._most // 2:
+                    self._changed.notify_all()
+            return room
+
+    def take(self, gather: float) -> list[Block] | None:
+        """All blocks that came within `gather` seconds, sooner where half of the room is taken; None at the end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._blocks or self._ended)
+            self._changed.wait_for(lambda: self._samples > self._most // 2 or self._ended, gather)
+            blocks, self._samples = list(self._blocks), 0
+            self._blocks.clear()
+            self._changed.notify_all()
+            return blocks or None
+
+    def end(self) -> None:
+        """Nothing will be put any more."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()

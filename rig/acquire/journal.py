@@ -1,0 +1,275 @@
+"""A log of checksummed blocks that is only ever appended to: what a killed writer or a power loss leaves can be told from damage.
+
+Each block says where in the file it belongs, which number it has and which file it is of, under a checksum of its own; a second
+checksum covers its content. A reader takes a block only where both hold, goes on behind a damaged one, and knows from the numbers
+how many are missing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import threading
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from isorig.rig.errors import OutputError, RecordingError
+from isorig.rig.files.output import reason
+
+#: First bytes of each block, and so of the file.
+MARK = b"\xabIJ1"
+#: Mark, kind, run, take, number, length of the content, file, place of the block in the file; then the checksum of these.
+HEADER = struct.Struct("<4sHHIIIIQ")
+CHECKSUM = struct.Struct("<I")
+HEAD = HEADER.size + CHECKSUM.size
+#: Bytes that a block holds at most: a reader never allocates more.
+LONGEST = 16 << 20
+#: Bytes that are read at once where a mark is looked for.
+STRIDE = 1 << 20
+#: Seconds between two syncs: what a power loss may take.
+SYNC = 1.0
+
+_sync_data = getattr(os, "fdatasync", os.fsync)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A block that is whole: what it is, and its content's place in the file."""
+
+    kind: int
+    run: int
+    take: int
+    number: int
+    place: int
+    content: bytes
+
+
+def _block(file: int, offset: int, number: int, kind: int, run: int, take: int, content: bytes) -> bytes:
+    head = HEADER.pack(MARK, kind, run, take, number, len(content), file, offset)
+    checksum = zlib.crc32(head)
+    # The content's checksum goes on from the head's, so that a content never passes under another head.
+    return b"".join((head, CHECKSUM.pack(checksum), content, CHECKSUM.pack(zlib.crc32(content, checksum))))
+
+
+class Journal:
+    """Appends blocks to a file, and hands them to the disk itself (fsync) once in a while from a thread of its own.
+
+    Parameters
+    ----------
+    path
+        A file that `create` has made.
+    sync
+        Seconds between two syncs; with 0 every block is synced before `append` returns.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be opened.
+    """
+
+    def __init__(self, path: Path, *, sync: float = SYNC) -> None:
+        try:
+            self._file: BinaryIO = path.open("r+b", buffering=0)
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another place with -o") from None
+        self.path = path
+        self._end = self._file.seek(0, os.SEEK_END)
+        self._file.seek(0)
+        self._number, self._id = 1, HEADER.unpack(self._file.read(HEADER.size))[6]
+        self._every, self._dirty = sync, False
+        self._failed: OSError | None = None
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
+        if sync > 0.0:
+            self._thread = threading.Thread(target=self._keep_synced, name="sync", daemon=True)
+            self._thread.start()
+
+    @staticmethod
+    def create(path: Path, kind: int, content: bytes) -> None:
+        """Make a file at a path that is free or may be replaced, with its first block, on the disk itself."""
+        with path.open("wb") as file:
+            file.write(_block(int.from_bytes(os.urandom(4), "little"), 0, 0, kind, 0, 0, content))
+            file.flush()
+            os.fsync(file.fileno())
+
+    def append(self, kind: int, run: int, take: int, content: bytes) -> None:
+        """Write a block behind the last.
+
+        Raises
+        ------
+        OSError
+            Where the disk refuses, or an earlier sync failed; the file ends with its last whole block then.
+        """
+        if self._failed is not None:
+            raise self._failed
+        block = memoryview(_block(self._id, self._end, self._number, kind, run, take, content))
+        written = 0
+        try:
+            self._file.seek(self._end)
+            while written < len(block):
+                written += self._file.write(block[written:])
+        except OSError:
+            self._file.truncate(self._end)
+            raise
+        self._end += len(block)
+        self._number += 1
+        self._dirty = True
+        if self._every == 0.0:
+            self.sync()
+
+    def sync(self) -> None:
+        """Return when all that was appended is on the disk itself."""
+        self._dirty = False
+        _sync_data(self._file.fileno())
+
+    def put_back(self) -> bool:
+        """Where the file's name was removed meanwhile, or stands for another file: write the file anew; whether that was so.
+
+        Raises
+        ------
+        OSError
+            Where it cannot be written anew.
+        """
+        ours = os.fstat(self._file.fileno())
+        try:
+            there = self.path.stat()
+        except FileNotFoundError:
+            there = None
+        if there is not None:
+            if (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino):
+                return False
+            self.path = self.path.with_name(f"{self.path.name}.saved")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("xb") as copy:
+            self._file.seek(0)
+            shutil.copyfileobj(self._file, copy, STRIDE)
+            copy.flush()
+            os.fsync(copy.fileno())
+        return True
+
+    def close(self) -> None:
+        """Sync and let go of the file."""
+        self._closing.set()
+        if self._thread is not None:
+            self._thread.join()
+        try:
+            if self._failed is None:
+                self.sync()
+        finally:
+            self._file.close()
+
+    def _keep_synced(self) -> None:
+        while not self._closing.wait(self._every):
+            if self._dirty:
+                try:
+                    self.sync()
+                except OSError as error:
+                    self._failed = error
+                    return
+
+
+class Reader:
+    """Hands out the whole blocks of a log, also of one that is still being written.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is not there, or is no log.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            # Anything but a file (a pipe, say) would never answer.
+            if not path.is_file():
+                raise RecordingError(
+                    f"{path} {'is no file' if path.exists() else 'does not exist'}; give the working file of a session (its name "
+                    "ends in .partial)"
+                )
+            self._file: BinaryIO = path.open("rb", buffering=0)
+        except OSError as error:
+            raise RecordingError(f"{path} cannot be read ({reason(error)}); change its permissions or copy it") from None
+        self.path = path
+        self._lock = threading.Lock()
+        self._next = 0
+        self._id: int | None = None
+
+    def replaced(self) -> bool:
+        """Whether the file's name stands for another file by now, or for none."""
+        try:
+            there, ours = self.path.stat(), os.fstat(self._file.fileno())
+        except OSError:
+            return True
+        return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
+
+    def read(self, place: int, count: int) -> bytes:
+        """So many bytes of the file; may be called from several threads.
+
+        Raises
+        ------
+        RecordingError
+            Where the file has become shorter.
+        """
+        with self._lock:
+            self._file.seek(place)
+            parts, left = [], count
+            while left > 0 and (part := self._file.read(left)):
+                parts.append(part)
+                left -= len(part)
+        if left:
+            raise RecordingError(f"{self.path} has become shorter while it was read; copy it again from its source")
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def rewind(self) -> None:
+        """Hand out all blocks once more."""
+        self._next = 0
+
+    def blocks(self) -> Iterator[Found]:
+        """The whole blocks behind those that were handed out already, in the order of the file."""
+        while (head := self._head()) is not None:
+            kind, run, take, number, length, checksum = head
+            place = self._next + HEAD
+            if place + length + CHECKSUM.size > self._size():
+                # It is being written, or was when the writer ended.
+                return
+            content = self.read(place, length)
+            self._next = place + length + CHECKSUM.size
+            if CHECKSUM.unpack(self.read(place + length, CHECKSUM.size))[0] == zlib.crc32(content, checksum):
+                yield Found(kind, run, take, number, place, content)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+    def _size(self) -> int:
+        return os.fstat(self._file.fileno()).st_size
+
+    def _head(self) -> tuple[int, int, int, int, int, int] | None:
+        # The next head that is whole and stands where it says; None where there is none yet.
+        while (size := self._size()) >= self._next + HEAD:
+            raw = self.read(self._next, HEAD)
+            mark, kind, run, take, number, length, file, offset = HEADER.unpack_from(raw)
+            checksum = zlib.crc32(raw[: HEADER.size])
+            sound = mark == MARK and offset == self._next and CHECKSUM.unpack_from(raw, HEADER.size)[0] == checksum
+            if sound and length <= LONGEST and self._id in (None, file):
+                self._id = file
+                return kind, run, take, number, length, checksum
+            found = self._mark(self._next + 1, size)
+            if found is None:
+                # A mark may stand across the end of what there is so far.
+                self._next = max(size - len(MARK) + 1, self._next)
+                return None
+            self._next = found
+        return None
+
+    def _mark(self, start: int, size: int) -> int | None:
+        while start + len(MARK) <= size:
+            stretch = self.read(start, min(STRIDE, size - start))
+            at = stretch.find(MARK)
+            if at >= 0:
+                return start + at
+            start += len(stretch) - len(MARK) + 1
+        return None

@@ -1,0 +1,104 @@
+"""One session at a time on a port and on an output: locks of the operating system, which die with their process."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from isorig.rig.errors import OutputError, PlanError
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(handle: int) -> None:
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+else:
+    import fcntl
+
+    def _lock(handle: int) -> None:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@contextmanager
+def output_locked(output: Path) -> Iterator[None]:
+    """Hold the place of a recording for this session.
+
+    Raises
+    ------
+    OutputError
+        Where another session holds it, or it cannot be written.
+    """
+    lock = output.with_name(f".{output.name}.lock")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        handle, holder = _taken(lock)
+    except OSError as error:
+        raise OutputError(f"{output} cannot be written ({error.strerror}); choose another place with -o") from None
+    if handle is None:
+        raise OutputError(f"{output} is being measured by another session{holder}; wait for its end, or give another -o")
+    with _held(lock, handle):
+        yield
+
+
+@contextmanager
+def port_locked(port: str) -> Iterator[None]:
+    """Hold a port for this session; names of the same device are one port.
+
+    Raises
+    ------
+    PlanError
+        Where another session holds it.
+    """
+    name = port.lower().replace("localhost", "127.0.0.1") if "://" in port else os.path.realpath(port)
+    lock = Path(tempfile.gettempdir()) / f"rig-port-{hashlib.sha256(name.encode()).hexdigest()[:20]}.lock"
+    try:
+        handle, holder = _taken(lock)
+    except OSError as error:
+        raise PlanError(
+            f"the port {port} cannot be locked in {lock.parent} ({error.strerror}); make that folder writable"
+        ) from None
+    if handle is None:
+        raise PlanError(f"the port {port} is in use by another session{holder}; wait for its end, or end it")
+    with _held(lock, handle):
+        yield
+
+
+def _taken(lock: Path) -> tuple[int | None, str]:
+    # The handle of the lock, None where somebody else holds it; and who that is.
+    while True:
+        try:
+            handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        except PermissionError:
+            # Somebody else's file: it can be locked, and not be written.
+            handle = os.open(lock, os.O_RDONLY)
+        try:
+            _lock(handle)
+        except OSError:
+            with suppress(OSError):
+                holder = os.pread(handle, 20, 0).decode("ascii", "replace").strip() if hasattr(os, "pread") else ""
+            os.close(handle)
+            return None, f" (process {holder})" if holder.isdigit() else ""
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(handle), lock.stat()):
+                break
+        # It was let go and removed between the two.
+        os.close(handle)
+    with suppress(OSError):
+        os.ftruncate(handle, 0)
+        os.write(handle, str(os.getpid()).encode())
+    return handle, ""
+
+
+@contextmanager
+def _held(lock: Path, handle: int) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            lock.unlink(missing_ok=True)
+        os.close(handle)

@@ -1,0 +1,203 @@
+"""The look at a run right after it was taken, while it can still be repeated: coherence, clipping, dead channels, loss."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Run, broad
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.detection import Detection, detect
+from isorig.analysis.spectra.welch import estimate
+from isorig.rig.acquire.recover import Recovered
+
+#: Below this median coherence inside the drive's band a run shows more than its drive.
+COHERENT = 0.5
+#: A channel quieter than this share of the loudest of its kind is dead or not plugged in.
+DEAD = 1e-4
+#: Below this share of motion against the table the motor is stuck.
+STUCK = 0.2
+#: Distortion above this share of the response, and above the noise, is told; a gain further off the plan's than this, too.
+DISTORTED = 0.1
+OFF_PLAN = 1e-3
+#: Samples of a channel that are looked at in one go: a run may be longer than memory.
+PART = 1 << 20
+#: A rate further off this machine's clock than this is told, parts per million: crystals keep to 100.
+OFF_RATE = 1000.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether a run is worth keeping, in sentences of what to do.
+
+    Parameters
+    ----------
+    good
+        Whether nothing speaks against keeping it.
+    coherence
+        Median coherence of each response with the drive inside its band.
+    detections
+        Noise and distortion of each response, where the drive repeats and leaves lines out.
+    sliding
+        rms of the motor's motion relative to the table over that of its own: near 0 where friction holds it; None where not seen.
+    advice
+        What to do, also what is no fault.
+    """
+
+    good: bool
+    coherence: dict[str, float]
+    detections: tuple[Detection, ...]
+    sliding: float | None
+    advice: tuple[str, ...]
+
+
+def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), told: Sequence[str] = ()) -> Verdict:
+    """Look at a run that was just taken; what was said of it on the way is `against` keeping it, or `told` all the same."""
+    run = found.run
+    if run is None:
+        return Verdict(
+            good=False, coherence={}, detections=(), sliding=None,
+            advice=("No sample arrived; check the instrument and take the run again.", *against),
+        )  # fmt: skip
+    coherence, detections, sliding = _coherence(found, drive), _detections(run, drive), _sliding(run)
+    against = [*_on_the_way(found), *against, *_channels(run), *_gain(run, found.planned_gain)]
+    for name, value in coherence.items():
+        if value < COHERENT:
+            against.append(
+                f"{name} follows the drive with a coherence of {value:.2f} only; "
+                "more gain would help against noise, less against friction that hardly slides."
+            )
+    told = [*told, *_clock(found)]
+    told += [sentence for item in detections if (sentence := _distortion(item)) is not None]
+    if sliding is not None and sliding < STUCK:
+        told.append("The motor moved with the table: friction was not overcome. Take a run at a larger gain as well.")
+    return Verdict(
+        good=not against, coherence=coherence, detections=detections, sliding=sliding, advice=(*against, *told)
+    )  # fmt: skip
+
+
+def _on_the_way(found: Recovered) -> Iterator[str]:
+    if found.lost:
+        yield f"{found.lost} samples were lost on the way; take the run again if it is to be simulated whole."
+    if not found.finished:
+        yield f"It ended at {found.stored + found.lost} of {found.planned} samples; check the instrument and take the run again."
+    if found.overloads:
+        yield f"The instrument told of {found.overloads} overloads; choose a larger range or a lower gain and take the run again."
+
+
+def _clock(found: Recovered) -> Iterator[str]:
+    if found.drift is not None and found.drift.sure and abs(found.drift.ppm) > OFF_RATE:
+        yield (
+            f"Its clock runs {found.drift.ppm / 1e4:+.2g} % against this machine's, more than crystals do; check sample_rate in "
+            "the plan."
+        )
+
+
+def _channels(run: Run) -> Iterator[str]:
+    sizes = {name: _spread(values for (values,) in _parts(run, name)).std for name in run.sensors}
+    loudest = max(sizes.values())
+    for name, channel in run.sensors.items():
+        if channel.full_scale is not None:
+            clipped = sum(int((np.abs(values) >= 0.999 * channel.full_scale).sum()) for (values,) in _parts(run, name))
+            if clipped:
+                yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and take the run again."
+        if sizes[name] <= DEAD * loudest:
+            yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its power."
+
+
+def _gain(run: Run, planned: float) -> Iterator[str]:
+    gains = _spread(values for (values,) in _parts(run, "gain")) if "gain" in run.channels else None
+    if gains is not None and gains.highest - gains.lowest > OFF_PLAN * abs(run.gain):
+        yield f"The gain moved from {gains.lowest:.4g} to {gains.highest:.4g} in the run; leave the dial alone and take it again."
+    elif abs(run.gain - planned) > OFF_PLAN * planned:
+        yield f"The gain stood at {run.gain:.4g} and the plan says {planned:.4g}; set it and take the run again."
+
+
+def _distortion(item: Detection) -> str | None:
+    size = max(item.odd, item.even)
+    if size <= max(DISTORTED, item.noise):
+        return None
+    return (
+        f"{item.response} has lines that nothing drives, at {100 * size:.0f} % of those that are driven (noise "
+        f"{100 * item.noise:.1g} %): that is distortion, which no averaging removes."
+    )
+
+
+def _sliding(run: Run) -> float | None:
+    if run.configuration != "unlocked" or not {"motor", "table"} <= set(run.channels):
+        return None
+    return relative_motion(_parts(run, "motor", "table"))
+
+
+def relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
+    """rms of the motor's motion relative to the table over that of its own: near 0 where friction holds it.
+
+    Parameters
+    ----------
+    parts
+        Acceleration of motor and table, part by part, each of shape (n,), m/s^2.
+    """
+    own, relative = _Spread(), _Spread()
+    for motor, table in parts:
+        own.add(motor)
+        relative.add(motor - table)
+    return relative.std / max(own.std, 1e-30)
+
+
+class _Spread:
+    """Standard deviation and extremes of values that come in parts; sums are about means (Chan, Golub and LeVeque 1983)."""
+
+    def __init__(self) -> None:
+        self._count, self._mean, self._squares = 0, 0.0, 0.0
+        self.lowest, self.highest = np.inf, -np.inf
+
+    def add(self, values: FloatArray) -> None:
+        n, mean = len(values), float(values.mean())
+        both = self._count + n
+        self._squares += float(np.square(values - mean).sum()) + (mean - self._mean) ** 2 * self._count * n / both
+        self._mean += (mean - self._mean) * n / both
+        self._count = both
+        self.lowest, self.highest = min(self.lowest, float(values.min())), max(self.highest, float(values.max()))
+
+    @property
+    def std(self) -> float:
+        return float(np.sqrt(self._squares / self._count))
+
+
+def _spread(parts: Iterable[FloatArray]) -> _Spread:
+    spread = _Spread()
+    for values in parts:
+        spread.add(values)
+    return spread
+
+
+def _parts(run: Run, *names: str) -> Iterator[Sequence[FloatArray]]:
+    for start in range(0, len(run), PART):
+        yield [run.channels[name].read(start, start + PART) for name in names]
+
+
+def _detections(run: Run, drive: str) -> tuple[Detection, ...]:
+    if run.period is None or drive not in run.channels:
+        return ()
+    try:
+        return tuple(detect(run, response=name, reference=drive) for name in run.sensors if name != drive)
+    except DataError:
+        return ()
+
+
+def _coherence(found: Recovered, drive: str) -> dict[str, float]:
+    run = found.run
+    if run is None or drive not in run.channels or not broad([run]) or run.band is None:
+        return {}
+    try:
+        spectra = estimate([run], references=[drive], resolution=max(0.5, 8.0 / run.duration))
+    except DataError:
+        return {}
+    inside = (spectra.frequency >= run.band[0]) & (spectra.frequency <= run.band[1])
+    return {
+        name: float(np.median(spectra.frf(name, drive).coherence[inside]))
+        for name in run.sensors
+        if name != drive and inside.any()
+    }

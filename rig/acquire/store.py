@@ -1,0 +1,189 @@
+"""What was measured becomes a recording: whole or not at all, with the session's ledger beside the samples."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from isorig.analysis.campaign import Run
+from isorig.rig.acquire.axis import AXIS, axis_of
+from isorig.rig.acquire.locks import output_locked
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.recorder import RESERVE
+from isorig.rig.acquire.recover import Recovered, campaign_of, working
+from isorig.rig.errors import OutputError, PlanError
+from isorig.rig.files.output import sweep
+from isorig.rig.files.recording import SENSOR, Extra, Stored, open_recording, write
+
+#: What helps where a working file stays.
+GO_ON = "make room and go on with --resume, or save it elsewhere with rig recover"
+#: Attributes of a run that tell how its clock drifted.
+DRIFT = ("clock_drift_ppm", "clock_drift_ppm_std")
+#: Table of a run that tells when each block of the instrument arrived.
+TIMING = "timing"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Kept:
+    """A run, and what is known beside its samples."""
+
+    run: Run
+    extra: Extra
+    finished: bool = True
+
+
+def keep_session(partial: Path, output: Path, *, add: bool) -> None:
+    """Make the recording of a working file, and remove that once its content is safe.
+
+    Where it is to `add` to a recording of an earlier part of the session, the runs there stay unless they were taken anew to
+    their end, or further than before.
+
+    Raises
+    ------
+    OutputError
+        Where the disk has no room for it; the working file stays.
+    """
+    with working(partial) as (known, found), _earlier(output, add) as earlier:
+        runs = dict(earlier)
+        for kept in _kept(found):
+            before = earlier.get(kept.run.id)
+            if before is None or kept.finished or len(kept.run) >= len(before.run):
+                runs[kept.run.id] = kept
+        if runs:
+            size = partial.stat().st_size + (output.stat().st_size if earlier else 0)
+            if shutil.disk_usage(partial.parent).free < size + RESERVE:
+                raise OutputError(f"the disk is nearly full: what was measured is in {partial}; {GO_ON}")
+            try:
+                _write(output, known, list(runs.values()))
+            except OutputError as error:
+                raise OutputError(f"{str(error).split(';')[0]}; what was measured is in {partial}; {GO_ON}") from None
+    partial.unlink()
+
+
+def keep_recovered(working_file: Path, output: Path) -> list[Recovered]:
+    """Make a recording of a working file, which stays as it is; what there is of each planned run.
+
+    Raises
+    ------
+    RecordingError
+        Where it is no working file, or holds no sample.
+    OutputError
+        Where the recording cannot be written, or a session is writing it.
+    """
+    with output_locked(output), working(working_file) as (known, found):
+        sweep(output)
+        _write(output, known, _kept(found), str(working_file))
+    return found
+
+
+def keep_measured(output: Path, plan: Plan, run: Run, *, add: bool) -> None:
+    """Make a recording of a run that is in memory, or add it to one."""
+    extra = Extra(channels={name: plan.channels[name].told for name in run.channels})
+    with _earlier(output, add) as earlier:
+        after = _ended(kept.run for kept in earlier.values())
+        if after is not None and run.started is not None and run.started < after:
+            run = replace(run, started=after)
+        _write(output, plan.rig, list({**earlier, run.id: _Kept(run=run, extra=extra)}.values()))
+
+
+def ended(output: Path) -> datetime | None:
+    """When the last run of a recording had ended; None where there is no recording, or it does not say."""
+    if not output.exists():
+        return None
+    with open_recording(output) as campaign:
+        return _ended(campaign.runs)
+
+
+def _ended(runs: Iterable[Run]) -> datetime | None:
+    def end(run: Run, started: datetime) -> datetime:
+        return started + timedelta(seconds=(len(run) + sum(gap.count for gap in run.gaps)) / run.sample_rate)
+
+    return max((end(run, run.started) for run in runs if run.started is not None), default=None)
+
+
+def whole_runs(output: Path, plan: Plan) -> frozenset[str]:
+    """The runs of a plan that an earlier part of the session has taken to their end.
+
+    Raises
+    ------
+    PlanError
+        Where one was taken otherwise than the plan says now.
+    """
+    if not output.exists():
+        return frozenset()
+    done = set()
+    with open_recording(output) as campaign:
+        taken = {run.id: run for run in campaign.runs}
+    for run in plan.runs:
+        for name in run.ids():
+            if name not in taken:
+                continue
+            _same(taken[name], run, plan, output)
+            ticks = len(taken[name]) + sum(gap.count for gap in taken[name].gaps)
+            if plan.instrument.analyzer or ticks >= run.ticks(plan.instrument.sample_rate):
+                done.add(name)
+    return frozenset(done)
+
+
+def _same(run: Run, planned: RunPlan, plan: Plan, output: Path) -> None:
+    pairs = [("configuration", run.configuration, planned.configuration), ("excitation", run.excitation, planned.recorded_as)]
+    pairs.append(("repeat_of", run.repeat_of or "none", planned.repeat_of or "none"))
+    if not plan.instrument.analyzer:
+        pairs.append(("sample_rate", f"{run.sample_rate:g} Hz", f"{plan.instrument.sample_rate:g} Hz"))
+    for key, was, asked in pairs:
+        if was != asked:
+            raise PlanError(
+                f"run {run.id!r} in {output} was taken with {key} {was} and the plan says {asked}; give the run another id, or "
+                "begin another recording"
+            )
+
+
+def _kept(found: Sequence[Recovered]) -> list[_Kept]:
+    return [_Kept(run=item.run, extra=_extra(item), finished=item.finished) for item in found if item.run is not None]
+
+
+def _extra(item: Recovered) -> Extra:
+    # What the format leaves open: what each sensor is, when each block arrived, how the clocks drifted, how sure the axis is.
+    attributes: dict[str, float | str] = {}
+    if item.drift is not None:
+        attributes |= zip(DRIFT, (item.drift.ppm, item.drift.std), strict=True)
+    if item.run is None or item.timing is None or not item.timing.shape[0]:
+        return Extra(attributes=attributes, channels=item.sensors)
+    attributes |= axis_of(item.timing[:], item.run.sample_rate)
+    return Extra(attributes=attributes, channels=item.sensors, tables={TIMING: item.timing})
+
+
+@contextmanager
+def _earlier(output: Path, wanted: bool) -> Iterator[dict[str, _Kept]]:
+    if not (wanted and output.exists()):
+        yield {}
+        return
+    with open_recording(output) as campaign, h5py.File(output, "r") as file:
+        yield {run.id: _Kept(run=run, extra=_extra_in(file[f"runs/{run.id}"], run)) for run in campaign.runs}
+
+
+def _extra_in(group: h5py.Group, run: Run) -> Extra:
+    sensors = {
+        name: {key: _plain(group[name].attrs[key]) for key in SENSOR if key in group[name].attrs} for name in run.channels
+    }  # fmt: skip
+    return Extra(
+        attributes={key: _plain(group.attrs[key]) for key in (*DRIFT, *AXIS) if key in group.attrs}, channels=sensors,
+        tables={TIMING: Stored(group[TIMING], f"the table {TIMING} of run {run.id!r}")} if TIMING in group else {},
+    )  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    # Text of a fixed length comes as bytes.
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _write(output: Path, known: Mapping[str, float | str], kept: Sequence[_Kept], source: str = "") -> None:
+    campaign = campaign_of(known, [item.run for item in kept], source or str(output))
+    write(output, campaign, {item.run.id: item.extra for item in kept})

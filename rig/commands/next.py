@@ -1,0 +1,91 @@
+"""rig next: the measurement that parts the causes which a diagnosis leaves open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def next_(
+    *diagnoses: Path,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    limits: Path | None = None,
+    plan: Path | None = None,
+    seconds: float = 60.0,
+    for_: Annotated[str | None, Parameter(name="--for")] = None,
+) -> None:
+    """Propose the runs that part the causes which a diagnosis leaves open, as a plan for rig acquire.
+
+    Candidate runs are simulated with every surviving cause; the rival of each is refitted before their distance counts. A run
+    that any of them takes beyond a limit is never proposed. Where no allowed run parts two causes, that is the answer.
+
+    Example: rig next diagnosis -o next.toml
+
+    Parameters
+    ----------
+    diagnoses
+        Folders that rig diagnose -o wrote, of one rig; the last one counts, the others tell what is ruled out.
+    output
+        The plan to write, a TOML file; next to it a page with the same name and the ending .html shows the predictions.
+    limits
+        A TOML file of limits: stroke, drive, force, channels, gains, band, seconds, lock_price. They hold together with those of
+        the rig's description and of the plan.
+    plan
+        The plan of the session: its instrument, channels and limits. Without it the proposed plan is for the virtual rig.
+    seconds
+        Seconds of measuring that the proposed runs may take together.
+    for_
+        A parameter and the deviation wished for, such as motor_damping=2%: propose the run that brings it below that.
+    """
+    from rich.console import Console
+
+    from isorig.rig.acquire.plan_check import read_plan
+    from isorig.rig.errors import PlanError, RigError
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.rivals import model_of, read_rivals
+    from isorig.rig.next.limits_file import limits_of
+    from isorig.rig.next.page import proposal_page
+    from isorig.rig.next.plan_file import run_names, virtual_instrument_of, with_runs, write_plan
+    from isorig.rig.next.proposal import propose, situation
+    from isorig.rig.next.runs import described, planned
+    from isorig.rig.next.sentences import reasons, summary
+
+    if not diagnoses:
+        raise RigError("no diagnosis was given; name a folder that rig diagnose -o wrote")
+    if not 0.0 < seconds < float("inf"):
+        raise RigError(f"--seconds is {seconds:g}; give the seconds of measuring that the runs may take, such as 60")
+    if output.suffix == ".html":
+        raise RigError(f"-o is {output}, which is the name of the page; give the plan a name that ends in .toml")
+    found = [read_rivals(folder) for folder in diagnoses]
+    own = None if plan is None else read_plan(plan, runs=False)
+    if own is not None and own.instrument.analyzer:
+        raise PlanError(f"{plan} is for an analyzer, which plays no drive of a plan; choose its next run by hand")
+    earlier = {} if own is None else {name: run for run in own.runs if run.repeats == 1 for name in run.ids()}
+    now = situation(found, limits_of(model_of(found[-1]), own, limits), earlier)
+    with Console(stderr=True).status("comparing candidate runs") as status:
+        if for_ is not None:
+            from isorig.rig.next.wish import propose_for, wish
+
+            proposal = propose_for(now, wish(for_), budget=seconds, tell=status.update)
+        else:
+            proposal = propose(now, budget=seconds, tell=status.update)
+    for sentence in summary(proposal):
+        print(sentence)
+    if not proposal.runs:
+        return
+    names = run_names(len(proposal.runs), [run.id for run in now.rivals.runs])
+    base = own or virtual_instrument_of(found[-1])
+    runs = [planned(item.run, name) for name, item in zip(names, proposal.runs, strict=True)]
+    why = {name: reasons(item, proposal, now) for name, item in zip(names, proposal.runs, strict=True)}
+    head = summary(proposal)
+    if own is None:
+        head.append("No plan was given with --plan: instrument and sensitivities are those of the virtual rig.")
+    write_plan(output, with_runs(base, runs), why, head)
+    page = write_text(output.with_suffix(".html"), proposal_page(proposal, now, names))
+    for name, item in zip(names, proposal.runs, strict=True):
+        print(f"{name}: {described(item.run)}")
+        for sentence in why[name]:
+            print(f"  {sentence}")
+    print(output, page, sep="\n")

@@ -1,0 +1,64 @@
+"""rig view: what a session measures, or a recording, on a page in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def view(
+    campaign: Path, *, plan: Path | None = None, replay: bool = False, speed: float = 1.0, seconds: float | None = None
+) -> None:
+    """Show a session that another terminal measures, or a recording, on a page in the browser of this machine.
+
+    The page is served on this machine alone, at the address that is printed. It only shows: the buttons that act on a session
+    are on the session's own page, which rig acquire --view serves.
+
+    Example: rig view campaign.h5 --replay
+
+    Parameters
+    ----------
+    campaign
+        The recording that rig acquire -o was given, or any recording.
+    plan
+        The session's plan: the page then tells how many runs there are, and how long they take.
+    replay
+        Play the recording back as it was measured.
+    speed
+        How many times as fast it is played back.
+    seconds
+        How long the page is served; until Ctrl-C where absent.
+    """
+    import math
+    import sys
+    import time
+
+    from isorig.rig.acquire.notes import notes_beside, notes_in
+    from isorig.rig.acquire.plan_check import read_plan
+    from isorig.rig.acquire.recorder import working_file
+    from isorig.rig.errors import PlanError, RecordingError
+    from isorig.rig.files.recording import open_recording
+    from isorig.rig.view.run_list import planned_as, planned_by
+    from isorig.rig.view.screen import Screen
+    from isorig.rig.view.sources import replayed, watched
+    from isorig.rig.view.state import Subject
+
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise PlanError(f"--speed is {speed:g}; give a number above 0")
+    if seconds is not None and not seconds > 0.0:
+        raise PlanError(f"--seconds is {seconds:g}; give a number above 0")
+    if not campaign.exists() and (replay or not working_file(campaign).exists()):
+        raise RecordingError(f"{campaign} does not exist and no session writes it; give the -o of a session or a recording")
+    planned = () if plan is None else planned_by(read_plan(plan))
+    if campaign.exists():
+        with open_recording(campaign) as recorded:
+            if replay:
+                planned = planned_as(recorded.runs)
+    looks = replayed(campaign, speed) if replay else watched(campaign, lambda: False)
+    notes = tuple(dict.fromkeys([*notes_in(campaign), *notes_beside(campaign)]))
+    subject = Subject(title=campaign.name, mode="replay" if replay else "watch", planned=planned, notes=notes)
+    end = math.inf if seconds is None else time.monotonic() + seconds
+    try:
+        drawn = Screen(subject, looks).run(lambda: time.monotonic() > end, lambda address: print(address, flush=True))
+    except KeyboardInterrupt:
+        return
+    print(f"{drawn.frames} frames with {drawn.values} values were drawn", file=sys.stderr)

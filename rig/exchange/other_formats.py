@@ -1,0 +1,99 @@
+"""Formats that fewer labs have: TDMS of LabVIEW (an extra of this package) and WAV."""
+
+from __future__ import annotations
+
+import logging
+import struct
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.exchange.table import Column, ForeignTable, vectors_of
+from isorig.rig.files.output import reason
+
+
+class _Said:
+    """Keeps what a package warns of instead of printing it."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def keep(self, record: logging.LogRecord) -> bool:
+        """Keep a warning, and let it go no further."""
+        self.lines.append(record.getMessage())
+        return False
+
+
+def read_tdms(path: Path) -> ForeignTable:
+    """Channels as group/name, with the rate and unit that their properties say; channels without samples are left out."""
+    try:
+        from nptdms import TdmsFile, log
+    except ImportError:
+        raise PlanError("reading TDMS needs the package npTDMS; install isorig[tdms]") from None
+    columns: dict[str, Column] = {}
+    empty: list[str] = []
+    said = _Said()
+    # The package's loggers print on their own.
+    console = log.log_manager.console_handler
+    console.addFilter(said.keep)
+    try:
+        file = TdmsFile.read(path)
+        for group in file.groups():
+            for channel in group.channels():
+                values = np.asarray(channel[:])
+                name = f"{group.name}/{channel.name}"
+                if not len(values):
+                    empty.append(name)
+                elif values.dtype.kind in "biuf":
+                    step = float(channel.properties.get("wf_increment", 0.0))
+                    columns[name] = Column(
+                        values=values, sample_rate=1.0 / step if step > 0.0 else None,
+                        unit=str(channel.properties.get("unit_string", "")),
+                    )  # fmt: skip
+        if said.lines:
+            # It reads what is there of a file that was cut short; how much is missing nobody knows.
+            raise ValueError(said.lines[0])
+    except Exception as error:
+        # The package raises bare exceptions, KeyError and struct.error on damaged files.
+        raise RecordingError(f"{path} cannot be read as TDMS ({reason(error)}); copy it again from its source") from None
+    finally:
+        console.removeFilter(said.keep)
+    if not columns:
+        told = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
+        raise RecordingError(f"{path} has no samples ({told}); record it again, or export the file that the logger wrote them to")
+    return ForeignTable(path=path, columns=columns, remarks=tuple(f"channel {name!r} has no samples" for name in empty))
+
+
+def read_wav(path: Path) -> ForeignTable:
+    """Channels as channel[0], channel[1] ...; whole numbers are the converter's own steps, whatever their width."""
+    from scipy.io import wavfile
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)
+            # A file that ends before its samples do is cut, which the package only warns of.
+            warnings.filterwarnings("error", message="Reached EOF prematurely", category=wavfile.WavFileWarning)
+            rate, values = wavfile.read(path)
+        bits = _bits(path)
+    except Exception as error:
+        # scipy raises ValueError, struct.error or UnboundLocalError on damaged files.
+        raise RecordingError(f"{path} cannot be read as WAV ({reason(error)}); copy it again from its source") from None
+    if values.dtype.kind == "i" and 0 < bits < 8 * values.dtype.itemsize:
+        # 24 bits come in the upper three of four bytes.
+        values = values >> (8 * values.dtype.itemsize - bits)
+    columns = {name: Column(values=v, sample_rate=float(rate)) for name, v in vectors_of("channel", values).items()}
+    return ForeignTable(path=path, columns=columns)
+
+
+def _bits(path: Path) -> int:
+    # Bits of a sample, from the chunk "fmt " (Microsoft, "Multimedia Programming Interface", RIFF WAVE): scipy does not say them.
+    with path.open("rb") as file:
+        order = ">" if file.read(12)[:4] == b"RIFX" else "<"
+        while len(head := file.read(8)) == 8:
+            name, size = head[:4], struct.unpack(f"{order}I", head[4:])[0]
+            if name == b"fmt ":
+                return int(struct.unpack(f"{order}H", file.read(16)[14:16])[0])
+            file.seek(size + size % 2, 1)
+    return 0

@@ -1,0 +1,64 @@
+"""Transfer functions that other programs worked out, as they are fitted and drawn here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from isorig.analysis.campaign import Spectrum
+from isorig.analysis.spectra.welch import Frf
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.reading import read_foreign
+from isorig.rig.exchange.table import ForeignTable
+
+#: Lines of one distance, as a share of it.
+EVEN = 1e-3
+
+
+def read_responses(path: Path) -> list[Frf]:
+    """The transfer functions of a file in another program's format (.uff, .mat, .csv, .npz ...).
+
+    Raises
+    ------
+    RecordingError
+        Where it has none: what it has, and what to do.
+    """
+    table = read_foreign(path)
+    found = responses_of(table)
+    if not found:
+        if any(spectrum.kind == "transfer_function" for spectrum in table.spectra):
+            raise RecordingError(f"{path} holds transfer functions with unevenly spaced lines; export them at even ones")
+        has = "time records; import it" if table.columns else "spectra without a phase; export the transfer functions"
+        raise RecordingError(f"{path} holds no transfer function but {has}")
+    return found
+
+
+def responses_of(table: ForeignTable) -> list[Frf]:
+    """The transfer functions of a table that have evenly spaced lines.
+
+    Their coherence is the file's where it has one, else 1; how many averages they are of no file says, so `averages` is 1 and
+    the deviations say nothing.
+    """
+    coherences = {(s.response, s.reference): s for s in table.spectra if s.kind == "coherence"}
+    return [
+        _frf(spectrum, coherences.get((spectrum.response, spectrum.reference)))
+        for spectrum in table.spectra
+        if spectrum.kind == "transfer_function" and np.ptp(np.diff(spectrum.frequency)) <= EVEN * _spacing(spectrum)
+    ]
+
+
+def _frf(spectrum: Spectrum, coherence: Spectrum | None) -> Frf:
+    value = np.asarray(spectrum.values, dtype=np.complex128)
+    share = np.ones(len(value)) if coherence is None or coherence.values.shape != value.shape else np.real(coherence.values)
+    share = np.clip(share, np.finfo(float).eps, 1.0)
+    relative = np.sqrt((1.0 - share) / (2.0 * share))
+    return Frf(
+        response=spectrum.response, reference=spectrum.reference, frequency=spectrum.frequency, value=value, coherence=share,
+        magnitude_std=np.abs(value) * relative, phase_std=np.minimum(relative, np.pi), averages=1.0,
+        resolution=_spacing(spectrum), estimator="H1",
+    )  # fmt: skip
+
+
+def _spacing(spectrum: Spectrum) -> float:
+    return float(spectrum.frequency[-1] - spectrum.frequency[0]) / max(len(spectrum.frequency) - 1, 1)

@@ -1,0 +1,1 @@
+"""Files: recordings, models, rig descriptions, results; written whole, read with limits."""

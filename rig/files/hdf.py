@@ -1,0 +1,179 @@
+"""HDF5 files from others: walked through by another process before they are opened here.
+
+The library behind h5py crashes on some damaged files, never ends on others, and a small file may declare what fills the memory.
+`isorig.rig.files.hdf_walk` finds that out in a process of its own, and refuses files that lead out of themselves.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Literal
+
+import h5py
+
+from isorig.rig.errors import RecordingError
+from isorig.rig.files.output import reason
+
+#: Seconds in which the other process has to show that it goes on, and in which it has to start.
+STILL, START = 6.0, 60.0
+#: Bytes of a MATLAB file that are read in a second at least.
+SPEED = 10 << 20
+#: Files whose walk is remembered, so that a command that opens one twice walks once.
+REMEMBERED = 64
+#: Bytes of chunks that are kept of each dataset while it is read: runs are read from front to back.
+CHUNK_CACHE = 1 << 20
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+Kind = Literal["hdf5", "matlab"]
+
+
+class _Walker:
+    """The other process, and the thread that listens to it."""
+
+    def __init__(self) -> None:
+        self.pid = os.getpid()
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", str(Path(__file__).with_name("hdf_walk.py"))],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        assert self._process.stdout is not None
+        threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
+        if self._answer(START) is None:
+            raise RecordingError(f"{sys.executable} could not be started to look at a file; check the installation")
+
+    def ask(self, kind: Kind, path: Path, patience: float) -> dict[str, str] | None:
+        """What it says of a file; None where it died or stood still over it."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps([kind, os.fsdecode(path)]) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            return None
+        return self._answer(patience)
+
+    def end(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
+
+    def _answer(self, patience: float) -> dict[str, str] | None:
+        while True:
+            try:
+                line = self._lines.get(timeout=patience)
+            except queue.Empty:
+                return None
+            if line is None:
+                return None
+            if line != ".\n":
+                answer: dict[str, str] = json.loads(line)
+                return answer
+
+    def _listen(self, lines: IO[str]) -> None:
+        for line in lines:
+            self._lines.put(line)
+        self._lines.put(None)
+
+
+_lock = threading.Lock()
+_walker: list[_Walker] = []
+_walked: OrderedDict[tuple[int, int, int, int], None] = OrderedDict()
+
+
+def survived(path: Path) -> None:
+    """Refuse a file of MATLAB's version 5 whose reading ends a process, or does not end.
+
+    Raises
+    ------
+    RecordingError
+        In one sentence.
+    """
+    with _lock:
+        answer = _asked("matlab", path, STILL + path.stat().st_size / SPEED)
+    if "refused" in answer:
+        raise RecordingError(f"{path}: {answer['refused']}")
+
+
+def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
+    # A process that was forked has its parent's pipes: it starts a walker of its own.
+    if _walker and _walker[0].pid != os.getpid():
+        _walker.clear()
+    if not _walker:
+        _walker.append(_Walker())
+    answer = _walker[0].ask(kind, path.absolute(), patience)
+    if answer is None:
+        _walker.pop().end()
+        raise RecordingError(f"{path} is damaged so that reading it does not come to an end; copy it again from its source")
+    return answer
+
+
+def _walk(path: Path, begin: bytes) -> None:
+    answer = _asked("hdf5", path, STILL)
+    if "refused" in answer:
+        raise RecordingError(f"{path}: {answer['refused']}")
+    if "damaged" in answer:
+        raise RecordingError(f"{path} is damaged ({answer['damaged']}); copy it again from its source")
+    if "closed" in answer:
+        raise RecordingError(_unreadable(path, begin, answer["closed"]))
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """An HDF5 file for reading, after it was walked through.
+
+    Raises
+    ------
+    RecordingError
+        In one sentence: what is wrong with the file, and what to do.
+    """
+    begin, identity = _begin(path)
+    with _lock:
+        if identity not in _walked:
+            _walk(path, begin)
+            _walked[identity] = None
+            if len(_walked) > REMEMBERED:
+                _walked.popitem(last=False)
+    try:
+        file = h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE)
+    except OSError as error:
+        raise RecordingError(_unreadable(path, begin, reason(error))) from None
+    with file:
+        yield file
+
+
+def _begin(path: Path) -> tuple[bytes, tuple[int, int, int, int]]:
+    try:
+        about = path.stat()
+        if path.is_dir():
+            raise RecordingError(f"{path} is a folder, not a recording; give the path of a file")
+        if not path.is_file():
+            # A pipe would never answer.
+            raise RecordingError(f"{path} is no file; give the path of a recording")
+        with path.open("rb") as stream:
+            begin = stream.read(len(SIGNATURE))
+    except FileNotFoundError:
+        raise RecordingError(f"{path} does not exist; give the path of a recording") from None
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read ({error.strerror}); change its permissions or copy it") from None
+    return begin, (about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns)
+
+
+def _unreadable(path: Path, begin: bytes, told: str) -> str:
+    if not begin:
+        return f"{path} is empty; record or copy it again"
+    if begin != SIGNATURE:
+        return f"{path} is not an HDF5 file; give a recording, or import the file first"
+    if "truncated" in told:
+        return f"{path} is cut short ({path.stat().st_size} bytes); copy it again from its source"
+    return f"{path} is damaged or was never closed ({told}); copy it again, or recover it where its recorder was killed"

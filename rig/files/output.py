@@ -1,0 +1,104 @@
+"""Results on disk: written whole under a temporary name, then put in place."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from isorig.rig.errors import OutputError
+
+if TYPE_CHECKING:
+    from isorig.analysis.campaign import FloatArray
+
+
+@contextmanager
+def replaced(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its place when the block ends well, and is removed when it does not."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        os.close(handle)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written ({error.strerror}); choose another place with -o") from None
+    temporary = Path(name)
+    try:
+        yield temporary
+        try:
+            temporary.chmod(0o644)
+            _sync(temporary)
+            temporary.replace(path)
+            _sync(path.parent)
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another place with -o") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def sweep(path: Path) -> None:
+    """Remove what programs that were killed have left of `replaced`; for whoever alone writes this file now."""
+    left = re.compile(re.escape(f".{path.name}.") + "[a-z0-9_]{8}")
+    with suppress(OSError):
+        for other in path.parent.iterdir():
+            if left.fullmatch(other.name) and other.is_file() and not other.is_symlink():
+                other.unlink(missing_ok=True)
+
+
+#: Characters that are told of what another program's error says: it may quote a file at length.
+REASON = 200
+
+
+def reason(error: BaseException) -> str:
+    """What an error says, in a line that can be shown."""
+    told = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0] or type(error).__name__
+    told = "".join(letter if letter.isprintable() else "?" for letter in told)
+    return told if len(told) <= REASON else told[:REASON] + " ..."
+
+
+def reserve(path: Path, size: int) -> None:
+    """Take room for a file of so many bytes on the disk, where the system can: HDF5 does not survive a disk that is full.
+
+    Raises
+    ------
+    OSError
+        Where there is no room.
+    """
+    if hasattr(os, "posix_fallocate") and size > 0:
+        with path.open("r+b") as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _sync(path: Path) -> None:
+    # To the disk itself, so that a power loss does not take what was there before and what is there now.
+    if path.is_dir() and os.name == "nt":
+        return
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    """Write text whole or not at all."""
+    with replaced(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def write_json(path: str | Path, content: Any) -> Path:
+    """Write JSON, indented, numbers as numbers."""
+    return write_text(path, msgspec.json.format(msgspec.json.encode(content), indent=2).decode() + "\n")
+
+
+def write_csv(path: str | Path, columns: Mapping[str, FloatArray]) -> Path:
+    """Write columns of equal length, nine digits each."""
+    rows = zip(*columns.values(), strict=True)
+    return write_text(path, "\n".join([",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n")

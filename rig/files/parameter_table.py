@@ -1,0 +1,186 @@
+"""A parameter table as the files that other programs read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.parameters.joint_fit import Characterization, characterize
+from isorig.rig.baseline import baseline_model
+from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.models import write_model
+from isorig.rig.files.output import write_json, write_text
+
+#: Bodies whose peak is read by itself.
+READ_OFF = ("table", "heatblock", "motor")
+COLUMNS = ("value", "std", "unit", "method", "note")
+
+
+def characterize_campaign(campaign: Campaign, tell: Callable[[str], None]) -> Characterization:
+    """The parameter table of a recording of the wire bonder.
+
+    Raises
+    ------
+    RecordingError
+        Where the recording is of another rig, or lacks what the rig needs.
+    """
+    if campaign.description is not None:
+        raise RecordingError(f"{campaign.source} is of another rig; the parameter table knows the wire bonder, use rig diagnose")
+    return characterize(campaign, baseline_model(campaign), progress=tell)
+
+
+def write_characterization(
+    folder: Path, campaign: Campaign, found: Characterization, beside: Mapping[str, Any] | None = None
+) -> Path:
+    """Write parameters.json, the same table as CSV, and the fitted model; the path of the first.
+
+    `beside` goes into parameters.json as further keys.
+    """
+    table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("name", *COLUMNS))
+    rows.writerows((name, *("" if row[key] is None else row[key] for key in COLUMNS)) for name, row in table.items())
+    write_text(folder / "parameters.csv", text.getvalue())
+    origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
+    write_model(folder / "model.json", found.fit.model, origin=origin)
+    content = {
+        "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
+        "measured": origin.isoformat() if origin is not None else None, "parameters": table,
+        "drive": {"head_mass": found.head_mass, "levels": drive_levels(campaign)}, "calibration_stated": found.calibrated,
+        "faults": [fault.text for fault in found.faults], "doubts": [doubt.text for doubt in found.doubts], **(beside or {}),
+    }  # fmt: skip
+    return write_json(folder / "parameters.json", content)
+
+
+#: Segments of a record that tell how steady its drive was.
+SEGMENTS = 16
+Pair = tuple[float, float]
+
+
+class Level(msgspec.Struct, frozen=True, kw_only=True):
+    """The drive as it was measured: rms of noise and its like, peak of moves, with its deviation from stretch to stretch."""
+
+    gain: float
+    excitation: str
+    value: float
+    std: float
+    unit: str = "m/s^2"
+    measure: str = "rms"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOff:
+    """A body's frequency and damping as read off one peak, (value, std) each; by half-power, or why that was refused."""
+
+    frequency: Pair
+    damping: Pair
+    half_power: bool
+    refused: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterFile:
+    """A parameter table on disk.
+
+    Parameters
+    ----------
+    campaign, measured
+        Of which campaign, measured when.
+    values
+        (value, std) by name where there is a value; the head's mass among them where the table has it.
+    read_off
+        The readings of single peaks by body.
+    surface
+        (value, std) of the table's mass and damping where the error surface is least; None where there is none.
+    levels
+        The drive by gain and excitation.
+    """
+
+    campaign: str
+    measured: datetime | None
+    values: Mapping[str, Pair]
+    read_off: Mapping[str, ReadOff] = field(default_factory=dict)
+    surface: tuple[Pair, Pair] | None = None
+    levels: tuple[Level, ...] = ()
+
+
+def drive_levels(campaign: Campaign, channel: str = "head") -> tuple[Level, ...]:
+    """The size of the recorded drive by gain and excitation; each run's stretches tell its deviation."""
+    found: dict[tuple[float, str], list[tuple[float, float]]] = {}
+    for run in campaign.runs:
+        values = run.read(channel) - float(np.mean(run.read(channel)))
+        peaks = run.excitation == "moves"
+        parts = [float(np.abs(p).max() if peaks else p.std()) for p in np.array_split(values, SEGMENTS) if len(p)]
+        size = float(np.median(parts) if peaks else values.std())
+        found.setdefault((run.gain, run.excitation), []).append((size, float(np.std(parts)) / np.sqrt(len(parts))))
+    unit = next((run.channels[channel].unit for run in campaign.runs), "m/s^2")
+    return tuple(
+        Level(
+            gain=gain, excitation=kind, value=float(np.mean([v for v, _ in sizes])), unit=unit,
+            std=float(np.sqrt(np.mean([d**2 for _, d in sizes]) / len(sizes))), measure="peak" if kind == "moves" else "rms",
+        )
+        for (gain, kind), sizes in sorted(found.items())
+    )  # fmt: skip
+
+
+def read_parameters(path: Path) -> ParameterFile:
+    """Read a parameters.json.
+
+    Raises
+    ------
+    PlanError
+        Where the file is not a parameter table.
+    """
+    try:
+        content = msgspec.json.decode(content_of(path))
+        rows = dict(content["parameters"]) if content["format"] == "rig-parameters" else {}
+        drive = content.get("drive") or {}
+        if "head_mass" in drive:
+            rows["head_mass"] = drive["head_mass"]
+        values = {name: pair for name, row in rows.items() if (pair := _pair(row)) is not None}
+        if not values:
+            raise ValueError
+        began, read = content.get("measured"), content.get("set_ups") or {}
+        surface = read.get("error_surface")
+        return ParameterFile(
+            campaign=str(content.get("campaign", path.parent.name)), values=values,
+            measured=None if began is None else datetime.fromisoformat(began),
+            read_off={name: found for name in READ_OFF if (found := _read_off(read.get(name))) is not None},
+            surface=None if surface is None else _surface(surface),
+            levels=msgspec.convert(drive.get("levels", ()), tuple[Level, ...]),
+        )  # fmt: skip
+    except OSError as error:
+        raise PlanError(f"{path} cannot be read ({error.strerror}); give the parameters.json of rig characterize") from None
+    except (msgspec.MsgspecError, AttributeError, KeyError, TypeError, ValueError, RecursionError):
+        raise PlanError(f"{path} is not a parameter table; give the parameters.json of rig characterize") from None
+
+
+def _pair(row: Mapping[str, Any]) -> Pair | None:
+    return None if row["value"] is None else (float(row["value"]), float(row.get("std") or 0.0))
+
+
+def _read_off(row: Mapping[str, Any] | None) -> ReadOff | None:
+    if row is None:
+        return None
+    half = row["half_power"]
+    for source, refused in ((half, ""), (row, str(half.get("refused", "")))):
+        frequency, damping = _pair(source["frequency_hz"]), _pair(source["damping"])
+        if frequency is not None and damping is not None:
+            return ReadOff(frequency=frequency, damping=damping, half_power=source is half, refused=refused)
+    return None
+
+
+def _surface(row: Mapping[str, Any]) -> tuple[Pair, Pair] | None:
+    mass, damping = _pair(row["table_mass"]), _pair(row["table_damping"])
+    return None if mass is None or damping is None else (mass, damping)

@@ -1,0 +1,107 @@
+"""A rig as a user names it: a built-in one, a description in TOML, or a fitted model in JSON."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.built_in import BUILT_IN, wire_bonder
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.rig.errors import PlanError
+from isorig.rig.files.inputs import TOML_MOST, content_of
+from isorig.rig.files.models import read_model
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenRig:
+    """A rig with where it came from.
+
+    Parameters
+    ----------
+    model
+        The rig.
+    origin
+        The time that a drifting model counts from; None where it does not say.
+    description
+        The text in TOML, where it was given so.
+    """
+
+    model: RigModel
+    origin: datetime | None = None
+    description: str | None = None
+
+
+def read_rig(given: str | Path) -> GivenRig:
+    """The rig of that name or in that file.
+
+    Parameters
+    ----------
+    given
+        One of `isorig.analysis.model.built_in.BUILT_IN`, or the path of a .toml description or of a model.json.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: the key, what stands there, what may.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> [body.name for body in iso.read_rig("wire-bonder").model.bodies]
+    ['table', 'heatblock', 'motor']
+    """
+    if str(given) in BUILT_IN:
+        return GivenRig(model=BUILT_IN[str(given)]())
+    path = Path(given)
+    if path.suffix.lower() != ".toml":
+        if path.suffix.lower() != ".json" and not path.exists():
+            raise PlanError(
+                f"{path} is no rig: built in are {', '.join(BUILT_IN)}; name one of these, a .toml description or a model.json"
+            )
+        model, origin = read_model(path)
+        return GivenRig(model=model, origin=origin)
+    model, text = read_description(path)
+    return GivenRig(model=model, description=text)
+
+
+def rig_of(campaign: Campaign) -> RigModel:
+    """The rig that a campaign was measured on: the one that it describes, or the wire bonder.
+
+    Raises
+    ------
+    PlanError
+        Where the description cannot be used.
+    """
+    if campaign.description is None:
+        return wire_bonder()
+    return _described(campaign.description, "it")[0]
+
+
+def read_description(path: Path) -> tuple[RigModel, str]:
+    """A rig and its text from the TOML file that describes it.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    try:
+        text = content_of(path, TOML_MOST).decode()
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanError(f"{path} cannot be read ({error}); give the file of a rig's description") from None
+    return _described(text, str(path))
+
+
+def _described(text: str, what: str) -> tuple[RigModel, str]:
+    try:
+        return from_tree(tomllib.loads(text)), text
+    except tomllib.TOMLDecodeError as error:
+        raise PlanError(f"{what} is not TOML ({error}); correct that line") from None
+    except ModelError as error:
+        raise PlanError(f"{what}: {error}") from None
+    except RecursionError:
+        raise PlanError(f"{what} is nested too deep; write the rig's parts as flat tables") from None

@@ -1,0 +1,50 @@
+"""TOML files that people write, read with one-sentence refusals."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from isorig.rig.errors import PlanError
+from isorig.rig.files.inputs import TOML_MOST, content_of
+
+T = TypeVar("T")
+
+
+def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "") -> T:
+    """Read a file into what its keys stand for.
+
+    Parameters
+    ----------
+    path
+        The file; a byte order mark in front is passed over.
+    convert
+        From plain dicts and lists, by `msgspec.convert`.
+    what
+        Noun with its article, for messages.
+    hint
+        What else helps where there is no such file, to follow the sentence.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    try:
+        return convert(tomllib.loads(content_of(path, TOML_MOST).decode("utf-8-sig")))
+    except FileNotFoundError:
+        raise PlanError(f"{path} does not exist; give the path of {what}{hint}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanError(
+            f"{path} cannot be read as text ({getattr(error, 'strerror', None) or error}); give {what} in TOML"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
+    except RecursionError:
+        raise PlanError(f"{path} is nested too deep; write {what} with flat tables") from None
+    except msgspec.ValidationError as error:
+        raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None

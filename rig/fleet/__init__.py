@@ -1,0 +1,1 @@
+"""A fleet of rigs: every recording diagnosed once, every parameter followed."""

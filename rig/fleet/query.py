@@ -1,0 +1,44 @@
+"""The catalogue asked in SQL, through DuckDB where it is installed."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pyarrow as pa
+
+from isorig.rig.errors import RigError
+from isorig.rig.fleet.catalogue import Catalogue
+
+
+def asked(catalogue: Catalogue, query: str) -> str:
+    """The rows that a query gives, as CSV; the table `answers` is the catalogue's.
+
+    The query sees that table and nothing else: no file, no network.
+
+    Raises
+    ------
+    RigError
+        Where DuckDB is not installed, or the query is wrong.
+    """
+    try:
+        import duckdb
+    except ImportError:
+        raise RigError("SQL needs DuckDB, which is not installed; install it with pip install 'isorig[sql]'") from None
+    with duckdb.connect(config={"threads": 1}) as connection:
+        answers = catalogue.table()
+        place = answers.schema.get_field_index("started")
+        # Without its zone, which is UTC: DuckDB would need another package to hand it back.
+        connection.register("answers", answers.set_column(place, "started", answers.column(place).cast(pa.timestamp("us"))))
+        connection.execute("set enable_external_access = false; set lock_configuration = true")
+        try:
+            found = connection.execute(query)
+            names, rows = [column[0] for column in found.description or ()], found.fetchall()
+        except duckdb.Error as error:
+            told = (str(error).splitlines() or ["it failed"])[0]
+            raise RigError(f"the query is wrong ({told}); the table is answers, see docs/fleet.md for its columns") from None
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(names)
+    table.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,74 @@
+"""The recordings of a fleet: found in its folders, told by content, and whose rig each is of."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from isorig.analysis.parallel import cores
+
+ENDING = ".h5"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """A recording on disk; `content` is the SHA-256 of its bytes, empty until it was read."""
+
+    path: Path
+    rig: str
+    size: int
+    modified: int
+    content: str = ""
+
+    @property
+    def campaign(self) -> str:
+        """Name of the file without its ending."""
+        return self.path.stem
+
+    @property
+    def stamp(self) -> tuple[str, int, int]:
+        """What says without reading it that a file is the one seen before."""
+        return str(self.path), self.size, self.modified
+
+
+def recordings_under(folders: Mapping[Path, str | None]) -> Iterator[Recording]:
+    """Every recording in the folders and below, in the order of their paths, each once.
+
+    A recording is of the rig that the folder was added for, else of the rig that its own folder is named after. Hidden files and
+    folders are left out.
+    """
+    seen: set[Path] = set()
+    for folder, rig in folders.items():
+        for place, below, names in os.walk(folder):
+            below[:] = sorted(name for name in below if not name.startswith("."))
+            for name in sorted(names):
+                path = Path(place) / name
+                if not name.endswith(ENDING) or name.startswith(".") or path in seen:
+                    continue
+                seen.add(path)
+                try:
+                    stat = path.stat()
+                except OSError:  # gone since the folder was listed
+                    continue
+                yield Recording(path=path, rig=rig or path.parent.name, size=stat.st_size, modified=stat.st_mtime_ns)
+
+
+def identified(recordings: Iterable[Recording], known: Mapping[tuple[str, int, int], str]) -> list[Recording]:
+    """The recordings with their content: as it is known of an unchanged file, else read. One that cannot be read has none."""
+
+    def one(recording: Recording) -> Recording:
+        content = known.get(recording.stamp)
+        if content is None:
+            try:
+                with recording.path.open("rb") as stream:
+                    content = hashlib.file_digest(stream, "sha256").hexdigest()
+            except OSError:
+                content = ""
+        return replace(recording, content=content)
+
+    with ThreadPoolExecutor(cores()) as pool:
+        return list(pool.map(one, recordings))

@@ -1,0 +1,120 @@
+"""A fleet as tables on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from isorig.rig.errors import RigError
+from isorig.rig.fleet.history import Fleet, Rig, Track
+from isorig.rig.fleet.sentences import beside, change_words, day, in_order, odd_parameters, parameter_words, state_of
+from isorig.rig.report.sections import number
+from isorig.rig.terminal import show_table
+
+
+def show_fleet(fleet: Fleet, told: Callable[[str], None]) -> None:
+    """All rigs, the one that changed last first."""
+    rows = [(rig.name, str(len(rig.campaigns)), day(rig.campaigns[-1].date), rig.campaigns[-1].verdict, state_of(fleet, rig))
+            for rig in in_order(fleet)]  # fmt: skip
+    show_table(f"{len(fleet.rigs)} rigs, {fleet.baseline} baseline", ("rig", "campaigns", "last", "verdict", "state"), rows)
+    for note in fleet.notes:
+        told(note)
+
+
+def show_rig(fleet: Fleet, name: str) -> None:
+    """One rig: its parameters beside the other rigs'."""
+    rig = rig_of(fleet, name)
+    odd = odd_parameters(fleet, name)
+    rows = []
+    for parameter, track in rig.tracks.items():
+        rigs, found = fleet.siblings[parameter]
+        changes = "; ".join(
+            f"{day(rig.campaigns[track.campaigns[c.first]].date)} {track.moved(c)} ({c.kind})" for c in track.followed.changes
+        )
+        rows.append(
+            (
+                parameter_words(parameter), number(track.plain(track.followed.level), 5), track.unit,
+                beside(found.away[rigs.index(name)]) + (" odd" if parameter in odd else ""), changes or "–",
+            )
+        )  # fmt: skip
+    show_table(f"{name}: {len(rig.campaigns)} campaigns", ("parameter", "level", "unit", "beside others", "changes"), rows)
+
+
+def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
+    """One parameter: campaign by campaign of one rig, or the levels of all rigs."""
+    name = parameter_of(fleet, parameter)
+    if rig is not None:
+        _show_track(rig_of(fleet, rig), name)
+        return
+    rigs, found = fleet.siblings[name]
+    rows = []
+    for k in np.argsort(-np.abs(found.away), kind="stable").tolist():
+        track = fleet.rigs[rigs[k]].tracks[name]
+        changes = [change_words(track, change) for change in track.followed.changes[-1:]]
+        rows.append(
+            (
+                rigs[k], number(track.plain(track.followed.level), 5), beside(found.away[k]),
+                "odd" if k in found.odd else "", *(changes or ["–"]),
+            )
+        )  # fmt: skip
+    unit = fleet.rigs[rigs[0]].tracks[name].unit
+    show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "beside others", "", "last change"), rows)
+
+
+def _show_track(rig: Rig, name: str) -> None:
+    if name not in rig.tracks:
+        raise RigError(f"{rig.name} has no parameter {name!r}; it has {', '.join(rig.tracks)}")
+    track = rig.tracks[name]
+    value = np.exp(track.series.value) if track.log else track.series.value
+    std = value * track.series.std if track.log else track.series.std
+    told = _events(track)
+    rows = [
+        (day(c.date), c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(told.get(k, [])))
+        for k, (c, v, s) in enumerate(
+            zip((rig.campaigns[at] for at in track.campaigns), value.tolist(), std.tolist(), strict=True)
+        )
+    ]
+    columns = ("began", "campaign", "value", "std", "verdict", "")
+    show_table(f"{rig.name}: {parameter_words(name)}, {track.unit}", columns, rows)
+
+
+def _events(track: Track) -> dict[int, list[str]]:
+    told: dict[int, list[str]] = {}
+    for change in track.followed.changes:
+        told.setdefault(change.first, []).append(f"changed {track.moved(change)} ({change.kind})")
+        told.setdefault(change.alarm, []).append("alarm")
+    for k in track.followed.alone:
+        told.setdefault(k, []).append("out of line")
+    return told
+
+
+def rig_of(fleet: Fleet, name: str) -> Rig:
+    """The rig of a name.
+
+    Raises
+    ------
+    RigError
+        Where there is none.
+    """
+    if name not in fleet.rigs:
+        raise RigError(f"no rig is called {name!r}; there are {_some(list(fleet.rigs))}")
+    return fleet.rigs[name]
+
+
+def parameter_of(fleet: Fleet, name: str) -> str:
+    """The full name of a parameter that is given by it, or by the words that it is shown with.
+
+    Raises
+    ------
+    RigError
+        Where there is none.
+    """
+    for known in fleet.siblings:
+        if name in (known, parameter_words(known)):
+            return known
+    raise RigError(f"no parameter is called {name!r}; there are {_some([parameter_words(k) for k in fleet.siblings])}")
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")

@@ -1,0 +1,78 @@
+"""New recordings of a fleet diagnosed as they come."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from isorig.rig.baseline import Baseline
+from isorig.rig.fleet.catalogue import Catalogue
+from isorig.rig.fleet.change_causes import look
+from isorig.rig.fleet.recordings import Recording, recordings_under
+from isorig.rig.fleet.sentences import answer_words
+from isorig.rig.fleet.update import update, work_of
+
+#: Seconds between looks at the folders.
+EVERY = 10.0
+
+
+class Arrivals:
+    """Recordings that have come to rest: a file that is still copied grows from one look to the next."""
+
+    def __init__(self) -> None:
+        self._before: dict[Path, tuple[str, int, int]] = {}
+        self._handed: dict[Path, tuple[str, int, int]] = {}
+
+    def settled(self, folders: Mapping[Path, str | None]) -> list[Recording]:
+        """Those that look as they did at the last look, and were not handed out like that."""
+        now = {recording.path: recording for recording in recordings_under(folders)}
+        rested = [r for path, r in now.items() if self._before.get(path) == r.stamp and self._handed.get(path) != r.stamp]
+        self._before = {path: r.stamp for path, r in now.items()}
+        self._handed.update({r.path: r.stamp for r in rested})
+        return rested
+
+
+def watch(
+    catalogue: Catalogue,
+    folders: Mapping[Path, str | None],
+    baseline: Baseline,
+    *,
+    limit: float | None = None,
+    scheduler: str | None = None,
+    every: float = EVERY,
+    seconds: float | None = None,
+    tell: Callable[[str], None] = print,
+) -> None:
+    """Diagnose new recordings as they come, and tell each answer and each change of a rig.
+
+    Parameters
+    ----------
+    catalogue
+        Where the answers go.
+    folders
+        What is looked at, and the rig that each stands for.
+    baseline, limit, scheduler
+        As of an update.
+    every
+        Seconds between looks.
+    seconds
+        How long it goes on; for ever where None.
+    tell
+        Called with a line at a time.
+    """
+    arrivals = Arrivals()
+    end = None if seconds is None else time.monotonic() + seconds
+    while True:
+        fresh = arrivals.settled(folders)
+        if fresh:
+            work = work_of(catalogue, baseline, limit=limit, only=fresh)
+            for note in work.notes:
+                tell(note)
+            if work.jobs:
+                update(catalogue, work.jobs, scheduler=scheduler, tell=lambda answer: tell(answer_words(answer)))
+                for line in look(catalogue, baseline, scheduler=scheduler):
+                    tell(line)
+        if end is not None and time.monotonic() + every > end:
+            return
+        time.sleep(every)

@@ -1,0 +1,236 @@
+"""The isolation ratio measured beside the one simulated, and what is to be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, broad
+from isorig.analysis.errors import AnalysisError, DataError
+from isorig.analysis.isolation.peak_offset import PeakOffset, peak_offset
+from isorig.analysis.isolation.ratio import (
+    ABOVE,
+    STITCH,
+    Isolated,
+    IsolationRatio,
+    Peaks,
+    isolated_share,
+    isolation_frequency,
+    isolation_ratio,
+    stuck_share,
+)
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parameters.four_set_ups import as_read, classic
+from isorig.analysis.spectra.gain_levels import by_level, changes
+from isorig.analysis.spectra.quality import Fault, faults, without
+from isorig.rig.baseline import baseline_model
+from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.files.models import read_model
+from isorig.rig.files.parameter_seed import CALLED, Method, read_seed
+from isorig.rig.prediction import predicted
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A rig to be simulated beside what was measured: what it is called, and the time that a drifting one counts from."""
+
+    name: str
+    rig: RigModel
+    origin: datetime | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """Ratios by name ("measured", and those of the models), and the share of time stuck by gain.
+
+    `isolated` is the share that does not pass, in one number, and `offsets` are of the heatblock's peaks, by the same names;
+    `offset_refused` says why there are none. `faults` are of the records; what they spoil is left out where other runs remain.
+    `swept` are the runs in which the gain changed.
+    """
+
+    ratios: dict[str, IsolationRatio]
+    stuck: dict[float, float]
+    isolated: dict[str, Isolated] = field(default_factory=dict)
+    offsets: dict[str, PeakOffset] = field(default_factory=dict)
+    offset_refused: str = ""
+    faults: tuple[Fault, ...] = ()
+    swept: tuple[str, ...] = ()
+
+    @property
+    def measured(self) -> IsolationRatio:
+        """What the sensors say."""
+        return self.ratios["measured"]
+
+
+def given_models(model: Path | None, parameters: Path | None, method: Method | None) -> tuple[list[Model], list[str]]:
+    """The models that a user names, and what is to be said of them.
+
+    Parameters
+    ----------
+    model
+        A model.json.
+    parameters
+        A parameters.json: its wire bonder by the joint fit and by half-power.
+    method
+        One of the two, where only one is wanted.
+
+    Raises
+    ------
+    PlanError
+        Where a file is not what it should be, or half-power is asked for and the table does not have it.
+    """
+    models, notes = [], []
+    if model is not None:
+        rig, origin = read_model(model)
+        models.append(Model(name="simulated", rig=rig, origin=origin))
+    if parameters is None and method is not None:
+        raise PlanError("--method is of a parameter table; give one with --parameters")
+    if parameters is not None:
+        wanted: tuple[Method, ...] = ("joint", "half-power") if method is None else (method,)
+        for each in wanted:
+            try:
+                seed = read_seed(parameters, each)
+            except PlanError as error:
+                if method is not None or each == "joint":
+                    raise
+                notes.append(f"Half-power is not shown: {error}.")
+                continue
+            models.append(Model(name=CALLED[each], rig=seed.model))
+            notes += [sentence for sentence in seed.told if sentence not in notes]
+    return models, notes
+
+
+def compared_isolation(
+    campaign: Campaign, models: Sequence[Model], *, stitch: float = STITCH, resolution: float = 0.25
+) -> Compared:  # fmt: skip
+    """The ratio of a campaign, and of the same runs simulated with each model; one estimate for all.
+
+    A run in which the gain changed counts as one for every level.
+    """
+    wrong = faults(campaign)
+    whole = without(campaign, wrong, ("head", "heatblock"))
+    played = {"measured": whole} | {m.name: predicted(m.rig, whole, origin=m.origin, as_recorded=True) for m in models}
+    campaigns = {name: by_level(each) for name, each in played.items()}
+    ratios = {name: isolation_ratio(each, stitch=stitch, resolution=resolution) for name, each in campaigns.items()}
+    stuck: dict[float, float] = {}
+    if models:
+        for piece in ratios["measured"].pieces:
+            runs = broad(campaigns["measured"].select(configuration="unlocked", gain=piece.gain))
+            stuck[piece.gain] = float(np.mean([stuck_share(models[0].rig, run) for run in runs]))
+    isolated: dict[str, Isolated] = {}
+    try:
+        guess = baseline_model(whole)
+        rig = models[0].rig if models else as_read(classic(campaigns["measured"], guess), guess)
+        isolated = _isolated(ratios, rig)
+        offsets, refused = {name: peak_offset(each, rig) for name, each in campaigns.items()}, ""
+    except (AnalysisError, RecordingError) as error:
+        offsets, refused = {}, str(error)
+    swept = tuple(run.id for run in whole.runs if changes(run))
+    return Compared(
+        ratios=ratios, stuck=stuck, isolated=isolated, offsets=offsets, offset_refused=refused, faults=wrong, swept=swept
+    )
+
+
+def _isolated(ratios: Mapping[str, IsolationRatio], rig: RigModel) -> dict[str, Isolated]:
+    above = ABOVE * isolation_frequency(rig)
+    try:
+        return {name: isolated_share(ratio, above) for name, ratio in ratios.items()}
+    except DataError:
+        # The gain that was measured both ways ends below: the ratio stands, the number does not.
+        return {}
+
+
+def told(found: Compared) -> list[str]:
+    """The ratio in sentences."""
+    ratio = found.measured
+    sentences = [fault.text for fault in found.faults]
+    if found.swept:
+        sentences.append(
+            f"The gain changed within {', '.join(found.swept)}: each is taken as a sweep of levels, by the gain that was "
+            "streamed."
+        )
+    sentences += [
+        f"{name.capitalize()}: from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:.3g} the isolation keeps "
+        f"{100.0 * share.share:.3g} ± {100.0 * share.std:.1g} % of the heatblock's shaking away."
+        for name, share in found.isolated.items()
+    ]
+    for at, (step, std), above, below in zip(ratio.stitches, ratio.steps, ratio.pieces, ratio.pieces[1:], strict=False):
+        if np.isfinite(step):
+            sentences.append(
+                f"At {at:g} Hz gain {above.gain:g} hands over to gain {below.gain:g} with a step: around it the ratio at gain "
+                f"{above.gain:g} is {step:.3f} ± {std:.1g} of that at gain {below.gain:g}."
+            )
+    for gain, share in found.stuck.items():
+        sentences.append(
+            f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time"
+            + (
+                "; the rig measures like a locked one there, so the ratio is near 1 for that reason alone."
+                if share > 0.5
+                else "."
+            )
+        )
+    for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
+        if np.isfinite(peaks.ratio):
+            sentences.append(
+                f"{name.capitalize()}, the heatblock's highest line lies at {peaks.unlocked:.2f} Hz unlocked and "
+                f"{peaks.locked:.2f} Hz locked; each peak taken at its own place, the ratio is {peaks.ratio:.3f} ± "
+                f"{peaks.std:.1g}, line by line it is {peaks.by_line:.3f} at the unlocked peak."
+            )
+    for name, offset in found.offsets.items():
+        apart = ", ".join(f"{p.offset:+.3f} ± {p.std:.1g} Hz at gain {p.gain:g}" for p in offset.pairs)
+        sentences.append(offset.verdict if name == "measured" else f"{name.capitalize()}, unlocked less locked peak: {apart}.")
+    if found.offset_refused:
+        sentences.append(f"The offset of the heatblock's peaks is not known: {found.offset_refused}.")
+    for name, other in found.ratios.items():
+        if name == "measured":
+            continue
+        for low, high in ((0.0, 5.0), (5.0, 9.0), (9.0, 15.0), (15.0, np.inf)):
+            kept = (ratio.frequency >= low) & (ratio.frequency < high)
+            if kept.any():
+                off = np.abs(np.log(other.ratio[kept] / ratio.ratio[kept]))
+                top = f"{high:g}" if np.isfinite(high) else f"{ratio.frequency[-1]:g}"
+                sentences.append(
+                    f"From {max(low, ratio.frequency[0]):g} to {top} Hz the ratio {_by(name)} differs from the measured one by "
+                    f"{100 * (np.exp(np.median(off)) - 1):.2g} % (median over lines)."
+                )
+    return sentences
+
+
+def _by(name: str) -> str:
+    return "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
+
+
+def about_isolated(found: Isolated) -> dict[str, Any]:
+    """The isolation in one number, as plain values."""
+    return {"share": found.share, "std": found.std, "band_hz": list(found.band), "gain": found.gain}
+
+
+def about_peaks(peaks: Peaks) -> dict[str, float | None]:
+    """The heatblock's peaks in the ratio as plain values; None where the drive does not reach them."""
+    named = {
+        "unlocked_hz": peaks.unlocked, "locked_hz": peaks.locked, "ratio": peaks.ratio, "ratio_std": peaks.std,
+        "ratio_by_line": peaks.by_line,
+    }  # fmt: skip
+    return {name: value if np.isfinite(value) else None for name, value in named.items()}
+
+
+def about_offset(offset: PeakOffset) -> dict[str, Any]:
+    """The heatblock's peaks as plain values."""
+    finite = np.isfinite(offset.slope)
+    return {
+        "gains": [
+            {
+                "gain": pair.gain, "unlocked_hz": pair.unlocked.frequency, "unlocked_std_hz": pair.unlocked.frequency_std,
+                "locked_hz": pair.locked.frequency, "locked_std_hz": pair.locked.frequency_std, "offset_hz": pair.offset,
+                "offset_std_hz": pair.std,
+            }
+            for pair in offset.pairs
+        ],
+        "mass_loading_hz": offset.mass_loading, "slope_hz_per_gain": offset.slope if finite else None,
+        "slope_std_hz_per_gain": offset.slope_std if finite else None, "verdict": offset.verdict,
+    }  # fmt: skip

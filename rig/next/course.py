@@ -1,0 +1,357 @@
+"""An investigation: measure, diagnose, propose, measure again, until one cause stands; kept on disk stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.fitting.solve import base_parameters
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.precision import SHORTEST, named_figures, std_of
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.baseline import Baseline
+from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.errors import PlanError
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.output import write_json, write_text
+from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
+from isorig.rig.next.page import Picture, picture_of
+from isorig.rig.next.plan_file import run_names, with_runs, write_plan
+from isorig.rig.next.proposal import Proposal, propose, situation
+from isorig.rig.next.runs import candidate, described, planned
+from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins
+from isorig.rig.report.sections import words
+from isorig.rig.virtual.campaign import HEAD_PER_GAIN
+
+STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"
+#: Noise of a sensor that nobody has measured yet, as a share of what the strongest allowed drive records.
+NOISE_GUESS = 3e-4
+#: Relative deviation of a parameter of which only the description's first guess is known.
+FIRST_GUESS = 0.3
+#: Stages in a row that may leave verdict and names as they were before an undecided remainder is left as it is.
+WITHOUT_NEWS = 2
+
+
+class StageRun(msgspec.Struct, frozen=True, kw_only=True):
+    """A run of a stage: as the plan has it, and why it was taken."""
+
+    plan: RunPlan
+    told: str
+    why: list[str]
+    pictures: list[Picture] = []
+    promised: float | None = None
+
+
+class Stage(msgspec.Struct, frozen=True, kw_only=True):
+    """A stage: its question, its runs, and what is known after them.
+
+    `step` says how far it has come; `verdict`, `named`, `open` and `answer` are of the diagnosis after its runs.
+    """
+
+    number: int
+    kind: str
+    asked: list[str]
+    runs: list[StageRun]
+    step: Literal["proposed", "measured", "diagnosed"] = "proposed"
+    verdict: str = ""
+    named: list[tuple[str, str]] = []
+    open: list[list[tuple[str, str]]] = []
+    answer: list[str] = []
+
+
+class Course(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole investigation; `ended` says why it is over, and is empty while it is not."""
+
+    plan: str
+    baseline: Baseline
+    tolerance: float
+    stages: list[Stage] = []
+    declined: list[str] = []
+    ended: str = ""
+    format: Literal["rig-investigation"] = "rig-investigation"
+    format_version: Literal[1] = 1
+
+    @property
+    def runs(self) -> list[RunPlan]:
+        """All runs of all stages."""
+        return [run.plan for stage in self.stages for run in stage.runs]
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of measuring so far."""
+        return sum(run.plan.seconds for stage in self.stages if stage.step != "proposed" for run in stage.runs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """The runs that a recording holds now, and whether the operator ended the session."""
+
+    names: Sequence[str]
+    stopped: bool = False
+
+
+#: Takes the runs of a plan that the recording does not hold yet.
+Measure = Callable[[Plan, Path], Measured]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """What an investigation may use, and who is told.
+
+    Parameters
+    ----------
+    most_runs, seconds
+        Runs, and seconds of measuring, that it may take in all.
+    limits
+        What no run may exceed, as stated.
+    work
+        Seconds that a proposal may take.
+    measure
+        Takes the runs.
+    tell
+        Called with a line for whoever watches.
+    status
+        Called with what is going on.
+    """
+
+    most_runs: int
+    seconds: float
+    limits: Limits
+    work: float
+    measure: Measure
+    tell: Callable[[str], None] = lambda text: None
+    status: Callable[[str], None] = field(default=lambda text: None)
+
+
+def investigate(plan: Plan, folder: Path, begun: Course, terms: Terms) -> Course:
+    """Go on with an investigation until one cause stands, nothing allowed gains anything, or its means are spent.
+
+    Every step is on disk before the next one begins, so that it goes on where it was whatever breaks it off.
+
+    Parameters
+    ----------
+    plan
+        Instrument, channels, what is known of the rig; its runs are the first stage.
+    folder
+        Where recording, plans, diagnoses, state and page are.
+    begun
+        A new course, or the one that was broken off.
+    terms
+        Means and listeners.
+
+    Raises
+    ------
+    RigError, AnalysisError, DriverError
+        Where measuring or diagnosing fails; what was done until then is kept.
+    """
+    course, stopped = begun, False
+    while not (course.ended or stopped):
+        step = course.stages[-1].step if course.stages else "diagnosed"
+        if step == "diagnosed":
+            course = _next_stage(plan, folder, course, terms)
+        elif step == "proposed":
+            course, stopped = _measured(plan, folder, course, terms)
+        else:
+            course = _diagnosed(folder, course, terms)
+        _keep(folder, course)
+    return course
+
+
+def read_course(folder: Path) -> Course | None:
+    """The state of an investigation in a folder; None where there is none.
+
+    Raises
+    ------
+    PlanError
+        Where it is damaged.
+    """
+    path = folder / STATE
+    if not path.exists():
+        return None
+    try:
+        return msgspec.json.decode(content_of(path), type=Course)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        raise PlanError(f"{path} is damaged; begin again in another folder, the recording in this one stays as it is") from None
+
+
+def _keep(folder: Path, course: Course) -> None:
+    from isorig.rig.next.course_page import course_page
+
+    write_json(folder / STATE, course)
+    write_text(folder / PAGE, course_page(course))
+
+
+def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Course:
+    # The next question and its runs, or why there is none.
+    number = len(course.stages) + 1
+    if not course.stages and plan.runs:
+        first = [StageRun(plan=run, told=described_plan(run), why=["The plan asks for it."]) for run in plan.runs]
+        stage = Stage(number=number, kind="plan", asked=["What do the planned runs say?"], runs=first)
+        return _with(folder, plan, course, stage, terms)
+    if over := _over(course, terms):
+        return msgspec.structs.replace(course, ended=over)
+    terms.status("comparing candidate runs")
+    known = [stage for stage in course.stages if stage.verdict]
+    begun = read_rivals(folder / diagnosis_folder(known[-1])) if known else nothing_known(plan, terms.limits, course.baseline)
+    plans = {run.id: run for run in course.runs}
+    now = situation([begun], terms.limits, plans, frozenset(course.declined))
+    proposal = propose(now, budget=terms.seconds - course.seconds, work=terms.work, most=1, tell=terms.status)
+    if not proposal.runs:
+        return msgspec.structs.replace(course, ended=_nothing_left(course, proposal))
+    names = run_names(len(proposal.runs), [run.id for run in course.runs])
+    runs = [
+        StageRun(
+            plan=planned(item.run, name), told=described(item.run), why=reasons(item, proposal, now),
+            pictures=[picture_of(pair) for pair in item.choice.foreseen] if item.choice is not None else [],
+            promised=item.choice.probability if item.choice is not None else None,
+        )
+        for name, item in zip(names, proposal.runs, strict=True)
+    ]  # fmt: skip
+    return _with(folder, plan, course, Stage(number=number, kind=proposal.kind, asked=summary(proposal), runs=runs), terms)
+
+
+def _with(folder: Path, plan: Plan, course: Course, stage: Stage, terms: Terms) -> Course:
+    course = msgspec.structs.replace(course, stages=[*course.stages, stage])
+    why = {run.plan.id: run.why for each in course.stages for run in each.runs}
+    write_plan(folder / SESSION, with_runs(plan, course.runs), why)
+    terms.tell(f"Stage {stage.number}: {' '.join(stage.asked)}")
+    for run in stage.runs:
+        terms.tell("\n  ".join([f"{run.plan.id}: {run.told}", *run.why]))
+    return course
+
+
+def _measured(plan: Plan, folder: Path, course: Course, terms: Terms) -> tuple[Course, bool]:
+    stage = course.stages[-1]
+    session = with_runs(plan, course.runs)
+    found = terms.measure(session, folder / RECORDING)
+    taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
+    if found.stopped:
+        return course, True
+    declined = [*course.declined, *(run.told for run in stage.runs if run not in taken)]
+    if not taken:
+        ended = "None of the planned runs was taken." if stage.kind == "plan" else ""
+        return msgspec.structs.replace(course, stages=course.stages[:-1], declined=declined, ended=ended), False
+    stage = msgspec.structs.replace(stage, runs=taken, step="measured")
+    return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage], declined=declined), False
+
+
+def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
+    stage = course.stages[-1]
+    if all(run.plan.excitation == "free" for each in course.stages for run in each.runs):
+        # Rest alone has nothing to diagnose.
+        answer = ["The sensors' noise is known now."]
+        stage = msgspec.structs.replace(stage, step="diagnosed", answer=answer)
+        return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
+    place = folder / diagnosis_folder(stage)
+    diagnose_file(folder / RECORDING, place, course.baseline, terms.status, tolerance=course.tolerance)
+    found = read_rivals(place)
+    stage = msgspec.structs.replace(
+        stage, step="diagnosed", verdict=found.verdict, named=found.named,
+        open=[[(m.cause, m.location) for m in one.models] + one.twins for one in found.open], answer=answered(found),
+    )  # fmt: skip
+    terms.tell("\n  ".join([f"After stage {stage.number}:", *stage.answer]))
+    return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
+
+
+def diagnosis_folder(stage: Stage) -> str:
+    """Name of the folder with the diagnosis after a stage."""
+    return f"diagnosis-{stage.number}"
+
+
+def described_plan(run: RunPlan) -> str:
+    """A planned run in a line."""
+    if run.excitation == "other":
+        return f"driven by other means, {run.configuration}, {run.seconds:g} s"
+    return described(candidate(run))
+
+
+def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
+    """What there is to go on before the first run: the rig as it is described, with first guesses.
+
+    Raises
+    ------
+    PlanError
+        Where no limits say what the first run may be.
+    """
+    if limits.gains is None or limits.band is None:
+        raise PlanError("a plan without runs needs limits.gains and limits.band; state which gains and which band are allowed")
+    model = described_rig(plan, baseline)
+    free = base_parameters(model)
+    spread = np.array([FIRST_GUESS * model.get(f.path) if f.log else 100.0 * f.step for f in free])
+    quiet = NOISE_GUESS * HEAD_PER_GAIN * limits.gains[1]
+    channels = {model.drive.channel: model.drive.quantity, **{s.channel: s.quantity for s in model.sensors}}
+    return Rivals(
+        campaign="the first run", verdict="", baseline=baseline, sample_rate=plan.instrument.sample_rate,
+        noise={name: quiet if quantity == model.drive.quantity else 0.0 for name, quantity in channels.items()},
+        known=plan.rig, runs=[], explains=fitted_model("", "", model, free, np.diag(spread**2)), open=[], named=[], ruled_out=[],
+    )  # fmt: skip
+
+
+def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
+    """The rig that a plan describes, with first guesses."""
+    known = {name: value for name, value in plan.rig.items() if not isinstance(value, str)}
+    return plan.model() or wire_bonder({**THESIS, **known}, friction=baseline == "coulomb")
+
+
+def _over(course: Course, terms: Terms) -> str:
+    """Why an investigation is over before the next run is chosen; empty where it is not."""
+    known = [stage for stage in course.stages if stage.verdict]
+    if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
+        return f"{'One cause stands' if len(known[-1].named) == 1 else 'These causes stand'}: {_names(known[-1].named)}."
+    undecided = [stage for stage in known if stage.kind in ("undecided", "reproducible")]
+    if len(undecided) >= WITHOUT_NEWS and len({(s.verdict, tuple(s.named)) for s in known[-WITHOUT_NEWS - 1 :]}) == 1:
+        return "What remains has no name in the catalogue: further runs brought nothing new."
+    if len(course.runs) >= terms.most_runs:
+        return f"The {terms.most_runs} runs that it may take are taken."
+    if course.seconds + SHORTEST > terms.seconds:
+        return f"The {terms.seconds:g} s of measuring that it may take are spent."
+    return ""
+
+
+def _nothing_left(course: Course, proposal: Proposal) -> str:
+    pairs = inseparable(proposal) + twins(proposal)
+    if pairs:
+        return " ".join(pairs)
+    if proposal.kind == "untested":
+        return "No cause of the catalogue is left that a further allowed run would be likely to show."
+    return "No allowed run gains anything."
+
+
+def answered(found: Rivals) -> list[str]:
+    """What is known after a diagnosis, in sentences."""
+    verdict = {
+        "adequate": "The model explains all runs to the noise: no cause is needed so far.",
+        "explained": "What is named explains the runs.", "partly explained": "Part of the error has a name.",
+        "unexplained": "The model errs, and no cause is certain enough to be named.",
+    }  # fmt: skip
+    told = [verdict[found.verdict]]
+    if found.named:
+        told.append(f"Named: {_names(found.named)}.")
+    for one in found.open:
+        together = [(model.cause, model.location) for model in one.models] + one.twins
+        why = "The data cannot tell apart" if one.why == "indistinguishable" else "Nearest, but not certain"
+        told.append(f"{why}: {_names(together)}.")
+    if found.ruled_out:
+        told.append(f"Ruled out: {_names(found.ruled_out[:6])}{' and others' if len(found.ruled_out) > 6 else ''}.")
+    return [*told, _figures(found)]
+
+
+def _figures(found: Rivals) -> str:
+    variant = found.explains.variant()
+    shown = []
+    for name, figure in named_figures(variant.model).items():
+        std = std_of(variant, figure)
+        if std > 0.0:
+            shown.append(f"{words(name)} {figure(variant.model):.4g} ± {std:.1g}")
+    return f"Known by now: {', '.join(shown)}."
+
+
+def _names(keys: Sequence[tuple[str, str]]) -> str:
+    return listed([f"{words(cause)} at {place}" for cause, place in keys])

@@ -1,0 +1,63 @@
+"""An investigation without hardware: a virtual rig with an effect hidden in it, from the first run to the name of a cause."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.rig.acquire.plan import as_virtual
+from isorig.rig.acquire.plan_check import read_plan
+from isorig.rig.acquire.session import Operator, Taken
+from isorig.rig.demo import PLAN, Clock, virtual_instrument
+from isorig.rig.errors import OutputError
+from isorig.rig.next.course import PAGE, STATE, Course, Terms, described_rig, investigate
+from isorig.rig.next.limits_file import limits_of
+from isorig.rig.next.measuring import measuring
+from isorig.rig.next.plan_file import with_runs
+from isorig.rig.report.sections import words
+from isorig.rig.terminal import show_table
+from isorig.rig.virtual.effects import hidden_in
+
+#: What is hidden, and its size.
+HIDDEN, SIZE = "end_stop", 1.0
+#: Runs and seconds of measuring that the demo may use, and seconds for each proposal, so that it takes about a minute.
+RUNS, SECONDS, WORK = 6, 120.0, 6.0
+
+
+def show(folder: Path, seed: int) -> None:
+    """Investigate a virtual rig behind a real port, and open the envelope at the end.
+
+    Raises
+    ------
+    OutputError
+        Where the folder holds an investigation that is not a demo's.
+    """
+    clock = Clock()
+    place = folder / "investigation"
+    if place.exists() and not (place / STATE).exists():
+        raise OutputError(f"{place} exists and is no investigation; give another folder with -o")
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+    plan = as_virtual(with_runs(read_plan(PLAN), ()))
+    with virtual_instrument(seed, "--hide", HIDDEN, "--size", str(SIZE)) as port:
+        clock.tell(f"a virtual rig with something hidden in it stands behind {port}; nothing is measured yet")
+
+        def took(item: Taken) -> None:
+            clock.tell(f"  {item.id}: {item.tally.stored} samples, {item.tally.lost} lost")
+
+        operator = Operator(lock=lambda _: None, watch=lambda _: None, taken=took)
+        terms = Terms(
+            most_runs=RUNS, seconds=SECONDS, limits=limits_of(described_rig(plan, "coulomb"), plan, None), work=WORK,
+            measure=measuring(port, operator), tell=clock.tell,
+        )  # fmt: skip
+        course = investigate(plan, place, Course(plan=PLAN.name, baseline="coulomb", tolerance=0.0), terms)
+    truth = hidden_in(wire_bonder(), HIDDEN, SIZE, seed).truth
+    rows = [
+        ("outcome", course.ended),
+        ("hidden in the rig", ", ".join(f"{words(cause)} at {where}" for cause, where in truth)),
+        ("runs, and seconds of measuring", f"{len(course.runs)}, {course.seconds:g}"),
+        ("page of the whole course", str(place / PAGE)),
+        ("seconds", f"{clock.seconds:.0f}"),
+    ]
+    show_table("Investigation", ("what", "result"), rows)

@@ -1,0 +1,56 @@
+"""Limits of a rig: from its description, the plan and a file of their own; where several state one, the tightest holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.acquire.plan import Plan
+from isorig.rig.errors import PlanError
+from isorig.rig.files.tomlfile import read_toml
+
+
+def read_limits(path: Path) -> Limits:
+    """Read a file of limits, at its top or in a table [limits].
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+
+    def convert(tree: Mapping[str, Any]) -> Limits:
+        return msgspec.convert(tree.get("limits", tree), Limits, strict=False)
+
+    return read_toml(path, convert, "a file of limits")
+
+
+def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
+    """All that is stated of a rig's limits.
+
+    Raises
+    ------
+    PlanError
+        Where two statements exclude each other, or one is of a link or channel that the rig does not have.
+    """
+    stated = model.limits
+    try:
+        if plan is not None:
+            stated = stated.within(plan.limits)
+        if file is not None:
+            stated = stated.within(read_limits(file))
+    except ModelError as error:
+        raise PlanError(str(error)) from None
+    links = [link.name for link in model.links]
+    channels = [model.drive.channel, *(sensor.channel for sensor in model.sensors)]
+    for key, names, known in (("stroke", stated.stroke, links), ("channels", stated.channels, channels)):
+        unknown = next((name for name in names if name not in known), None)
+        if unknown is not None:
+            raise PlanError(f"limits.{key} names {unknown!r}, which the rig does not have; it has {', '.join(known)}")
+    return stated

@@ -1,0 +1,90 @@
+"""Candidate runs as plans have them, with the drive that the instrument would play."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+import numpy as np
+
+from isorig.analysis.proposals.menu import CandidateRun, Excited
+from isorig.analysis.proposals.prediction import Prospect
+from isorig.rig.acquire.drive import drive_of
+from isorig.rig.acquire.plan import RunPlan
+from isorig.rig.files.rivals import TakenRun
+from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN
+
+#: Seconds that pass between two runs.
+PAUSE = 30.0
+#: Excitations of which another realisation can be made.
+AGAIN = ("random", "multisine", "sweep", "moves")
+EXCITED = {
+    "random": "random drive", "multisine": "odd multisine with omitted lines", "sine": "sine", "sweep": "sweep",
+    "moves": "moves of the head", "steps": "steps of the head to and fro", "free": "rest",
+}  # fmt: skip
+
+
+def planned(run: CandidateRun, name: str) -> RunPlan:
+    """The run as a plan has it."""
+    return RunPlan(
+        id=name, configuration=run.configuration, gain=run.gain, seconds=run.seconds, excitation=run.excitation, band=run.band,
+        frequency=run.frequency, period=min(run.period, run.seconds), seed=run.seed, repeat_of=run.repeat_of,
+    )  # fmt: skip
+
+
+def candidate(run: RunPlan) -> CandidateRun:
+    """A planned run as proposals know it."""
+    return CandidateRun(
+        configuration=run.configuration, excitation=run.excitation, gain=run.gain, seconds=run.seconds, band=run.band,
+        frequency=run.frequency, period=run.period, seed=run.seed, repeat_of=run.repeat_of,
+    )  # fmt: skip
+
+
+def prospect(run: CandidateRun, sample_rate: float, start_time: float, scale: float = 1.0) -> Prospect:
+    """A run with its drive as the drive's channel would record it; `scale` is the rig's drive over the planned one."""
+    plan = planned(run, "candidate")
+    drive = drive_of(plan, 0, sample_rate)
+    values = drive[0 : plan.ticks(sample_rate)] if plan.played else np.zeros(plan.ticks(sample_rate))
+    return Prospect(run=run, drive=scale * run.gain * values, sample_rate=sample_rate, start_time=start_time)
+
+
+def drive_scale(taken: Sequence[TakenRun]) -> float:
+    """The drive that the runs so far recorded over the one that was planned: the median of runs whose drive is known."""
+    ratios = [run.drive_rms / (run.gain * HEAD_PER_GAIN) for run in taken if run.excitation in ("random", "multisine", "sweep")]
+    ratios += [run.drive_peak / (run.gain * MOVE_PER_GAIN) for run in taken if run.excitation == "moves"]
+    return float(np.median(ratios)) if ratios else 1.0
+
+
+def in_hand(taken: Sequence[TakenRun], plans: Mapping[str, RunPlan], sample_rate: float, scale: float) -> list[Prospect]:
+    """The runs so far with their drives: exactly where their plan is known, by another realisation of the same kind elsewhere.
+
+    A run at rest says nothing of the rig, and a drive of unknown shape cannot be made again: both are left out.
+    """
+    found = []
+    for run in taken:
+        plan = plans.get(run.id)
+        known = run.excitation in AGAIN
+        if plan is not None and plan.played:
+            one = candidate(plan)
+        elif plan is None and known and (run.band is not None or run.excitation == "moves"):
+            one = CandidateRun(
+                configuration=run.configuration, excitation=cast("Excited", run.excitation), gain=run.gain,
+                seconds=run.seconds, band=run.band, period=run.period or CandidateRun.period,
+            )  # fmt: skip
+        else:
+            continue
+        found.append(prospect(one, sample_rate, run.start_time, scale))
+    return found
+
+
+def described(run: CandidateRun) -> str:
+    """What a run is, in a line."""
+    told = EXCITED[run.excitation]
+    if run.band is not None and run.excitation != "free":
+        told += f" from {run.band[0]:g} to {run.band[1]:g} Hz"
+    if run.frequency is not None:
+        told += f" of {run.frequency:g} Hz"
+    if run.excitation != "free":
+        told += f" at gain {run.gain:g}"
+    again = f", the drive of {run.repeat_of} once more" if run.repeat_of else ""
+    return f"{told}, {run.configuration}, {run.seconds:g} s{again}"

@@ -1,0 +1,98 @@
+"""A wish for a parameter's deviation, and the runs that fulfil it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite
+
+from isorig.analysis.errors import AnalysisError, OutOfTimeError
+from isorig.analysis.proposals.choice import KEPT, MOST_RUNS
+from isorig.analysis.proposals.precision import Known, Precise, candidate_peaks, design, figure_of
+from isorig.analysis.proposals.prediction import drawn
+from isorig.rig.errors import PlanError
+from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation
+from isorig.rig.next.runs import prospect
+
+EXAMPLE = "give a parameter and a deviation, such as motor_damping=2%"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """A parameter and the relative deviation wished for."""
+
+    name: str
+    std: float
+
+
+def wish(text: str) -> Wish:
+    """A wish as the command line has it, such as motor_damping=2%.
+
+    Raises
+    ------
+    PlanError
+        Where it is none.
+    """
+    name, _, size = text.partition("=")
+    try:
+        percent = float(size.strip().removesuffix("%"))
+    except ValueError:
+        percent = -1.0
+    if not name.strip() or not size.strip().endswith("%") or not (isfinite(percent) and percent > 0.0):
+        raise PlanError(f"--for is {text!r}; {EXAMPLE}")
+    return Wish(name=name.strip(), std=percent / 100.0)
+
+
+def propose_for(
+    now: Situation, wanted: Wish, *, budget: float, work: float = WORK, tell: Callable[[str], None] = lambda text: None
+) -> Proposal:
+    """The runs after which a parameter is known as well as is wished.
+
+    Raises
+    ------
+    PlanError
+        Where the rig has no such parameter, or nothing that was fitted moves it.
+    """
+    clock = time.monotonic() + work
+
+    def progress(text: str) -> None:
+        if time.monotonic() > clock:
+            raise OutOfTimeError("the time for comparing candidates is over")
+        tell(text)
+
+    variant, rate = now.explains, now.rivals.sample_rate
+    try:
+        known = Known(variant, figure_of(variant.model, wanted.name), now.rivals.noise, now.taken)
+    except AnalysisError as error:
+        raise PlanError(f"--for {wanted.name}: {error}") from None
+    runs = [replace(run, seconds=min(2.0 * run.seconds, now.limits.seconds or run.seconds)) for run in now.menu()]
+    prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs if run.repeat_of is None]
+    models = drawn(variant, KEPT, 5)
+    found = design(
+        known, prospects, now.limits, lambda one: candidate_peaks(models, one), wish=wanted.std, configuration=now.configuration,
+        budget=budget, most=MOST_RUNS, progress=progress,
+    )  # fmt: skip
+    how = "the error bars of the transfer functions" if found.linear else "the waveforms"
+    told = [
+        f"{wanted.name} is {found.value:.5g} now, with a deviation of {_percent(found.std)}; {_percent(wanted.std)} is wished. "
+        f"{found.compared} candidate runs were compared by {how} that they would give."
+    ]
+    last = found.runs[-1].std if found.runs else found.std
+    if found.std <= wanted.std:
+        told.append("The wish is fulfilled already.")
+    elif last > wanted.std:
+        told.append(f"No allowed runs of {budget:g} s together fulfil it; these come to {_percent(last)}.")
+    return Proposal(
+        kind="parameter", asked=" ".join(told), runs=tuple(_proposed(item, wanted) for item in found.runs),
+        unreached=len(prospects) - found.compared,
+    )  # fmt: skip
+
+
+def _proposed(item: Precise, wanted: Wish) -> Proposed:
+    told = f"It brings the deviation of {wanted.name} to {_percent(item.std)}."
+    return Proposed(run=item.prospect.run, told=(told,), peaks=item.peaks)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"

@@ -1,0 +1,138 @@
+"""The first screen of a measurement: what was measured, does the isolation do its job, what is wrong, what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.misfit import Discrepancy
+from isorig.analysis.isolation.moves import move_within, on_move
+from isorig.analysis.isolation.ratio import Isolated
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.rig.design_study import BOND
+from isorig.rig.isolation_comparison import Compared
+from isorig.rig.report.advice import NOTHING
+from isorig.rig.report.frequency import isolation_chart
+from isorig.rig.report.page import Answer, First, Section
+from isorig.rig.report.sections import channels_table
+from isorig.rig.report.sketch import sketch
+
+#: Name under which a recording tells how much of the heatblock's shaking the isolation is to keep away, as a share.
+WISH = "wished_isolation"
+#: What the thesis's first simulation promised: the wish where a recording states none.
+PROMISED = 0.98
+
+
+def first_screen(
+    campaign: Campaign, found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy], advice: Sequence[str]
+) -> First:  # fmt: skip
+    """The first screen.
+
+    Parameters
+    ----------
+    campaign
+        What was measured.
+    found
+        Its parameters.
+    compared
+        The isolation ratio measured and simulated; None where it was not measured.
+    wrong
+        What the simulation gets wrong, worst first.
+    advice
+        What to do next, most pressing first.
+    """
+    return First(
+        sketch=sketch(found.fit.model),
+        measured=Section(title="What was measured", text=[_runs(campaign)], tables=[channels_table(campaign)]),
+        answers=[_job(campaign, found, compared), _model(found, compared, wrong), _next(found, advice)],
+        picture=None if compared is None else isolation_chart(compared),
+    )
+
+
+def _runs(campaign: Campaign) -> str:
+    configurations = " and ".join(sorted({run.configuration for run in campaign.runs}, reverse=True))
+    gains = ", ".join(f"{gain:g}" for gain in sorted({run.gain for run in campaign.runs}, reverse=True))
+    seconds = sum(run.duration for run in campaign.runs)
+    virtual = any("virtual" in c.about.get("sensor", "") for run in campaign.runs for c in run.channels.values())
+    kind = "A virtual rig: no sensor was there. " if virtual else ""
+    return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s together, {configurations}, at gain {gains}."
+
+
+def _next(found: Characterization, advice: Sequence[str]) -> Answer:
+    short = "Nothing is missing" if not advice else "Measure once more" if found.adequate else "Look for the cause"
+    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING])
+
+
+def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> Answer:
+    question = "Does the isolation do its job?"
+    measured = None if compared is None else compared.isolated.get("measured")
+    if measured is None:
+        reason = (
+            "No gain was measured both unlocked and locked above the isolation's own frequency, so the recording does not say."
+        )
+        return Answer(question=question, short="Not known", text=[reason])
+    wish = campaign.known.get(WISH, PROMISED)
+    low, high = measured.interval
+    verdict = "Yes" if low >= wish else "No" if high < wish else "Perhaps"
+    short = f"{verdict}: {_percent(measured.share)} isolated, {_percent(wish)} wished"
+    told = (
+        f"95 % interval {_percent(low)} to {_percent(high)}: so much less does the heatblock shake unlocked than locked under "
+        "the "
+        f"same drive, from {measured.band[0]:.3g} to {measured.band[1]:.3g} Hz at gain {measured.gain:.3g}."
+    )
+    stated = (
+        "The recording states the wish."
+        if WISH in campaign.known
+        else f"The recording states no wish ({WISH}): {_percent(PROMISED)} is the thesis's first simulation of a move."
+    )
+    return Answer(question=question, short=short, text=[told, stated, *_bonded(campaign, found)])
+
+
+def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
+    # A move is another thing than a band of noise: the harder it is, the less friction matters.
+    if campaign.description is not None:
+        return []
+    move = move_within(BOND.distance, BOND.seconds)
+    free, held = (on_move(found.fit.model, move, tolerance=BOND.tolerance, configuration=c) for c in ("unlocked", "locked"))
+    return [
+        f"On a move of {1e3 * BOND.distance:g} mm in {1e3 * BOND.seconds:g} ms the fitted model isolates "
+        f"{_percent(1.0 - free.largest / held.largest)}: the heatblock leaves the table by {1e6 * free.largest:.2g} µm of the "
+        f"±{1e6 * BOND.tolerance:g} µm that the bond allows."
+    ]
+
+
+def _model(found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy]) -> Answer:
+    question = "What is wrong with the model?"
+    costs = _cost(compared.isolated) if compared is not None else ""
+    if found.adequate:
+        short = "Nothing that shows"
+        told = (
+            f"It explains the runs to the noise: it errs by {100 * found.error:.2g} % of the signal, and noise alone makes "
+            f"{100 * found.floor:.2g} %."
+        )
+    else:
+        short = f"It errs by {100 * found.error:.2g} % of the signal"
+        told = f"Noise alone would make {100 * found.floor:.2g} %."
+        if wrong:
+            worst = wrong[0]
+            told += (
+                f" It misses most at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, from "
+                f"{worst.band_hz[0]:.3g} to "
+                f"{worst.band_hz[1]:.3g} Hz."
+            )
+    return Answer(question=question, short=short, text=[told, *([costs] if costs else [])])
+
+
+def _cost(isolated: dict[str, Isolated]) -> str:
+    if not {"measured", "simulated"} <= isolated.keys():
+        return ""
+    off = 100.0 * (isolated["simulated"].share - isolated["measured"].share)
+    share = _percent(isolated["simulated"].share)
+    within = abs(off) <= 196.0 * isolated["measured"].std
+    return f"It predicts {share} isolated" + (
+        ", within the measurement's interval." if within else f", {abs(off):.2g} points too {'many' if off > 0.0 else 'few'}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"

@@ -1,0 +1,31 @@
+"""A series as a picture as small as a word."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.rig.report.page import Sparkline
+
+WIDTH, HEIGHT, EDGE = 64.0, 20.0, 2.0
+#: Latest values that are shown; more than this no picture of that width can tell.
+MOST = 60
+
+
+def sparkline(values: FloatArray, told: str, marked: Sequence[int] = ()) -> Sparkline:
+    """The latest values, shape (n,), as a line from left to right; those at the indices `marked` get a dot.
+
+    `told` says in words what is to be seen.
+    """
+    start = max(len(values) - MOST, 0)
+    y = values[start:]
+    x = np.linspace(EDGE, WIDTH - EDGE, len(y)) if len(y) > 1 else np.full(len(y), WIDTH / 2.0)
+    low, high = float(y.min()), float(y.max())
+    span = high - low
+    placed = HEIGHT - EDGE - (HEIGHT - 2 * EDGE) * ((y - low) / span if span > 0.0 else np.full(len(y), 0.5))
+    points = [(round(float(a), 1), round(float(b), 1)) for a, b in zip(x, placed, strict=True)]
+    return Sparkline(
+        points=" ".join(f"{a:g},{b:g}" for a, b in points), marks=[points[k - start] for k in marked if k >= start], told=told
+    )

@@ -1,0 +1,154 @@
+"""Tables 1 to 3 (Fig. 14-21): the set-ups read one by one, and what friction and resolution do to half-power."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, broad
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.parameters.four_set_ups import Classic, SetUp, classic
+from isorig.analysis.spectra.half_power import half_power
+from isorig.analysis.spectra.welch import estimate
+from isorig.rig.baseline import baseline_model
+from isorig.rig.figures import set_ups_figure
+from isorig.rig.thesis.campaign import BANDS, LOW, NONE, SECONDS, Played, play, take
+from isorig.rig.thesis.published_values import printed
+from isorig.rig.thesis.step import Step, judged
+
+PLACES = {
+    "heatblock": ("Table 1 (Fig. 14-15)", "table to heatblock"),
+    "motor": ("Table 2 (Fig. 16-18)", "head to motor"),
+    "table": ("Table 3 (Fig. 19-21)", "head to table"),
+}
+#: The thesis's half-power reading of the table.
+HALF_POWER = 0.067
+#: Distances of lines (Hz), where the table's peak is looked for (Hz), and friction forces (N).
+RESOLUTIONS = (0.0625, 0.125, 0.25, 0.5, 1.0)
+AROUND_TABLE = (8.0, 18.0)
+FORCES = (0.0, 1.0, 5.0, 20.0)
+#: Friction forces tried with hardly any damping of the motor's own, N.
+BARE = (5.0, 8.0)
+
+
+def read(campaign: Campaign) -> Classic:
+    """The thesis's own readings of a campaign."""
+    return classic(campaign, baseline_model(campaign))
+
+
+def tables(rough: Classic, smooth: Classic) -> Step:
+    """What the thesis read off, with friction and without."""
+    rows = []
+    for item, other in zip(rough.set_ups, smooth.set_ups, strict=True):
+        place, path = PLACES[item.name]
+        damping = HALF_POWER if item.name == "table" else THESIS[f"{item.name}_damping"]
+        for which, seen in (("", item), (", without friction", other)):
+            rows += [
+                judged(
+                    f"{place}, {path}{which}: frequency, Hz", printed(THESIS[f"{item.name}_frequency"], 0.05),
+                    _of(seen, "frequency"),
+                ),
+                judged(
+                    f"{place}, {path}{which}: damping", printed(damping, 0.15), _of(seen, "damping"), here=_dampings(seen),
+                ),
+            ]  # fmt: skip
+    text = (
+        "Each damping is that of the fit of the mode, and half-power's in brackets; `rig characterize` reads both off any "
+        "recording. "
+        "The frequencies are peaks of the coupled rig, which lie a little beside √(k/m)/2π of each body alone."
+    )
+    return Step(
+        title="Tables 1 to 3 (Fig. 14-21)", rows=rows, text=[text],
+        pictures={"set-ups": set_ups_figure(rough.set_ups), "set-ups-without-friction": set_ups_figure(smooth.set_ups)},
+    )  # fmt: skip
+
+
+def _of(item: SetUp, key: str) -> float:
+    return float("nan") if item.mode is None else float(getattr(item.mode, key))
+
+
+def _dampings(item: SetUp) -> str:
+    half = item.half_power.mode
+    told = f"{half.damping:.3g}" if half else "refused"
+    return f"{item.mode.damping:.3g} ({told})" if item.mode else "none"
+
+
+def resolutions(campaign: Campaign) -> list[float]:
+    """Half-power damping of the table's peak by `RESOLUTIONS`, refused or not."""
+    runs = broad(campaign.select(configuration="unlocked", gain=LOW))
+    found = []
+    for resolution in RESOLUTIONS:
+        spectra = estimate(runs, references=["head"], channels=["table"], resolution=resolution)
+        half = half_power(spectra.frf("table", "head"), AROUND_TABLE)
+        found.append((half.high - half.low) / (2.0 * half.peak))
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apparent:
+    """What the linear readings make of a rig: motor's and table's damping, and (mass, damping, error) of the error surface."""
+
+    motor: float
+    table: float
+    surface: tuple[float, float, float]
+
+
+def apparent(share: float, force: float, *, own: float = THESIS["motor_damping"]) -> Apparent:
+    """Readings at gain 70 with that friction (N) and that damping ratio of the motor's own."""
+    rig = wire_bonder({**THESIS, "friction_force": force, "motor_damping": own})
+    takes = [take("unlocked", gain, BANDS[gain], share * SECONDS[gain]) for gain in SECONDS]
+    got = read(play(rig, takes))
+    by_name = {item.name: item.mode.damping if item.mode else float("nan") for item in got.set_ups}
+    best = got.surface.best if got.surface else (float("nan"),) * 3
+    return Apparent(motor=by_name["motor"], table=by_name["table"], surface=best)
+
+
+def half_power_explained(played: Played) -> Step:
+    """Where .067 comes from, and which friction goes with the motor's .073."""
+    rough, smooth = resolutions(played.measured), resolutions(played.smooth)
+    rows = [
+        judged(
+            f"half-power of the table, lines {resolution:g} Hz apart", printed(HALF_POWER, 0.15), a,
+            here=f"{a:.3f}; without friction {b:.3f}",
+        )
+        for resolution, a, b in zip(RESOLUTIONS, rough, smooth, strict=True)
+    ]  # fmt: skip
+    cells = []
+    fits: list[float] = []
+    for own, forces in ((THESIS["motor_damping"], FORCES), (NONE, BARE)):
+        for force in forces:
+            got = apparent(played.share, force, own=own)
+            mass, zeta, error = got.surface
+            motor = printed(THESIS["motor_damping"], 0.15)
+            if own == NONE and motor.verdict(got.motor) == "agrees":
+                fits.append(force)
+            cells.append(
+                (
+                    f"{force:g}", f"{own:g}", f"{got.motor:.3f}: {motor.told(got.motor)}", f"{got.table:.3f}",
+                    f"{mass:.1f} kg, {zeta:.3f}", f"{error:.0%}",
+                )
+            )  # fmt: skip
+    heads = ("friction, N", "motor's own damping", "damping read off the motor", "off the table", "error surface", "its error")
+    finite = [value for value in rough if np.isfinite(value)]
+    nearest = RESOLUTIONS[int(np.nanargmin(np.abs(np.array(rough) - HALF_POWER)))]
+    text = [
+        f"**Half-power .067 against .015.** A table of .015 read by half-power gives {min(finite):.3f} to {max(finite):.3f} with "
+        f"friction, nearest to the thesis's with lines {nearest:g} Hz apart, and {np.nanmin(smooth):.3f} to "
+        f"{np.nanmax(smooth):.3f} "
+        "without. Three things add up: the neighbour's damping in the coupled mode, friction, and the window's width where "
+        "lines are "
+        "far apart. `rig characterize` refuses half-power where a neighbour is too near or lines are too few, and says so.",
+        "**Friction and the motor's damping.** Doubling the drive and the friction doubles every motion, so only friction per "
+        "drive "
+        "matters, and reading a damping off a peak counts friction in. "
+        + (
+            f"At the page's drive {' or '.join(f'{force:g}' for force in fits)} N without any other damping read as the "
+            "thesis's .073: "
+            "either the thesis's drive was as much harder as 20 N is more than that, or sliding friction lies that much below "
+            "breakaway, which is Stribeck's law."
+            if fits
+            else "None of the forces tried reads as the thesis's .073."
+        ),
+    ]
+    return Step(title="What friction and resolution do to the readings", rows=rows, text=text, tables=[(heads, cells)])

@@ -1,0 +1,206 @@
+"""The thesis's four set-ups beside the joint fit: plain values for files, pictures, and a page with every fit over its data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.parameters.four_set_ups import Classic, ErrorSurface, SetUp, classic
+from isorig.analysis.parameters.joint_fit import CALIBRATION, Characterization
+from isorig.analysis.spectra.modes import Mode
+from isorig.analysis.spectra.quality import without
+from isorig.rig.baseline import baseline_model
+from isorig.rig.figures import save, set_ups_figure, surface_figure
+from isorig.rig.files.output import write_text
+from isorig.rig.report.charts import Chart, Panel, Role, Trace
+from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
+from isorig.rig.report.page import Report, Section, Table, build_report
+from isorig.rig.report.sections import number, provenance_section, words
+
+JOINT: tuple[str, Role] = ("joint fit", "simulated")
+BIASED = (
+    "Read one by one as the thesis did: peaks of the coupled rig, without friction in the model, so that friction counts as "
+    "damping. The joint fit is the better estimate; these show what the linear reading makes of the same runs."
+)
+
+STATED = (
+    "Deviations of the joint fit come from its residuals, each spectral line left out in turn with all its channels, given the "
+    "recorded head; they include the simulation's grid and the recorder's filter, and where the model leaves a misfit also how "
+    "far the runs disagree and the misfit's size."
+)
+CALIBRATED = "What the recording tells of its sensors' calibration and its weighed masses is carried through the fit."
+EXACT = (
+    f"The recording does not tell how well its sensors are calibrated ({CALIBRATION}), so they are taken as exact: an error of "
+    "the head's sensor or mass goes in full into the friction and in part into the table's mass."
+)
+
+
+def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> Classic:
+    """Write fits.html, set-ups.png and error-surface.png; the classic readings."""
+    read = classic(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
+    if read.set_ups:
+        save(set_ups_figure(read.set_ups), folder / "set-ups.png")
+    if read.surface is not None:
+        save(surface_figure(read.surface), folder / "error-surface.png")
+    write_text(folder / "fits.html", _page(campaign, found, read))
+    return read
+
+
+def about(read: Classic) -> dict[str, Any]:
+    """The classic readings as plain values, by the names of the parameter table."""
+    rows: dict[str, Any] = {}
+    for item in read.set_ups:
+        half, mode = item.half_power, item.mode
+        rows[item.name] = {
+            "frequency_hz": _of_mode(mode, "frequency"),
+            "damping": _of_mode(mode, "damping"), "method": item.method,
+            "note": item.refused or (item.fit.warning if item.fit else ""),
+            "half_power": {
+                "frequency_hz": _of_mode(half.mode, "frequency"), "damping": _of_mode(half.mode, "damping"),
+                "refused": half.refused, "note": half.refused or half.warning,
+            },
+            "resolution_hz": item.frf.resolution, "averages": item.frf.averages,
+        }  # fmt: skip
+    if read.surface is not None:
+        mass, damping, error = read.surface.best
+        rows["error_surface"] = {
+            "table_mass": _pair(mass, read.surface.std[0]), "table_damping": _pair(damping, read.surface.std[1]),
+            "mean_relative_error": error,
+        }  # fmt: skip
+    return {**rows, "refused": read.refused}
+
+
+def _pair(value: float | None, std: float | None) -> dict[str, float | None]:
+    return {"value": value, "std": std}
+
+
+def _of_mode(mode: Mode | None, key: str) -> dict[str, float | None]:
+    return _pair(None, None) if mode is None else _pair(getattr(mode, key), getattr(mode, f"{key}_std"))
+
+
+def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
+    models = {JOINT: simulated(found.fit.model, found.trials)}
+    surface = [_surface_section(read.surface)] if read.surface is not None else []
+    report = Report(
+        title=f"Parameters of {Path(campaign.source).name}",
+        verdict=f"The joint fit errs by {100 * found.error:.2g} % of the signal on held-out data, noise alone by "
+        f"{100 * found.floor:.2g} %.",
+        summary=[fault.text for fault in found.faults]
+        + [f"{words(name).capitalize()}: not read, because {reason}." for name, reason in read.refused.items()],
+        sections=[
+            Section(
+                title="Parameters",
+                text=[BIASED, STATED, CALIBRATED if found.calibrated else EXACT],
+                tables=[_compared(found, read)],
+            ),
+            *(_set_up_section(item) for item in read.set_ups),
+            *surface,
+            Section(
+                title="Joint fit over the runs", charts=[*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
+            ),
+            provenance_section(campaign),
+        ],
+    )
+    return build_report(report)
+
+
+def _compared(found: Characterization, read: Classic) -> Table:
+    by_name = {item.name: item for item in read.set_ups}
+    rows = []
+    for name, entry in found.table.items():
+        body, _, what = name.partition("_")
+        item = next((s for s in by_name.values() if s.name == body), None)
+        mode, half = (item.mode, item.half_power.mode) if item is not None else (None, None)
+        key = what if what in ("frequency", "damping") else ""
+        surface = read.surface
+        eq5 = {"table_mass": surface.best[0], "table_damping": surface.best[1]}.get(name) if surface is not None else None
+        rows.append(
+            (
+                words(name), entry.unit, number(entry.value), number(entry.std, 2),
+                number(getattr(mode, key) if mode and key else None), number(getattr(half, key) if half and key else None),
+                number(eq5, 4), entry.note,
+            )
+        )  # fmt: skip
+    return Table(
+        columns=("parameter", "unit", "joint fit", "std", "fit of modes", "half-power", "error surface", "note"), rows=rows
+    )  # fmt: skip
+
+
+def _set_up_section(item: SetUp) -> Section:
+    frf, half = item.frf, item.half_power
+    kept = (frf.frequency >= item.band[0]) & (frf.frequency <= item.band[1])
+    f, value = frf.frequency[kept], frf.value[kept]
+    traces = [
+        Trace(name="measured", x=f, y=np.abs(value), spread=frf.magnitude_std[kept]),
+        Trace(name="measured", x=f, y=np.degrees(np.angle(value)), panel=1),
+        Trace(name="measured", x=f, y=frf.coherence[kept], panel=2),
+    ]
+    if item.fit is not None:
+        x, fitted = item.fit.frequency, item.fit.fitted
+        traces.append(Trace(name="fit", x=x, y=np.abs(fitted), role="simulated"))
+        traces.append(Trace(name="fit", x=x, y=np.degrees(np.angle(fitted)), role="simulated", panel=1))
+    if half.mode is not None:
+        points = half.amplitude * np.array([0.5**0.5, 1.0, 0.5**0.5])
+        traces.append(
+            Trace(
+                name="half-power points", x=np.array([half.low, half.peak, half.high]), y=points, role="second", style="markers"
+            )
+        )
+    text = []
+    if item.mode is not None:
+        m = item.mode
+        text.append(
+            f"By {item.method}: {m.frequency:.4f} ± {m.frequency_std:.1g} Hz, damping ratio {m.damping:.4g} ± "
+            f"{m.damping_std:.1g}, {m.lines:.1f} lines of {frf.resolution:.3g} Hz in the bandwidth."
+        )
+    text += [f"No fit: {item.refused}."] if item.refused else []
+    if half.mode is None:
+        text.append(f"Half-power is refused: {half.refused}.")
+    else:
+        text.append(
+            f"Half-power: {half.mode.frequency:.4f} Hz, damping ratio {half.mode.damping:.4g} ± {half.mode.damping_std:.1g}"
+            + (f"; {half.warning}." if half.warning else ".")
+        )
+    chart = Chart(
+        name=f"set-up-{item.name}", caption=f"{frf.response} over {frf.reference}.", x_log=False,
+        panels=[
+            Panel(label=f"|{frf.response} / {frf.reference}|, m/s² per m/s²", log=True, height=2.0),
+            Panel(label="phase, °", ends=(-185.0, 185.0), step=90.0),
+            Panel(label="coherence", ends=(0.0, 1.0)),
+        ],
+        traces=traces,
+    )  # fmt: skip
+    return Section(title=f"{item.name.capitalize()}: {frf.reference} to {frf.response}", text=text, charts=[chart])
+
+
+def _surface_section(surface: ErrorSurface) -> Section:
+    mass, damping, error = surface.best
+    row, column = (int(np.argmin(np.abs(axis - best))) for axis, best in ((surface.damping, damping), (surface.mass, mass)))
+    text = (
+        f"The mean relative error of the simulated magnitude is least, {100 * error:.1f} %, at a table of "
+        f"{mass:.4g} ± {surface.std[0]:.1g} kg with a damping ratio of {damping:.3g} ± {surface.std[1]:.1g} "
+        "(deviations from the measurement's error bars alone); the surface itself is error-surface.png."
+    )
+    charts = [
+        Chart(
+            name="error-surface-fit", caption="Head to table at the surface's minimum.", x_log=False,
+            panels=[Panel(label="|table / head|, m/s² per m/s²", log=True)],
+            traces=[
+                Trace(name="measured", x=surface.frequency, y=surface.measured),
+                Trace(name="simulated", x=surface.frequency, y=surface.simulated, role="simulated"),
+            ],
+        ),
+        Chart(
+            name="error-over-mass", caption="The error over the table's mass, at the best damping.", x_label="table mass, kg",
+            panels=[Panel(label="mean relative error")], traces=[Trace(name="error", x=surface.mass, y=surface.error[row])],
+        ),
+        Chart(
+            name="error-over-damping", caption="The error over the table's damping, at the best mass.", x_label="damping ratio",
+            panels=[Panel(label="mean relative error")],
+            traces=[Trace(name="error", x=surface.damping, y=surface.error[:, column])],
+        ),
+    ]  # fmt: skip
+    return Section(title="Effective table: error surface", text=[text], charts=charts)

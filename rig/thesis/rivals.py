@@ -1,0 +1,73 @@
+"""All candidates beside all figures of the thesis, and which of them the page is about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from isorig.rig.thesis.campaign import Played, candidates, played
+from isorig.rig.thesis.figures import Seen, distance, figures, seen, values
+from isorig.rig.thesis.published_values import MOST
+from isorig.rig.thesis.step import Step
+
+#: Distances nearer to one another than this do not part two candidates: one figure more or less moves them as much.
+NEAR = 0.2
+
+Compared = Mapping[str, tuple[Seen, dict[str, float]]]
+
+
+def compared(share: float = 1.0) -> Compared:
+    """Every candidate's campaign with all its figures, by the candidate's name."""
+    found = {candidate.name: seen(played(candidate, share)) for candidate in candidates()}
+    return {name: (item, values(item)) for name, item in found.items()}
+
+
+def base(found: Compared) -> Seen:
+    """The candidate that lies nearest to the thesis over all figures."""
+    return min(found.values(), key=lambda pair: distance(pair[1]))[0]
+
+
+def rivals(found: Compared) -> Step:
+    """The table of all, figures for and against each."""
+    chosen: Played = base(found).played
+    rows = []
+    for figure in figures():
+        key = f"{figure.where}: {figure.what}"
+        cells = [
+            f"{values_[key]:.3g}: {figure.stated.verdict(values_[key])}, {figure.stated.tolerances(values_[key]):.1f}"
+            for _, values_ in found.values()
+        ]
+        rows.append((figure.where, figure.what, figure.stated.shown, *cells))
+    far = {name: distance(values_) for name, (_, values_) in found.items()}
+    against = {
+        name: sum(figure.stated.verdict(values_[f"{figure.where}: {figure.what}"]) != "agrees" for figure in figures())
+        for name, (_, values_) in found.items()
+    }
+    rows.append(("all", "figures that do not agree", f"of {len(figures())}", *(f"{count}" for count in against.values())))
+    rows.append(("all", "**distance**", "", *(f"**{value:.2f}**" for value in far.values())))
+    order = sorted(far, key=lambda name: far[name])
+    apart = far[order[1]] - far[order[0]]
+    first = next(iter(found))
+    missed = "; ".join(
+        f"{figure.where}, {figure.what}"
+        for figure in figures()
+        if figure.stated.tolerances(found[first][1][f"{figure.where}: {figure.what}"]) >= MOST
+    )
+    text = [
+        f"**This page's rig** is the candidate of least distance: {chosen.candidate.name}. The distance is the root mean "
+        "square over all "
+        "figures of how many tolerances each lies outside what the thesis states, a figure counting 0 inside its range and "
+        f"{MOST:g} at most; the number behind every verdict is that count.",
+        f"The next one, {order[1].lower() if not order[1][0].isdigit() else order[1]}, lies {apart:.2f} further off"
+        + (
+            f", nearer than the {NEAR:g} that a figure more or less makes: the printed figures do not part the two, and only "
+            "a measurement at "
+            "two gains does (the plan above)."
+            if apart < NEAR
+            else "."
+        ),
+        f"{first}, the rig that the thesis itself simulates, lies at {far[first]:.2f}. It misses outright: "
+        f"{missed or 'nothing'}.",
+        "The 98 % and 60 % are left out: the first is the same for all, and the level of the second is not given.",
+    ]
+    heads = ("where", "what", "thesis (tolerance)", *found)
+    return Step(title="Which rig looks like the thesis", text=text, tables=[(heads, rows)])

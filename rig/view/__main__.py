@@ -1,0 +1,72 @@
+"""The process of a session's screen; the session begins it (`isorig.rig.view.process`) and speaks with it in lines of JSON."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+from isorig.rig.errors import REFUSALS
+from isorig.rig.view.messages import Asked, Begin, Standing
+from isorig.rig.view.screen import Screen
+from isorig.rig.view.sources import watched
+from isorig.rig.view.state import Subject
+
+#: The screen gives way to the session where both want the processor.
+NICE = 5
+#: What the page says where the session's process was killed.
+GONE = "The session is gone. What it measured is in its working file: rig acquire --resume goes on, rig recover saves it."
+
+
+def main() -> None:
+    """Serve the page until the session is over, or its process is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the session's
+    with suppress(AttributeError, OSError):
+        os.nice(NICE)
+    heard = _lines()
+    begin = msgspec.json.decode(next(heard), type=Begin)
+    output, over = Path(begin.output), threading.Event()
+    subject = Subject(title=output.name, mode="session", planned=begin.planned)
+    screen = Screen(subject, watched(output, over.is_set), _say)
+
+    def listen() -> None:
+        standing = Standing()
+        for line in heard:
+            standing = msgspec.json.decode(line, type=Standing)
+            screen.stand(standing)
+        if standing.phase != "over":
+            screen.stand(msgspec.structs.replace(standing, phase="over", may=(), text=GONE))
+        over.set()
+
+    def listening(address: str) -> None:
+        _say(address)
+        threading.Thread(target=listen, name="from the session", daemon=True).start()
+
+    try:
+        screen.run(over.is_set, listening)
+    except REFUSALS as refusal:
+        print(f"rig: the screen has ended, the session goes on: {refusal}", file=sys.stderr)
+
+
+def _lines() -> Iterator[bytes]:
+    # Read without a buffer of Python's: a thread that waits in one would hold up the end of the process.
+    rest = b""
+    while chunk := os.read(sys.stdin.fileno(), 1 << 16):
+        *lines, rest = (rest + chunk).split(b"\n")
+        yield from lines
+
+
+def _say(message: str | Asked) -> None:
+    with suppress(OSError):
+        sys.stdout.buffer.write(msgspec.json.encode(message) + b"\n")
+        sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    main()

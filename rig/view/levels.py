@@ -1,0 +1,93 @@
+"""How large each channel is: rms and peak of the last second, the highest peak so far, overloads, and its trace."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Run
+from isorig.analysis.spectra.overload import FULL
+
+#: Seconds of the last samples that rms and peak are of, and seconds that a trace shows.
+RECENT, SHOWN = 1.0, 4.0
+#: Points of a trace: the smallest and the largest sample of each of half as many equal stretches.
+POINTS = 500
+#: Samples of a channel that are read in one go.
+BLOCK = 1 << 16
+
+
+class Level(msgspec.Struct, frozen=True, kw_only=True):
+    """One channel: rms, peak and highest peak of the run in its unit; full scale where known; whether it reached that."""
+
+    name: str
+    unit: str
+    rms: float
+    peak: float
+    held: float
+    full: float | None
+    over: bool
+
+
+class Levels:
+    """The levels of a run that grows; each sample is read once.
+
+    Parameters
+    ----------
+    run
+        The run as far as it has got.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._names = list(run.sensors)
+        self._rate = run.sample_rate
+        self._units = {name: run.channels[name].unit for name in self._names}
+        self._full = {name: run.channels[name].full_scale for name in self._names}
+        self._bin = max(round(2.0 * SHOWN * run.sample_rate / POINTS), 1)
+        self._held = np.zeros(len(self._names))
+        self._over = np.zeros(len(self._names), bool)
+        self._recent = np.zeros((len(self._names), 0))
+        self._lows = self._highs = np.zeros((len(self._names), 0))
+        self.seen = 0
+
+    def add(self, run: Run) -> None:
+        """Read what came since the last call, up to a whole stretch of the trace."""
+        end = len(run) // self._bin * self._bin
+        step = max(BLOCK // self._bin, 1) * self._bin
+        while self.seen < end:
+            stop = min(self.seen + step, end)
+            self._block(np.stack([run.channels[name].read(self.seen, stop) for name in self._names]))
+            self.seen = stop
+
+    def levels(self) -> tuple[Level, ...]:
+        """Each channel's levels."""
+        recent = self._recent if self._recent.shape[1] else np.zeros((len(self._names), 1))
+        rms, peak = np.sqrt(np.mean(recent**2, axis=1)), np.abs(recent).max(axis=1)
+        return tuple(
+            Level(
+                name=name, unit=self._units[name], rms=float(rms[k]), peak=float(peak[k]), held=float(self._held[k]),
+                full=self._full[name], over=bool(self._over[k]),
+            )
+            for k, name in enumerate(self._names)
+        )  # fmt: skip
+
+    def recent(self) -> dict[str, FloatArray]:
+        """The samples of the last second by channel."""
+        return dict(zip(self._names, self._recent, strict=True))
+
+    def trace(self) -> FloatArray:
+        """Seconds, and below them a row for each channel, shape (1 + channels, points); empty before the first stretch."""
+        count = self._lows.shape[1]
+        first = self.seen // self._bin - count
+        seconds = (first + np.repeat(np.arange(count), 2) + np.tile([0.25, 0.75], count)) * self._bin / self._rate
+        return np.vstack([seconds, np.stack([self._lows, self._highs], axis=2).reshape(len(self._names), -1)])
+
+    def _block(self, values: FloatArray) -> None:
+        sizes = np.abs(values).max(axis=1)
+        self._held = np.maximum(self._held, sizes)
+        limits = np.array([np.inf if full is None else FULL * full for full in self._full.values()])
+        self._over |= sizes >= limits
+        self._recent = np.concatenate([self._recent, values], axis=1)[:, -max(round(RECENT * self._rate), 1) :]
+        binned = values.reshape(len(self._names), -1, self._bin)
+        kept = POINTS // 2
+        self._lows = np.concatenate([self._lows, binned.min(axis=2)], axis=1)[:, -kept:]
+        self._highs = np.concatenate([self._highs, binned.max(axis=2)], axis=1)[:, -kept:]

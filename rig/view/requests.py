@@ -1,0 +1,206 @@
+"""The session's side of the screen: what the operator may ask for now, and what becomes of it.
+
+The screen itself is another process. It is told how the session stands, and hands on which buttons were pressed; whether that is
+allowed is decided here alone.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from isorig.rig.acquire.notes import MOST, add_note, notes_beside, notes_in
+from isorig.rig.acquire.session import Decision, Operator, Taken
+from isorig.rig.acquire.take import Live
+from isorig.rig.errors import OutputError
+from isorig.rig.view.messages import Asked, Judgement, Standing, Wish
+from isorig.rig.view.run_list import Planned
+
+#: Seconds between two looks at whether the operator has answered, so that Ctrl-C is heard meanwhile.
+LISTEN = 0.2
+#: Seconds within which a session tells of a run that it has taken; it may do so from another thread.
+TOLD = 5.0
+
+
+class Desk:
+    """Decides with the operator what a session does next.
+
+    Parameters
+    ----------
+    planned
+        The session's runs in order.
+    output
+        Its recording, beside which notes are kept.
+    asks
+        Whether the session waits for the operator where there is something to see to: before the first run, where the
+        configuration changes, and after a run that was stopped or is not sound.
+
+    Attributes
+    ----------
+    listeners
+        Told how the session stands, each time that this changes; they must not wait.
+    """
+
+    def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:
+        self._planned = {item.id: item for item in planned}
+        self._output, self._asks = output, asks
+        self.listeners: list[Callable[[Standing], None]] = []
+        self._changed = threading.Condition()
+        # What this session has taken: where it goes on after a part of it, those are not taken anew without being asked for.
+        self._past: set[str] = set()
+        self._again = ""
+        self._answers: list[Wish] = []
+        self._stop = False
+        self._set_up = ""
+        self._last = ""
+        # The run that was begun, until it is told of as taken.
+        self._begun = ""
+        self._standing = Standing(notes=tuple(dict.fromkeys([*notes_in(output), *notes_beside(output)])))
+
+    @property
+    def standing(self) -> Standing:
+        """How the session stands."""
+        return self._standing
+
+    def operator(self, beside: Operator) -> Operator:
+        """An operator for a session: told what `beside` is told, asked here."""
+
+        def watch(live: Live) -> None:
+            self._watch(live)
+            beside.watch(live)
+
+        def taken(item: Taken) -> None:
+            self._taken(item)
+            beside.taken(item)
+
+        # Who agreed to a run has locked or unlocked the rig for it.
+        return Operator(lock=lambda configuration: None, watch=watch, taken=taken, decide=self.decide, stopped=self.stopped)
+
+    def decide(self, name: str) -> Decision:
+        """What becomes of the next run."""
+        self._settle()
+        if name != self._again and name in self._past:
+            return "skip"
+        if self._again:
+            if name != self._again:
+                return "end"
+            self._again = ""
+        elif self._asks and self._must_ask(name) and self._wait("asks", name, self._question(name)) == "again":
+            return "end"
+        self._set_up = self._planned[name].configuration
+        with self._changed:
+            self._stop, self._begun = False, name
+            now = self._standing
+            # Where it is taken once more, what was said of it before is over.
+            fresh = {
+                "judged": {key: value for key, value in now.judged.items() if key != name},
+                "stopped": tuple(key for key in now.stopped if key != name), "seconds": 0.0, "overloads": 0, "damaged": 0,
+            }  # fmt: skip
+            self._stand(phase="looks", run=name, may=("note",), text="", **fresh)
+        return "take"
+
+    def stopped(self) -> bool:
+        """Whether the run that lasts is to end now."""
+        return self._stop
+
+    def again(self) -> str:
+        """The run that is to be taken once more, where the session has ended for that; else empty.
+
+        Where the operator is asked, this waits at the end of the plan until the session is finished or a run is to be repeated.
+        """
+        self._settle()
+        if not self._again and self._asks and self._last:
+            told = f"All runs of the plan are taken. Finish the session, or take {self._last} again."
+            self._wait("finishes", self._last, told)
+        return self._again
+
+    def ask(self, wish: Asked) -> bool:
+        """Do what the operator asks for where the session allows it now; whether it was allowed."""
+        if wish.do == "note":
+            return self._note(wish.text)
+        with self._changed:
+            now = self._standing
+            if wish.do not in now.may or wish.run != now.run:
+                return False
+            text = now.text
+            if wish.do == "stop":
+                self._stop, text = True, f"{now.run} is being stopped."
+            elif wish.do == "again":
+                self._again = now.run if now.phase == "measures" else self._last
+                text = f"{self._again} will be taken again."
+            self._stand(text=text, may=tuple(item for item in now.may if item != wish.do))
+            if now.phase in ("asks", "finishes"):
+                self._answers.append(wish.do)
+                self._changed.notify_all()
+            return True
+
+    def over(self, text: str) -> None:
+        """The session has ended for good."""
+        with self._changed:
+            self._stand(phase="over", may=(), text=text)
+
+    def _settle(self) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: not self._begun, TOLD)
+            self._begun = ""
+
+    def _must_ask(self, name: str) -> bool:
+        last = self._standing.judged.get(self._last)
+        return last is None or not last.good or self._planned[name].configuration != self._set_up
+
+    def _question(self, name: str) -> str:
+        run = self._planned[name]
+        same = run.configuration == self._set_up
+        begin = "Start" if same else f"Bring the rig into the configuration {run.configuration!r}, then start"
+        otherwise = f", or take {self._last} again." if self._last else "."
+        return f"{begin} {name} (gain {run.gain:g}, {run.seconds:g} s){otherwise}"
+
+    def _wait(self, phase: str, name: str, question: str) -> Wish:
+        with self._changed:
+            self._answers.clear()
+            may: tuple[Wish, ...] = ("next", "again", "note") if self._last else ("next", "note")
+            self._stand(phase=phase, run=name, may=may, text=question)
+            while not self._answers:
+                self._changed.wait(LISTEN)
+            return self._answers[0]
+
+    def _watch(self, live: Live) -> None:
+        with self._changed:
+            if live.run != self._begun:
+                return  # it is told of a run that is over
+            may = self._standing.may
+            if self._standing.phase != "measures":
+                may = ("stop", "again", "note")
+            told = {"seconds": live.seconds, "overloads": live.overloads, "damaged": live.damaged}
+            self._stand(phase="measures", run=live.run, may=may, **told)
+
+    def _taken(self, item: Taken) -> None:
+        with self._changed:
+            self._last, self._begun = item.id, ""
+            self._changed.notify_all()
+            self._past.add(item.id)
+            judged = {**self._standing.judged, item.id: Judgement(good=item.verdict.good, advice=item.verdict.advice)}
+            stopped = (*self._standing.stopped, item.id) if self._stop else self._standing.stopped
+            self._stand(phase="looks", last=item.id, judged=judged, stopped=stopped, may=("note",))
+
+    def _note(self, text: str) -> bool:
+        with self._changed:
+            now = self._standing
+            if "note" not in now.may or not text.strip() or len(now.notes) >= MOST:
+                return False
+        try:
+            # Outside of the lock: the session does not wait for the disk.
+            note = add_note(self._output, now.last if now.phase == "asks" else now.run, text)
+        except OutputError:
+            return False
+        with self._changed:
+            self._stand(notes=(*self._standing.notes, note))
+        return True
+
+    def _stand(self, **changed: object) -> None:
+        self._standing = msgspec.structs.replace(self._standing, **changed)
+        for listener in self.listeners:
+            listener(self._standing)

@@ -1,0 +1,180 @@
+"""Transfer functions while they build up, by configuration and gain, and the isolation ratio of two configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import BROAD, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.ratio import magnitude_ratio
+from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged
+from isorig.rig.report.charts import spread_over
+from isorig.rig.view.run_list import Planned
+
+#: Distance of lines, Hz: fine enough for the rig's modes, and the first average is there after two seconds.
+RESOLUTION = 0.5
+#: Most lines that are drawn of a transfer function.
+LINES = 600
+#: The response whose ratio is the isolation ratio, and the configurations that it compares (thesis, Eq. 6).
+ISOLATED, OVER = "heatblock", ("unlocked", "locked")
+
+
+class Response:
+    """The spectra of one run that grows; nothing is averaged where its drive has no power over a band.
+
+    Parameters
+    ----------
+    run
+        The run as far as it has got.
+    drive
+        The channel that drives.
+    """
+
+    def __init__(self, run: Run, drive: str) -> None:
+        self.configuration, self.gain = run.configuration, round(run.gain, 6)
+        self.band = run.band or (RESOLUTION, run.sample_rate / 2.56)
+        self._rate = run.sample_rate
+        self._running: RunningSpectra | None = None
+        self._done: Spectra | None = None
+        if run.excitation in BROAD and drive in run.channels and run.sample_rate >= 8.0 * RESOLUTION:
+            self._running = RunningSpectra(run, references=[drive], resolution=RESOLUTION, highest=self.band[1])
+
+    def add(self, run: Run) -> None:
+        """Add what came since the last call."""
+        if self._running is not None:
+            self._running.add(run)
+
+    @property
+    def segments(self) -> int:
+        """Segments that have been added."""
+        spectra = self._done
+        return self._running.segments if self._running is not None else 0 if spectra is None else spectra.segments
+
+    def close(self) -> None:
+        """Nothing will be added any more: the sums are given up."""
+        self._done, self._running = self.spectra(), None
+
+    def spectra(self) -> Spectra | None:
+        """The spectra so far; None before the first segment."""
+        if self._running is None or not self._running.segments:
+            return self._done
+        return self._running.spectra()
+
+    def averages_in(self, seconds: float) -> float:
+        """Number of independent averages that so many seconds at this run's rate are worth."""
+        length = 2 * max(4, round(self._rate / RESOLUTION / 2.0))
+        return averages_in(round(seconds * self._rate), length)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """The runs of one configuration and gain: their averaged spectra inside a band, and the averages at the session's end."""
+
+    configuration: str
+    gain: float
+    band: tuple[float, float]
+    spectra: Spectra
+    planned: float | None
+
+    def frfs(self, drive: str) -> dict[str, Frf]:
+        """The transfer function of each response over the drive."""
+        return {name: self.spectra.frf(name, drive) for name in self.spectra.channels if name != drive}
+
+    def lines(self) -> np.ndarray:
+        """Indices of the lines inside the band."""
+        f = self.spectra.frequency
+        return np.flatnonzero((f >= max(self.band[0], f[1])) & (f <= self.band[1]))
+
+    def error(self, drive: str) -> float:
+        """Relative standard deviation of the magnitude, median over the band's lines and all responses; NaN where none."""
+        kept = self.lines()
+        shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs(drive).values()]
+        return float(np.median(np.concatenate(shares))) if shares and len(kept) else float("nan")
+
+    def text(self, drive: str) -> str:
+        """How far the averaging has got, in words."""
+        error, n = self.error(drive), self.spectra.averages
+        told = f"{self.configuration}, gain {self.gain:g}: averages {n:.0f}"
+        if self.planned is None or self.planned <= n:
+            return f"{told}, error {100 * error:.2g} %"
+        at_end = error * np.sqrt(n / self.planned)
+        return f"{told} of {self.planned:.0f}, error now {100 * error:.2g} %, {100 * at_end:.2g} % at the end"
+
+
+def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned]) -> dict[tuple[str, float], Group]:
+    """Runs of a configuration and gain averaged together, each key (configuration, gain)."""
+    found = {}
+    for key, names in _alike(responses):
+        parts = [part for name in names if (part := responses[name].spectra()) is not None]
+        if not parts:
+            continue
+        bands = [responses[name].band for name in names]
+        coming = [item for item in planned.values() if (item.configuration, item.gain) == key and item.broad]
+        with_plan = set(names) <= planned.keys()
+        try:
+            spectra = merged(parts)
+        except DataError:  # runs of other rates or bands: the last one alone
+            spectra = parts[-1]
+        found[key] = Group(
+            configuration=key[0], gain=key[1], band=(max(b[0] for b in bands), min(b[1] for b in bands)), spectra=spectra,
+            planned=sum(responses[names[0]].averages_in(item.seconds) for item in coming) if with_plan else None,
+        )  # fmt: skip
+    return found
+
+
+def _alike(responses: Mapping[str, Response]) -> Iterator[tuple[tuple[str, float], list[str]]]:
+    for key in dict.fromkeys((item.configuration, item.gain) for item in responses.values()):
+        yield key, [name for name, item in responses.items() if (item.configuration, item.gain) == key]
+
+
+def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
+    """Names of the responses, and rows to draw: Hz, then of each magnitude and its std, phase and its std (deg), coherence."""
+    frfs, kept = group.frfs(drive), _spread(group)
+    rows = [group.spectra.frequency[kept]]
+    for frf in frfs.values():
+        value = frf.value[kept]
+        rows += [np.abs(value), frf.magnitude_std[kept], np.degrees(np.angle(value)), np.degrees(frf.phase_std[kept])]
+        rows.append(frf.coherence[kept])
+    return list(frfs), np.stack(rows)
+
+
+def isolation_rows(groups: Mapping[tuple[str, float], Group], drive: str) -> tuple[list[str], FloatArray] | None:
+    """Names of the gains that were measured both ways, and rows to draw: Hz, then of each ratio and its std; None without one."""
+    pairs = {}
+    for gain in sorted({gain for _, gain in groups}, reverse=True):
+        upper, lower = (groups.get((configuration, gain)) for configuration in OVER)
+        if upper is None or lower is None or not {ISOLATED, drive} <= set(upper.spectra.channels) & set(lower.spectra.channels):
+            continue
+        n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
+        if np.array_equal(upper.spectra.frequency[:n], lower.spectra.frequency[:n]):
+            pairs[gain] = upper, lower
+    if not pairs:
+        return None
+    longest = max((min(pair, key=lambda g: len(g.spectra.frequency)) for pair in pairs.values()), key=lambda g: g.band[1])
+    frequency = longest.spectra.frequency
+    rows = [frequency]
+    for upper, lower in pairs.values():
+        n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
+        if not np.array_equal(frequency[:n], upper.spectra.frequency[:n]):
+            return None
+        found = magnitude_ratio(*(_cut(group.spectra.frf(ISOLATED, drive), n) for group in (upper, lower)))
+        inside = np.isin(np.arange(len(frequency)), np.intersect1d(upper.lines(), lower.lines()))
+        rows += [np.where(inside, np.pad(values, (0, len(frequency) - n)), np.nan) for values in found]
+    kept = np.flatnonzero(np.isfinite(rows[1:]).any(axis=0))
+    return [f"gain {gain:g}" for gain in pairs], np.stack(rows)[:, kept[_even(frequency[kept])]]
+
+
+def _cut(frf: Frf, n: int) -> Frf:
+    return replace(frf, value=frf.value[:n], magnitude_std=frf.magnitude_std[:n])
+
+
+def _spread(group: Group) -> np.ndarray:
+    kept = group.lines()
+    return kept[_even(group.spectra.frequency[kept])]
+
+
+def _even(frequency: FloatArray) -> np.ndarray | slice:
+    return spread_over(frequency, LINES) if len(frequency) else slice(None)

@@ -1,0 +1,97 @@
+"""The screen as it runs: a thread that looks at what is measured, and a loop that serves the page."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from isorig.rig.errors import RigError
+from isorig.rig.view.messages import Asked, Standing
+from isorig.rig.view.server import FRAME, Server, Tally
+from isorig.rig.view.snapshot import Board, Picture, Plot
+from isorig.rig.view.sources import Look
+from isorig.rig.view.state import Subject, state_of
+
+#: Seconds that the last frame has to reach the pages.
+LAST = 1.5
+#: Looks one after another that cannot be read before the screen gives up.
+PATIENCE = 10
+
+
+class Screen:
+    """One page about one session or recording.
+
+    Parameters
+    ----------
+    subject
+        What it is about.
+    looks
+        What is measured, look by look; read in a thread of its own.
+    ask
+        Told what a page asks for.
+    """
+
+    def __init__(self, subject: Subject, looks: Iterator[Look], ask: Callable[[Asked], None] = lambda asked: None) -> None:
+        self._subject, self._looks = subject, looks
+        self._board = Board(subject.planned, judge=subject.mode != "session")
+        self._picture = Picture()
+        self._standing: Standing | None = Standing() if subject.mode == "session" else None
+        self._failed: Exception | None = None
+        self._server = Server(content=self._content, ask=ask)
+
+    def stand(self, standing: Standing) -> None:
+        """Take in how the session stands."""
+        self._standing = standing
+
+    def run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> Tally:
+        """Serve the page until `over` says so; `listening` is told its address. What pages have drawn.
+
+        Raises
+        ------
+        RigError, AnalysisError
+            Where what is to be shown cannot be read.
+        """
+        return asyncio.run(self._run(over, listening))
+
+    async def _run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> Tally:
+        # A stranger's request is refused without a word in the terminal, where the session tells of itself.
+        logging.getLogger("tornado").setLevel(logging.ERROR)
+        address = self._server.listen()
+        threading.Thread(target=self._look, name="screen's look", daemon=True).start()
+        listening(address)
+        while not over() and self._failed is None:
+            self._server.show()
+            await asyncio.sleep(FRAME)
+        for _ in range(round(LAST / FRAME) if self._server.pages else 0):
+            self._server.show()
+            await asyncio.sleep(FRAME)
+        await self._server.close()
+        if self._failed is not None:
+            raise self._failed
+        return self._server.tally
+
+    def _content(self) -> tuple[dict[str, Any], dict[str, Plot]]:
+        picture = self._picture
+        return state_of(self._subject, picture, self._standing), dict(picture.plots)
+
+    def _look(self) -> None:
+        unread = 0
+        try:
+            for look in self._looks:
+                try:
+                    self._board.see(look, self._publish)
+                    unread = 0
+                except (RigError, OSError, RuntimeError):
+                    # It was read between two writes, which the next look sees whole.
+                    unread += 1
+                    if unread >= PATIENCE:
+                        raise
+        except Exception as error:
+            # Raised where the screen is run, else the page would stand still without a word.
+            self._failed = error
+
+    def _publish(self, picture: Picture) -> None:
+        self._picture = picture

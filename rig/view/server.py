@@ -1,0 +1,205 @@
+"""The page and its socket, on this machine alone: who may look, what a page may ask, and the newest frame for each.
+
+A page is sent a frame when it has drawn the one before, so that nothing waits for a page that stands still: it misses frames.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from isorig.rig.view.frames import frame
+from isorig.rig.view.messages import Asked, Drawn
+from isorig.rig.view.snapshot import Plot
+
+#: Seconds between two frames; seconds after which a page that has not drawn its last is let go; pages at a time.
+FRAME, STALLED, PAGES = 0.2, 30.0, 8
+#: Bytes of a message from a page.
+MESSAGE = 4096
+HERE = Path(__file__).parent
+FILES = {
+    "": ("page.html", "text/html; charset=utf-8"), "page.css": ("page.css", "text/css; charset=utf-8"),
+    "page.js": ("page.js", "text/javascript; charset=utf-8"), "uplot.css": ("vendor/uPlot.min.css", "text/css; charset=utf-8"),
+    "uplot.js": ("vendor/uPlot.iife.min.js", "text/javascript; charset=utf-8"),
+}  # fmt: skip
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
+    "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
+}  # fmt: skip
+
+
+@dataclass
+class Tally:
+    """What pages have drawn, and how many were let go because they stood still."""
+
+    frames: int = 0
+    values: int = 0
+    dropped: int = 0
+
+
+@dataclass
+class Server:
+    """Serves one screen.
+
+    Parameters
+    ----------
+    content
+        The state and the plots as they are now.
+    ask
+        Told what a page asks for.
+    """
+
+    content: Callable[[], tuple[dict[str, Any], dict[str, Plot]]]
+    ask: Callable[[Asked], None]
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    tally: Tally = field(default_factory=Tally)
+    pages: set[_Socket] = field(default_factory=set)
+    port: int = 0
+
+    def listen(self) -> str:
+        """Begin to listen on a free port of 127.0.0.1; the page's address."""
+        given = {"server": self}
+        application = Application(
+            [(r"/([\w-]{1,99})/live", _Socket, given), (r"/([\w-]{1,99})/([\w.]{0,20})", _File, given)],
+            default_handler_class=_Nothing, default_handler_args=given, websocket_max_message_size=MESSAGE,
+            websocket_ping_interval=20.0, log_function=lambda handler: None,
+        )  # fmt: skip
+        sockets = bind_sockets(0, "127.0.0.1")
+        self.port = sockets[0].getsockname()[1]
+        self._http = HTTPServer(application, max_header_size=1 << 14, max_body_size=MESSAGE, idle_connection_timeout=60.0)
+        self._http.add_sockets(sockets)
+        return f"http://127.0.0.1:{self.port}/{self.token}/"
+
+    def allows(self, host: str, origin: str | None, token: str, *, socket: bool) -> bool:
+        """Whether a request comes from this screen's own page: by its host, its origin and the token of its address."""
+        hosts = (f"127.0.0.1:{self.port}", f"localhost:{self.port}")
+        own = host in hosts and hmac.compare_digest(token.encode(), self.token.encode())
+        # A browser always tells a socket's origin; where it is told, it must be this host.
+        return own and (origin == f"http://{host}" if socket or origin is not None else True)
+
+    def show(self) -> None:
+        """Send the newest frame to every page that has drawn its last one."""
+        ready = [page for page in list(self.pages) if page.ready()]
+        if not ready:
+            return
+        state, plots = self.content()
+        for page in ready:
+            page.send(state, plots)
+
+    async def close(self) -> None:
+        """Let all pages go."""
+        self._http.stop()
+        for page in list(self.pages):
+            page.close(1001, "the screen has ended")
+        await asyncio.sleep(0.05)
+        await self._http.close_all_connections()
+
+
+class _Guarded(RequestHandler):
+    def initialize(self, server: Server) -> None:
+        self.server = server
+
+    def set_default_headers(self) -> None:
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+        self.clear_header("Server")
+
+    def prepare(self) -> None:
+        socket = isinstance(self, WebSocketHandler)
+        token = self.path_args[0] if self.path_args else ""
+        if not self.server.allows(self.request.host, self.request.headers.get("Origin"), token, socket=socket):
+            raise HTTPError(403)
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish("This is not the address of the screen; open the one that the session printed.\n")
+
+
+class _Nothing(_Guarded):
+    def get(self) -> None:
+        raise HTTPError(404)
+
+
+class _File(_Guarded):
+    def get(self, token: str, name: str) -> None:
+        if name not in FILES:
+            raise HTTPError(404)
+        path, kind = FILES[name]
+        self.set_header("Content-Type", kind)
+        self.finish((HERE / path).read_bytes())
+
+
+class _Socket(_Guarded, WebSocketHandler):
+    """A page that looks on."""
+
+    def initialize(self, server: Server) -> None:
+        super().initialize(server)
+        self._sent: dict[str, int] = {}
+        self._frame = self._drawn = 0
+        self._since = time.monotonic()
+
+    def check_origin(self, origin: str) -> bool:
+        """Looked at before, together with host and token."""
+        return self.server.allows(self.request.host, origin, self.path_args[0], socket=True)
+
+    def open(self, *args: str) -> None:
+        """A page has come."""
+        if len(self.server.pages) >= PAGES:
+            self.close(1013, "too many pages look on; close one")
+            return
+        self.set_nodelay(True)
+        self.server.pages.add(self)
+
+    def on_close(self) -> None:
+        """It has gone."""
+        self.server.pages.discard(self)
+
+    def ready(self) -> bool:
+        """Whether it has drawn its last frame; where it has not for long, it is let go."""
+        if self._drawn == self._frame:
+            return True
+        if time.monotonic() - self._since > STALLED:
+            self.server.pages.discard(self)
+            self.server.tally.dropped += 1
+            self.close(1013, "the page stood still")
+        return False
+
+    def send(self, state: dict[str, Any], plots: dict[str, Plot]) -> None:
+        """Send the state, and those plots that are new to it."""
+        new = {name: plot for name, plot in plots.items() if self._sent.get(name) != plot.version}
+        self._frame += 1
+        self._since = time.monotonic()
+        try:
+            self.write_message(frame(self._frame, state, new), binary=True)
+        except WebSocketClosedError:
+            self.server.pages.discard(self)
+            return
+        self._sent |= {name: plot.version for name, plot in new.items()}
+
+    def on_message(self, message: str | bytes) -> None:
+        """The page has drawn, or asks for something; whatever else it says ends it."""
+        try:
+            said = msgspec.json.decode(message, type=Asked | Drawn)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            self.close(1008, "not understood")
+            return
+        if isinstance(said, Asked):
+            self.server.ask(said)
+        elif said.frame == self._frame != self._drawn and 0 <= said.values < 1 << 32:
+            self._drawn = said.frame
+            self.server.tally.frames += 1
+            self.server.tally.values += said.values

@@ -1,0 +1,225 @@
+"""What is to be seen of a session: a picture that is made anew at each look, from samples that are read once."""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.errors import AnalysisError
+from isorig.analysis.model.rig_model import from_tree
+from isorig.rig.acquire.levels import advice
+from isorig.rig.acquire.recover import Recovered
+from isorig.rig.acquire.run_check import STUCK, check_run, relative_motion
+from isorig.rig.view.levels import Level, Levels
+from isorig.rig.view.responses import Response, groups_of, isolation_rows, transfer_rows
+from isorig.rig.view.run_list import Planned
+from isorig.rig.view.sources import Look, beginning_of
+
+#: Seconds of a run before anything is said about its levels.
+EARLY = 2.0
+#: Samples of a run after which a picture is made; samples beyond which a run is not looked at as a whole, which takes memory.
+PART, LONGEST = 1 << 20, 1 << 24
+
+
+class Judged(msgspec.Struct, frozen=True, kw_only=True):
+    """What the look at a run right after it was taken says: whether it is worth keeping, and what to do."""
+
+    good: bool
+    advice: tuple[str, ...]
+
+
+class Plot(msgspec.Struct, frozen=True, kw_only=True):
+    """Rows of numbers to draw, the first along x, what their columns are called, and a number that changes when they do."""
+
+    version: int
+    names: tuple[str, ...]
+    rows: NDArray[np.float32]
+
+
+class Seen(msgspec.Struct, frozen=True, kw_only=True):
+    """A run: how far it has got, in seconds, what was lost, where it was too loud, and how it was judged."""
+
+    planned: Planned
+    seconds: float
+    lost: int
+    levels: tuple[Level, ...]
+    whole: bool
+    judged: Judged | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """All that is to be seen after a look.
+
+    Parameters
+    ----------
+    runs
+        The runs that were begun, by name.
+    shown
+        The run whose levels and traces are drawn; empty before the first.
+    grown
+        When its last samples were seen, on the monotonic clock.
+    plots
+        What is drawn, by the plot's name.
+    averaged, isolated
+        How far the transfer functions have got, and how the isolation ratio stands, each in a sentence.
+    advice
+        What stands out in the run that lasts.
+    """
+
+    runs: Mapping[str, Seen] = field(default_factory=dict)
+    shown: str = ""
+    grown: float = 0.0
+    plots: Mapping[str, Plot] = field(default_factory=dict)
+    averaged: str = "No average yet: the first needs two seconds of a run with a broad-band drive."
+    isolated: str = "The isolation ratio needs one gain measured unlocked and locked."
+    advice: tuple[str, ...] = ()
+
+
+class _Track:
+    """What is kept of one run."""
+
+    def __init__(self, run: Run, drive: str) -> None:
+        self.started: datetime | None = run.started
+        self.levels, self.response = Levels(run), Response(run, drive)
+        self.planned = Planned(id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.0, broad=False)
+        self.n = self.lost = 0
+        self.drawn = (0, 0)
+        self.rate = run.sample_rate
+        self.whole = False
+        self.judged: Judged | None = None
+
+    @property
+    def seconds(self) -> float:
+        return (self.n + self.lost) / self.rate
+
+
+class Board:
+    """Follows a session and tells what is to be seen of it.
+
+    Parameters
+    ----------
+    planned
+        The session's runs where they are known.
+    judge
+        Whether each run is looked at once it is whole; not where the session itself does.
+    """
+
+    def __init__(self, planned: Sequence[Planned] = (), *, judge: bool) -> None:
+        self._planned = {item.id: item for item in planned}
+        self._judge = judge
+        self._tracks: dict[str, _Track] = {}
+        self._picture = Picture()
+        self._version = 0
+
+    def see(self, look: Look, publish: Callable[[Picture], None]) -> None:
+        """Take in a look; a picture is published after each part of a run that is new."""
+        drive = _drive(look.campaign)
+        for run in look.campaign.runs:
+            track = self._tracks.get(run.id)
+            if track is None or track.started != run.started or len(run) < track.n:
+                track = self._tracks[run.id] = _Track(run, drive)
+            whole = run.id in look.whole
+            for stop in range(track.n + PART, len(run), PART):
+                self._add(track, beginning_of(run, stop), drive, whole=False)
+                publish(self._picture)
+            if len(run) > track.n or whole > track.whole:
+                self._add(track, run, drive, whole=whole)
+                publish(self._picture)
+
+    def _add(self, track: _Track, run: Run, drive: str, *, whole: bool) -> None:
+        track.levels.add(run)
+        track.response.add(run)
+        # Beside what was drawn: a look that failed half way may have read some.
+        drawn, track.drawn = track.drawn, (track.levels.seen, track.response.segments)
+        new, averaged = (now != before for now, before in zip(track.drawn, drawn, strict=True))
+        track.n, track.lost = len(run), sum(gap.count for gap in run.gaps)
+        # What the plan asked for; the gain that the instrument streamed stands beside the samples.
+        track.planned = self._planned.get(run.id, track.planned)
+        if whole and not track.whole:
+            track.whole = True
+            track.judged = self._judged(track, run, drive) if self._judge and len(run) <= LONGEST else None
+            track.response.close()
+        plots = dict(self._picture.plots)
+        if new or self._picture.shown != run.id:
+            plots["time"] = self._plot(track.levels.recent().keys(), track.levels.trace())
+        told: dict[str, str] = {}
+        if averaged or run.id != self._picture.shown:
+            plots, told = self._averages(plots, track, drive)
+        self._picture = Picture(
+            runs={name: _seen(item) for name, item in self._tracks.items()}, shown=run.id,
+            grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run)),
+            averaged=told.get("averaged", self._picture.averaged), isolated=told.get("isolated", self._picture.isolated),
+        )  # fmt: skip
+
+    def _averages(self, plots: dict[str, Plot], track: _Track, drive: str) -> tuple[dict[str, Plot], dict[str, str]]:
+        groups = groups_of({name: item.response for name, item in self._tracks.items()}, self._planned)
+        told: dict[str, str] = {}
+        here = groups.get((track.response.configuration, track.response.gain))
+        if here is not None:
+            names, rows = transfer_rows(here, drive)
+            plots["frf"] = self._plot(names, rows)
+            told["averaged"] = here.text(drive)
+        ratio = isolation_rows(groups, drive)
+        if ratio is not None:
+            plots["isolation"] = self._plot(*ratio)
+            told["isolated"] = f"Heatblock over {drive}, unlocked over locked, at {', '.join(ratio[0])}."
+        return plots, told
+
+    def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
+        self._version += 1
+        return Plot(version=self._version, names=tuple(names), rows=rows.astype(np.float32))
+
+    def _judged(self, track: _Track, run: Run, drive: str) -> Judged:
+        planned = self._planned.get(run.id)
+        asked = len(run) + track.lost if planned is None else round(planned.seconds * run.sample_rate)
+        verdict = check_run(
+            Recovered(
+                id=run.id, finished=len(run) + track.lost >= asked, begun=True, run=run, stored=len(run), lost=track.lost,
+                planned=asked, overloads=0, planned_gain=run.gain if planned is None else planned.gain, drift=None,
+            ),
+            drive=drive,
+        )  # fmt: skip
+        return Judged(good=verdict.good, advice=verdict.advice)
+
+
+def _seen(track: _Track) -> Seen:
+    return Seen(
+        planned=track.planned, seconds=track.seconds, lost=track.lost, levels=track.levels.levels(), whole=track.whole,
+        judged=track.judged,
+    )  # fmt: skip
+
+
+def _drive(campaign: Campaign) -> str:
+    if campaign.description is None:
+        return "head"
+    try:
+        return from_tree(tomllib.loads(campaign.description)).drive.channel
+    except (AnalysisError, tomllib.TOMLDecodeError):
+        return "head"
+
+
+def _advice(track: _Track, run: Run) -> Iterator[str]:
+    if track.lost:
+        yield f"{track.lost} samples were lost on the way so far."
+    levels = track.levels.levels()
+    for level in levels:
+        if level.over:
+            yield f"{level.name} reached the end of its range; choose a larger range or a lower gain."
+    if track.seconds >= EARLY:
+        inside = [level for level in levels if not level.over]
+        full_scale = {level.name: level.full for level in inside if level.full is not None}
+        yield from advice({level.name: level.held for level in inside if level.full is not None}, full_scale)
+    recent = track.levels.recent()
+    if run.configuration == "unlocked" and {"motor", "table"} <= set(recent) and track.seconds >= EARLY:
+        share = relative_motion([(recent["motor"], recent["table"])])
+        if share < STUCK:
+            yield "The motor moves with the table: friction is not overcome now. Take a run at a larger gain as well."

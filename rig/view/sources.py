@@ -1,0 +1,106 @@
+"""Where the screen's samples come from: a session that is being measured, or a recording played back at its own pace."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import Campaign, Channel, Run, Samples
+from isorig.rig.acquire.follow import follow
+from isorig.rig.acquire.recorder import working_file
+from isorig.rig.errors import RecordingError
+from isorig.rig.files.recording import open_recording
+
+#: Seconds between two looks at what is there.
+EVERY = 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What is measured so far; valid until the next is asked for.
+
+    Parameters
+    ----------
+    campaign
+        The runs, the last one growing.
+    whole
+        Runs to which nothing will be added.
+    """
+
+    campaign: Campaign
+    whole: frozenset[str]
+
+
+def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Iterator[Look]:
+    """What a session writes, and what an earlier part of it has written; the writer is never held up.
+
+    Parameters
+    ----------
+    output
+        The session's recording.
+    over
+        Whether the session has ended for good; asked between two looks.
+    """
+    read = 0
+    while True:
+        ended = over()
+        if output.exists() and (stamp := output.stat().st_mtime_ns) != read:
+            read = stamp
+            with suppress(RecordingError), open_recording(output) as campaign:
+                yield Look(campaign=campaign, whole=frozenset(run.id for run in campaign.runs))
+        with suppress(RecordingError):
+            if working_file(output).exists():
+                for campaign, finished in follow(output, every=every, patience=math.inf):
+                    ids = [run.id for run in campaign.runs]
+                    yield Look(campaign=campaign, whole=frozenset(ids if finished else ids[:-1]))
+                read = output.stat().st_mtime_ns
+        if ended:
+            return
+        time.sleep(every)
+
+
+def replayed(recording: Path, speed: float, every: float = EVERY) -> Iterator[Look]:
+    """A recording as it grew, `speed` times as fast, without the pauses between its runs."""
+    with open_recording(recording) as campaign:
+        done: list[Run] = []
+        for run in campaign.runs:
+            began = time.monotonic()
+            while (n := int((time.monotonic() - began) * speed * run.sample_rate)) < len(run):
+                if n > 0:
+                    runs = (*done, beginning_of(run, n))
+                    yield Look(campaign=replace(campaign, runs=runs), whole=frozenset(item.id for item in done))
+                time.sleep(every)
+            done.append(run)
+            yield Look(campaign=replace(campaign, runs=tuple(done)), whole=frozenset(item.id for item in done))
+
+
+class _First:
+    """The first `n` samples of others."""
+
+    def __init__(self, samples: Samples, n: int) -> None:
+        self._samples = samples
+        self.shape = (n,)
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]:
+        return self._samples[slice(*key.indices(self.shape[0]))]
+
+
+def beginning_of(run: Run, n: int) -> Run:
+    """The first `n` samples of a run, with the gaps between them."""
+
+    def cut(channel: Channel) -> Channel:
+        return replace(channel, samples=_First(channel.samples, n))
+
+    gaps, lost = [], 0
+    for gap in run.gaps:
+        if gap.first_tick - lost < n:
+            gaps.append(gap)
+        lost += gap.count
+    return replace(run, channels={name: cut(channel) for name, channel in run.channels.items()}, gaps=tuple(gaps))

@@ -1,0 +1,138 @@
+"""The words and figures of the screen: a picture of what is measured and how the session stands, in one tree for the page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import msgspec
+
+from isorig.rig.acquire.levels import HIGH, LOW
+from isorig.rig.acquire.notes import Note
+from isorig.rig.view.levels import Level
+from isorig.rig.view.messages import Standing
+from isorig.rig.view.run_list import Planned
+from isorig.rig.view.snapshot import Picture, Seen
+
+#: What the screen shows: a session that it belongs to, one in another terminal, or a recording that is played back.
+Mode = Literal["session", "watch", "replay"]
+#: Seconds without a sample after which a run that is watched is no longer called measuring.
+QUIET = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """What the screen is about: its name, how it is followed, the session's runs where they are known, notes of earlier."""
+
+    title: str
+    mode: Mode
+    planned: Sequence[Planned] = ()
+    notes: Sequence[Note] = ()
+
+
+def state_of(subject: Subject, picture: Picture, standing: Standing | None) -> dict[str, Any]:
+    """All that the page shows beside its plots, as plain values."""
+    age = time.monotonic() - picture.grown if picture.grown else None
+    runs = _runs(subject, picture, standing)
+    shown = picture.runs.get(picture.shown)
+    asked = standing.run if standing is not None and standing.run else picture.shown
+    lasting = _phase(subject, picture, standing, age) == "measures"
+    return {
+        "title": subject.title, "mode": subject.mode, "phase": _phase(subject, picture, standing, age),
+        "text": "" if standing is None else standing.text,
+        "may": [] if standing is None else list(standing.may),
+        "run": _about(asked, runs, known=bool(subject.planned)), "asked": "" if standing is None else standing.run,
+        "last": "" if standing is None else standing.last,
+        "session_left": sum(max(run["of"] - run["seconds"], 0.0) for run in runs if run["state"] in ("planned", "now"))
+        if subject.planned else None,
+        "shown": picture.shown, "lost": 0 if shown is None else shown.lost, "age": age if lasting else None,
+        "damaged": 0 if standing is None else standing.damaged, "overloads": 0 if standing is None else standing.overloads,
+        "channels": [] if shown is None else [_channel(level, picture.runs) for level in shown.levels],
+        "limits": [LOW, HIGH], "averaged": picture.averaged, "isolated": picture.isolated,
+        "advice": _advice(picture, standing, lasting), "verdict": _verdict(subject, picture, standing), "runs": runs,
+        "notes": msgspec.to_builtins(subject.notes if standing is None else standing.notes),
+    }  # fmt: skip
+
+
+def _phase(subject: Subject, picture: Picture, standing: Standing | None, age: float | None) -> str:
+    if standing is not None:
+        return standing.phase
+    if not picture.runs:
+        return "begins"
+    if all(run.whole for run in picture.runs.values()) and all(item.id in picture.runs for item in subject.planned):
+        return "over"
+    return "measures" if age is not None and age < QUIET else "quiet"
+
+
+def _runs(subject: Subject, picture: Picture, standing: Standing | None) -> list[dict[str, Any]]:
+    planned = {item.id: item for item in subject.planned}
+    planned |= {name: run.planned for name, run in picture.runs.items() if name not in planned}
+    now = standing.run if standing is not None and standing.phase == "measures" else ""
+    rows = []
+    for name, about in planned.items():
+        run, judged = picture.runs.get(name), _judged(name, picture, standing)
+        if name == now or (standing is None and run is not None and not run.whole):
+            state = "now"
+        elif standing is not None and name in standing.stopped:
+            state = "stopped"
+        elif judged is not None or (run is not None and run.whole):
+            state = "taken"
+        else:
+            state = "planned"
+        good, advice = judged if judged is not None else (True, ())
+        seconds = 0.0 if run is None else run.seconds
+        if standing is not None and name == now:
+            seconds = standing.seconds
+        rows.append(
+            {
+                "id": name, "configuration": about.configuration, "gain": about.gain, "of": about.seconds or seconds,
+                "seconds": seconds, "lost": 0 if run is None else run.lost, "state": state, "good": good, "advice": list(advice),
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _about(name: str, runs: list[dict[str, Any]], *, known: bool) -> dict[str, Any] | None:
+    number = next((k for k, run in enumerate(runs) if run["id"] == name), None)
+    return None if number is None else {**runs[number], "number": number + 1, "count": len(runs) if known else None}
+
+
+def _judged(name: str, picture: Picture, standing: Standing | None) -> tuple[bool, Sequence[str]] | None:
+    if standing is not None and name in standing.judged:
+        return standing.judged[name].good, standing.judged[name].advice
+    run = picture.runs.get(name)
+    return None if run is None or run.judged is None else (run.judged.good, run.judged.advice)
+
+
+def _channel(level: Level, runs: Mapping[str, Seen]) -> dict[str, Any]:
+    over = [name for name, run in runs.items() if any(item.over for item in run.levels if item.name == level.name)]
+    return {
+        "name": level.name, "unit": level.unit, "rms": level.rms, "peak": level.peak, "held": level.held, "full": level.full,
+        "over": over,
+    }  # fmt: skip
+
+
+def _advice(picture: Picture, standing: Standing | None, lasting: bool) -> list[str]:
+    if lasting and picture.advice:
+        return list(picture.advice)
+    for name in reversed(list(picture.runs)):
+        judged = _judged(name, picture, standing)
+        if judged is not None and judged[1]:
+            return [f"{name}: {sentence}" for sentence in judged[1]]
+    return []
+
+
+def _verdict(subject: Subject, picture: Picture, standing: Standing | None) -> str:
+    # The look right after each run, nothing more: a diagnosis is another command.
+    judged = {name: found for name in picture.runs if (found := _judged(name, picture, standing)) is not None}
+    if not judged:
+        return "Provisional: no run has been taken yet."
+    taken = f"{len(judged)} of {len(subject.planned)} runs" if subject.planned else f"{len(judged)} runs"
+    bad = [name for name, (good, _) in judged.items() if not good]
+    stands_out = [name for name, (good, advice) in judged.items() if good and advice]
+    told = f"{', '.join(bad)} {'is' if len(bad) == 1 else 'are'} worth taking again" if bad else "adequate so far"
+    beside = f"; {', '.join(stands_out)} {'stands' if len(stands_out) == 1 else 'stand'} out" if stands_out else ""
+    rest = "" if bad or stands_out else ", nothing stands out"
+    return f"Provisional, {taken} looked at: {told}{beside}{rest}."

@@ -1,0 +1,1 @@
+"""Virtual rigs: recordings that a simulation plays, with sensor noise and a converter."""

@@ -1,0 +1,171 @@
+"""The virtual rig: plays a `RigModel` as the instrument would record it, with sensor noise and a converter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run, Use
+from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.simulate import Excitation, record, simulate
+from isorig.analysis.simulate.excitation import moves, random
+
+#: Full scale of a virtual accelerometer's input, m/s^2, and the bits of its converter.
+FULL_SCALE = 50.0
+BITS = 24
+#: rms of the head's acceleration per unit of gain under random drive, m/s^2 (3.8 m/s^2 at gain 70).
+HEAD_PER_GAIN = 3.8 / 70.0
+#: Largest acceleration of the head in moves per unit of gain, m/s^2.
+MOVE_PER_GAIN = 12.5 / 70.0
+#: What a virtual rig's channels tell of their sensors.
+VIRTUAL = {"sensor": "virtual accelerometer"}
+BEGIN = datetime(2011, 11, 7, 9, 0, tzinfo=UTC)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Take:
+    """One run to be played: what is driven, how hard, how long.
+
+    Parameters
+    ----------
+    id, configuration, gain, excitation, use
+        As in the recording format; excitation is "random" or "moves".
+    seconds
+        Length of the run.
+    start
+        Seconds from the campaign's first sample.
+    band
+        Band of a random drive, Hz.
+    per_gain
+        rms of the head's acceleration per unit of gain under a random drive, m/s^2.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> iso.Take(id="l7", configuration="locked", gain=7.0, seconds=60.0, start=570.0, band=(0.5, 400.0)).per_gain > 0.0
+    True
+    """
+
+    id: str
+    configuration: str
+    gain: float
+    seconds: float
+    start: float
+    excitation: str = "random"
+    band: tuple[float, float] = (0.5, 20.0)
+    use: Use = "fit"
+    per_gain: float = HEAD_PER_GAIN
+
+
+#: What the lab measures in a session: three gains unlocked (the first repeated), two locked, a series of moves.
+SESSION = (
+    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=100.0, start=0.0),
+    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=100.0, start=130.0),
+    Take(id="u35", configuration="unlocked", gain=35.0, seconds=100.0, start=260.0),
+    Take(id="u7", configuration="unlocked", gain=7.0, seconds=60.0, start=390.0, band=(0.5, 400.0)),
+    Take(id="l70", configuration="locked", gain=70.0, seconds=60.0, start=480.0),
+    Take(id="l7", configuration="locked", gain=7.0, seconds=60.0, start=570.0, band=(0.5, 400.0)),
+    Take(id="umove", configuration="unlocked", gain=70.0, seconds=30.0, start=660.0, excitation="moves"),
+)
+
+#: What is measured afterwards on the same rig, to score predictions.
+LATER = (
+    Take(id="x70", configuration="unlocked", gain=70.0, seconds=60.0, start=720.0),
+    Take(id="x50", configuration="unlocked", gain=50.0, seconds=60.0, start=810.0, band=(0.5, 30.0)),
+    Take(id="x7", configuration="unlocked", gain=7.0, seconds=40.0, start=900.0, band=(0.5, 400.0)),
+    Take(id="xmove", configuration="unlocked", gain=70.0, seconds=20.0, start=970.0, excitation="moves"),
+    Take(id="xlock", configuration="locked", gain=70.0, seconds=40.0, start=1020.0, band=(0.5, 60.0)),
+)
+
+
+def head_of(take: Take, sample_rate: float, seed: int) -> FloatArray:
+    """The head's true acceleration in a take, shape (n,), m/s^2."""
+    n = round(take.seconds * sample_rate)
+    if take.excitation == "moves":
+        return moves(samples=n, sample_rate=sample_rate)
+    return random(samples=n, sample_rate=sample_rate, rms=take.per_gain * take.gain, band=take.band, seed=seed)
+
+
+def virtual_campaign(
+    model: RigModel,
+    takes: Sequence[Take] = SESSION,
+    *,
+    noise: float = 1e-3,
+    seed: int = 0,
+    sample_rate: float = 1024.0,
+    oversample: int = 16,
+) -> Campaign:
+    """A whole session played on a virtual rig.
+
+    Parameters
+    ----------
+    model
+        The rig, with the faults of its measurement chain.
+    takes
+        The runs.
+    noise
+        Standard deviation of every sensor's noise, m/s^2.
+    seed
+        Seed of drives and noise.
+    sample_rate
+        Hz.
+    oversample
+        Fine steps per sample of the simulation behind it.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> takes = [iso.Take(id="u70", configuration="unlocked", gain=70.0, seconds=2.0, start=0.0)]
+    >>> campaign = iso.virtual_campaign(iso.wire_bonder(), takes, seed=1)
+    >>> sorted(campaign.runs[0].channels)
+    ['head', 'heatblock', 'motor', 'table']
+    """
+    generator = np.random.default_rng(seed)
+    sound = without_faults(model)
+    runs = []
+    for take in takes:
+        head = head_of(take, sample_rate, int(generator.integers(2**31)))
+        excitation = Excitation.prepare(head, sample_rate, oversample=oversample)
+        response = simulate(sound, excitation, configuration=take.configuration, start_time=take.start)
+        recorded = record(model, {model.drive.channel: head, **response.channels}, sample_rate)
+        channels = {
+            name: Channel(
+                name=name, samples=_converted(values + generator.normal(0.0, noise, len(values))),
+                scale=2.0 * FULL_SCALE / 2**BITS, full_scale=FULL_SCALE, about=VIRTUAL,
+            )
+            for name, values in recorded.items()
+        }  # fmt: skip
+        runs.append(
+            Run(
+                id=take.id, configuration=take.configuration, sample_rate=sample_rate, gain=take.gain, channels=channels,
+                excitation=take.excitation, started=BEGIN + timedelta(seconds=take.start),
+                band=None if take.excitation == "moves" else take.band, use=take.use,
+            )
+        )  # fmt: skip
+    return Campaign(runs=tuple(runs), known=known_of(model), source="virtual rig")
+
+
+def without_faults(model: RigModel) -> RigModel:
+    """The rig with sound measurement chains."""
+    sensors = tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors)
+    return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=Chain()), sensors=sensors)
+
+
+def known_of(model: RigModel) -> dict[str, float]:
+    """What a lab would know of a wire bonder beforehand: weighed masses, the table's actual mass, rough frequencies."""
+    return {
+        "head_mass": model.drive.factor, "motor_mass": model.body("motor").mass,
+        "heatblock_mass": model.body("heatblock").mass, "table_mass": 250.0, "table_frequency": 11.0,
+        "heatblock_frequency": 165.0, "motor_frequency": 5.0, "friction_force": 20.0,
+    }  # fmt: skip
+
+
+def _converted(values: FloatArray) -> NDArray[np.int32]:
+    top = 2 ** (BITS - 1)
+    ticks: NDArray[np.int32] = np.clip(np.round(values / (2.0 * FULL_SCALE / 2**BITS)), -top, top - 1).astype(np.int32)
+    return ticks

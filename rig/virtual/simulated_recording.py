@@ -1,0 +1,154 @@
+"""Made-up drives for any rig, and recordings of a simulation with the forces inside the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
+from isorig.analysis.simulate import Change, Excitation, excitation, trace
+from isorig.rig.errors import PlanError
+from isorig.rig.files.rigfile import GivenRig
+from isorig.rig.prediction import predicted, seconds_from
+from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
+
+Kind = Literal["random", "multisine", "sweep", "half-sine", "moves"]
+#: Periods of a made-up multisine.
+PERIODS = 4
+#: Seconds of a made-up half sine, and where it begins.
+PULSE, PULSE_START = 0.1, 0.1
+#: Samples of a made-up drive: an hour at 20 kHz, half a gigabyte of each channel.
+SAMPLES_MOST = 72_000_000
+#: Level of a made-up drive that is not an acceleration: of a force in N (thesis, Fig. 6), of anything else 1.
+FORCE_LEVEL = 500.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeUp:
+    """A made-up drive.
+
+    Parameters
+    ----------
+    kind
+        Band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine, consecutive moves.
+    gain
+        Drive gain.
+    level
+        rms (noise, multisine) or peak (others) in the drive channel's unit; None for what the gain stands for.
+    band
+        Hz, of noise, multisine and sweep.
+    seconds, sample_rate, seed, configuration
+        Length, Hz, seed of what is random, and how the rig is set up.
+    """
+
+    kind: Kind = "random"
+    gain: float = 70.0
+    level: float | None = None
+    band: tuple[float, float] | None = None
+    seconds: float = 30.0
+    sample_rate: float = 1024.0
+    seed: int = 0
+    configuration: str = "unlocked"
+
+
+def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
+    """A campaign of one run that holds the drive alone.
+
+    Raises
+    ------
+    PlanError
+        Where a number of the plan cannot be used.
+    """
+    model, rate = given.model, plan.sample_rate
+    for name, value in {"sample-rate": rate, "seconds": plan.seconds, "gain": plan.gain}.items():
+        if not 0.0 < value < float("inf"):
+            raise PlanError(f"--{name} is {value:g}; it must be positive and finite, so correct it")
+    n = round(plan.seconds * rate)
+    if n < 2:
+        raise PlanError(f"{plan.seconds:g} s at {rate:g} Hz are {n} samples; give at least two by a larger --seconds")
+    if n > SAMPLES_MOST:
+        raise PlanError(
+            f"{plan.seconds:g} s at {rate:g} Hz are {n:.3g} samples; at most {SAMPLES_MOST:.3g} are made, so shorten --seconds"
+        )
+    band = plan.band or ((0.5, 20.0) if plan.gain > 10.0 else (0.5, 0.39 * rate))
+    if not 0.0 < band[0] < band[1] <= rate / 2.0:
+        raise PlanError(f"--band is {band[0]:g} to {band[1]:g} Hz; it must rise from above 0 to at most {rate / 2.0:g} Hz")
+    if plan.level is not None and not 0.0 <= plan.level < float("inf"):
+        raise PlanError(f"--level is {plan.level:g}; it must be finite and not negative, so correct it")
+    rough = plan.kind in ("random", "multisine")
+    usual = plan.gain * (HEAD_PER_GAIN if rough else MOVE_PER_GAIN)
+    if model.drive.quantity != "acceleration":
+        usual = FORCE_LEVEL if model.drive.quantity == "force" else 1.0
+    level = usual if plan.level is None else plan.level
+    period = n // PERIODS if plan.kind == "multisine" else None
+    values: FloatArray
+    match plan.kind:
+        case "random":
+            values = excitation.random(samples=n, sample_rate=rate, rms=level, band=band, seed=plan.seed)
+        case "multisine":
+            values, _ = excitation.multisine(
+                period=n // PERIODS, periods=PERIODS, sample_rate=rate, rms=level, band=band, seed=plan.seed
+            )
+        case "sweep":
+            values = excitation.sweep(samples=n, sample_rate=rate, peak=level, band=band)
+        case "half-sine":
+            values = excitation.half_sine(samples=n, sample_rate=rate, peak=level, length=PULSE, start=PULSE_START)
+        case "moves":
+            values = excitation.moves(samples=n, sample_rate=rate, peak=level)
+    drive = Channel(name=model.drive.channel, samples=values, quantity=model.drive.quantity, unit=SI_UNIT[model.drive.quantity])
+    run = Run(
+        id="made_up", configuration=plan.configuration, sample_rate=rate, gain=plan.gain, channels={drive.name: drive},
+        excitation="other" if plan.kind == "half-sine" else plan.kind, started=BEGIN,
+        band=None if plan.kind in ("half-sine", "moves") else band, period=period,
+    )  # fmt: skip
+    return Campaign(runs=(run,), description=given.description, source="a made-up drive")
+
+
+def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[str, tuple[Change, ...]]]:
+    """The runs with the simulated responses and what goes on inside, and every stick and slip by run.
+
+    Beside the sensors' channels there are `<contact>_friction` and `<link>_force` in N, what passes from body a to body b,
+    and `<contact>_held`, the share of each sample's time in which the contact sticks; see `isorig.analysis.simulate.Trace`.
+
+    Raises
+    ------
+    RecordingError
+        Where a run lacks the drive or has a configuration that the model does not know.
+    PlanError
+        Where a sensor has the name of one of these channels.
+    """
+    model = given.model
+    simulated = predicted(model, campaign, origin=given.origin)
+    runs, changes = [], {}
+    for run in simulated.runs:
+        drive = Excitation.prepare(run.channels[model.drive.channel].read(), run.sample_rate)
+        found = trace(model, drive, configuration=run.configuration, start_time=seconds_from(campaign, run, given.origin))
+        inner: dict[str, tuple[FloatArray, Quantity]] = {}
+        for name, force in found.friction.items():
+            inner[f"{name}_friction"] = force, "force"
+            inner[f"{name}_held"] = found.held[name], "gain"
+        for name, force in found.transmitted.items():
+            inner[f"{name}_force"] = force, "force"
+        for name in inner:
+            if name in run.channels:
+                raise PlanError(f"the rig has a sensor {name!r}, which is the name of a force inside it; rename the sensor")
+        extra = {
+            name: Channel(name=name, samples=values, quantity=quantity, unit=SI_UNIT[quantity])
+            for name, (values, quantity) in inner.items()
+        }
+        runs.append(replace(run, channels={**run.channels, **extra}))
+        changes[run.id] = found.changes
+    return (
+        Campaign(
+            runs=tuple(runs), known=simulated.known, description=simulated.description or given.description,
+            source=simulated.source,
+        ),
+        changes,
+    )  # fmt: skip
+
+
+def events_table(changes: Mapping[str, tuple[Change, ...]]) -> str:
+    """Every stick and slip as lines of text: run, time in s from its first sample, contact, 0 held or the way it slides."""
+    lines = [f"{run},{change.time:.12g},{change.contact},{change.slides}" for run, found in changes.items() for change in found]
+    return "\n".join(["run,time,contact,slides", *lines]) + "\n"
