@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
 
 from envelopes import drawn_rig
 
-from analysis.characterize import characterize
-from analysis.model import RigModel
-from rig.baseline import baseline_model
-from rig.virtual import Take, virtual_campaign
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parameters.joint_fit import characterize
+from isorig.rig.baseline import baseline_model
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 TABLE = Path(__file__).parents[2] / "docs" / "study" / "coverage.csv"
 COLUMNS = ("seed", "parameter", "truth", "value", "std")

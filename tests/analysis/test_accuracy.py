@@ -11,12 +11,12 @@ from msgspec.structs import replace
 from reference import Reference, smooth
 from scipy.linalg import expm
 
-from analysis import excitation, laws
-from analysis.model import Body, Contact, Drive, Link, RigModel, Sensor, matrices
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, simulate
-from analysis.simulate.compiled import compile_rig
-from analysis.simulate.free_run import run_rig
+from isorig.analysis import laws
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor, matrices
+from isorig.analysis.simulate import Excitation, excitation, simulate
+from isorig.analysis.simulate.compiled import compile_rig
+from isorig.analysis.simulate.free_run import run_rig
 
 RATE = 2048.0
 K3 = (2 * np.pi * 5.06) ** 2 * 16.4
@@ -110,6 +110,12 @@ SMOOTH = {
     "arctan": (
         laws.Arctan(friction_force=20.0, smoothing_velocity=1e-3),
         {"force": lambda inner, v: 20.0 * 2.0 / np.pi * np.arctan(v / 1e-3)},
+    ),
+    "arctan, static and viscous": (
+        laws.Arctan(
+            friction_force=15.0, static_force=20.0, stribeck_velocity=0.01, smoothing_velocity=1e-3, viscous_coefficient=2.0
+        ),
+        {"force": lambda inner, v: (15 + 5 * np.exp(-abs(v) / 0.01)) * 2.0 / np.pi * np.arctan(v / 1e-3) + 2.0 * v},
     ),
     "dahl": (
         laws.Dahl(friction_force=20.0, bristle_stiffness=1e5),

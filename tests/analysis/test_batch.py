@@ -5,14 +5,14 @@ import pytest
 from msgspec.structs import replace
 from scipy.linalg import expm
 
-from analysis import laws
-from analysis.diagnose.mechanisms.springs import added
-from analysis.errors import SimulationError
-from analysis.excitation import moves, random
-from analysis.model import Configuration
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, scan, simulate, simulate_many
-from analysis.simulate.exponential import exponentials
+from isorig.analysis import laws
+from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import Configuration
+from isorig.analysis.simulate import Excitation, scan, simulate, simulate_many
+from isorig.analysis.simulate.excitation import moves, random
+from isorig.analysis.simulate.exponential import exponentials
 
 RATE = 2048.0
 

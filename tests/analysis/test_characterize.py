@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from intervals import TAKES, truths
 
-from analysis.characterize import characterize
-from analysis.deviations import deviation
-from analysis.measured import Channel
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import free_run, sampling
-from rig.baseline import baseline_model
-from rig.cli import main
-from rig.recording import write
-from rig.virtual import Take, virtual_campaign
+from isorig.analysis.campaign import Channel
+from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.parameters.joint_fit import characterize
+from isorig.analysis.simulate import free_run, sampling
+from isorig.rig.baseline import baseline_model
+from isorig.rig.cli import main
+from isorig.rig.files.recording import write
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 
 def test_campaign_a(shared: Path, tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
-from analysis.design import (
+from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.design import (
     frictionless,
     histories,
     isolated,
@@ -19,10 +20,9 @@ from analysis.design import (
     stroke_study,
     strokes,
 )
-from analysis.errors import DataError
-from analysis.model import matrices
-from analysis.profile import Move, Shape, head_acceleration
-from analysis.rigs import THESIS, wire_bonder
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import matrices
+from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
 
 RATE = 2048.0
 MOVES = [Move(distance=3e-3, acceleration=166.7, pause=0.05)] * 6

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.detection import detect
-from analysis.errors import DataError
-from analysis.excitation import multisine
-from analysis.measured import Channel, Run
+from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.simulate.excitation import multisine
+from isorig.analysis.spectra.detection import detect
 
 PERIOD = 1024
 

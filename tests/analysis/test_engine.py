@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from analysis import laws
-from analysis.diagnose.mechanisms.springs import added
-from analysis.errors import DataError, ModelError
-from analysis.excitation import half_sine
-from analysis.model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, simulate
-from rig.recording import read
+from isorig.analysis import laws
+from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.errors import DataError, ModelError
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate.excitation import half_sine
+from isorig.rig.files.recording import read
 
 
 def one_mass(friction: float = 0.0, law: laws.LinkLaw | None = None) -> RigModel:

@@ -4,19 +4,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from analysis import laws
-from analysis.diagnose.division import refined
-from analysis.diagnose.doubles import doubles
-from analysis.diagnose.evidence import Sign, signs, surfaces
-from analysis.diagnose.judge import BLOCKS, Score, gain
-from analysis.diagnose.mechanisms.base import exchange
-from analysis.diagnose.mechanisms.springs import added
-from analysis.diagnose.misfit import Discrepancy, discrepancies
-from analysis.measured import Campaign
-from analysis.model import Chain, RigModel
-from analysis.rigs import THESIS, wire_bonder
-from analysis.trials import Trial, prepare
-from rig.virtual import Take, virtual_campaign
+from isorig.analysis import laws
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.estimate_pairs import doubles
+from isorig.analysis.diagnose.evidence import Sign, signs, surfaces
+from isorig.analysis.diagnose.mechanisms.base import exchange
+from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.diagnose.misfit import Discrepancy, discrepancies
+from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.score import BLOCKS, Score, improvement
+from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 SOUND = wire_bonder({**THESIS, "friction_force": 10.0})
 TAKES = (
@@ -113,12 +113,13 @@ def test_discrepancies_of_a_stiffer_spring() -> None:
 
 def test_gain_has_its_interval() -> None:
     """Errors of equal blocks have no spread; the removed share is that of the figures."""
-    before = Score(error=np.full((2, 3), 0.2), blocks=np.full((2, 3, BLOCKS), 400.0))
-    after = Score(error=np.full((2, 3), 0.02), blocks=np.full((2, 3, BLOCKS), 4.0))
-    brought = gain(before, after, 0.01)
+    before = Score(error=np.full((2, 3), 0.2), blocks=np.full((2, 3, BLOCKS), 400.0), power=np.full((2, 3, BLOCKS), 0.04))
+    after = Score(error=np.full((2, 3), 0.02), blocks=np.full((2, 3, BLOCKS), 4.0), power=np.full((2, 3, BLOCKS), 0.04))
+    brought = improvement(before, after, 0.01)
     assert brought.before == pytest.approx((0.2, 0.2))
     assert brought.removed == pytest.approx(0.18 / 0.19)
     generator = np.random.default_rng(3)
-    after = Score(error=np.full((2, 3), 0.02), blocks=4.0 * generator.chisquare(8, (2, 3, BLOCKS)) / 8)
-    low, high = gain(before, after, 0.01).after
+    blocks = 4.0 * generator.chisquare(8, (2, 3, BLOCKS)) / 8
+    after = Score(error=np.full((2, 3), 0.02), blocks=blocks, power=1e-4 * blocks)
+    low, high = improvement(before, after, 0.01).after
     assert 0.015 < low < 0.02 < high < 0.025

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnose.division import BEGINNING, beginnings, ends
-from analysis.diagnose.mechanisms.modes import ExtraMode
-from analysis.diagnose.observe import misfit_frequencies, observe
-from analysis.fit import Problem, base_parameters, jacobian_of, positive
-from analysis.measured import FloatArray
-from analysis.model import RigModel
-from analysis.rigs import THESIS, wire_bonder
-from analysis.trials import expected, prepare
-from rig.baseline import baseline_model
-from rig.virtual import Take, virtual_campaign
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.mechanisms.modes import ExtraMode
+from isorig.analysis.diagnose.observe import misfit_frequencies, observe
+from isorig.analysis.fitting.division import BEGINNING, beginnings, ends
+from isorig.analysis.fitting.solve import Problem, base_parameters, jacobian_of, positive
+from isorig.analysis.fitting.trials import expected, prepare
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.baseline import baseline_model
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 RIG = wire_bonder({**THESIS, "friction_force": 9.0})
 TAKES = (
@@ -36,7 +36,7 @@ def test_what_judges_is_kept_from_fits() -> None:
     assert [t.run.id for t in by_beginnings.fits] == ["u7", "u70a", "l70"]
     (judged,) = by_beginnings.judged
     assert judged.fitted == 0
-    assert judged.samples == BEGINNING * judged.sample_rate
+    assert judged.samples == judged.onset + BEGINNING * judged.sample_rate
     # What is cut off the record changes nothing of what is left.
     whole = next(t for t in ends(trials).judged if t.run.id == "u70b")
     np.testing.assert_allclose(expected(RIG, judged), expected(RIG, whole)[:, : judged.samples], rtol=0.0, atol=1e-12)

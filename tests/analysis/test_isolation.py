@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.classic import classic, error_surface
-from analysis.errors import DataError
-from analysis.isolation import friction_bound, isolation_ratio, stuck_share
-from analysis.measured import Campaign, FloatArray
-from analysis.model import RigModel, matrices
-from analysis.offset import loaded_frequencies, peak_offset
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate.compiled import constraint_basis
-from rig.virtual import Take, virtual_campaign
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.peak_offset import loaded_frequencies, peak_offset
+from isorig.analysis.isolation.ratio import friction_bound, isolation_ratio, stuck_share
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.parameters.four_set_ups import classic, error_surface
+from isorig.analysis.simulate.compiled import constraint_basis
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 WIDE = (0.5, 400.0)
 TAKES = (

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.errors import DataError
-from analysis.half_power import half_power
-from analysis.measured import Channel, FloatArray, Run
-from analysis.modes import Kind, fit_modes
-from analysis.spectra import Frf, estimate
+from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.half_power import half_power
+from isorig.analysis.spectra.modes import Kind, fit_modes
+from isorig.analysis.spectra.welch import Frf, estimate
 
 
 def answered(drive: FloatArray, rate: float, modes: list[tuple[float, float, float]], kind: Kind) -> FloatArray:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from analysis.classic import head_to_table
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, simulate
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.parameters.four_set_ups import head_to_table
+from isorig.analysis.simulate import Excitation, simulate
 
 RATE = 1024.0
 

@@ -10,10 +10,10 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import DataError
-from analysis.measured import Channel, FloatArray, Gap, Run
-from analysis.periodic import periodic
-from analysis.spectra import estimate
+from isorig.analysis.campaign import Channel, FloatArray, Gap, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.periodic import periodic
+from isorig.analysis.spectra.welch import RunningSpectra, averages_in, estimate, merged
 
 RATE = 512.0
 
@@ -89,8 +89,6 @@ def test_refusals_say_what_to_do() -> None:
     x, y = pair(0, 1000)
     with pytest.raises(DataError, match="coarser resolution"):
         estimate([run_of(x=x, y=y)], references=["x"], resolution=0.25)
-    with pytest.raises(DataError, match="one rate"):
-        estimate([run_of(x=x, y=y), run_of(x=x, y=y, rate=100.0)], references=["x"], resolution=8.0)
     with pytest.raises(DataError, match="only x, y"):
         estimate([run_of(x=x, y=y)], references=["head"], resolution=8.0)
     with pytest.raises(DataError, match="no run"):
@@ -157,3 +155,49 @@ def test_periods_that_do_not_fit_are_refused() -> None:
         periodic([run_of(x=x, y=y)], response="y", reference="x")
     with pytest.raises(DataError, match="at least 3 whole periods"):
         periodic([run_of(x=x, y=y, period=1400)], response="y", reference="x")
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 1000), half=st.integers(16, 200), n=st.integers(600, 6000),
+    cuts=st.lists(st.integers(1, 6000), max_size=8), gap=st.integers(0, 6000), highest=st.floats(20.0, 300.0),
+)  # fmt: skip
+def test_a_growing_run_gives_at_its_end_what_the_whole_gives(
+    seed: int, half: int, n: int, cuts: list[int], gap: int, highest: float
+) -> None:
+    x, y = pair(seed, n)
+    gaps = (Gap(first_tick=gap, count=7),) if gap < n else ()
+    resolution = RATE / (2 * half)
+
+    def until(stop: int) -> Run:
+        return run_of(x=x[:stop], y=y[:stop], gaps=tuple(item for item in gaps if item.first_tick < stop))
+
+    running = RunningSpectra(until(1), references=["x"], resolution=resolution, highest=highest)
+    for stop in [*sorted(cut for cut in cuts if cut < n), n]:
+        running.add(until(stop))
+    try:
+        whole = estimate([until(n)], references=["x"], resolution=resolution)
+    except DataError:
+        assert running.segments == 0
+        return
+    found = running.spectra()
+    lines = len(found.frequency)
+    assert found.frequency[-1] <= highest or lines == half + 1
+    assert lines == half + 1 or whole.frequency[lines] > highest
+    assert (found.segments, found.averages) == (whole.segments, whole.averages)
+    np.testing.assert_allclose(found.auto, whole.auto[:, :lines], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.cross["x"], whole.cross["x"][:, :lines], rtol=1e-9, atol=1e-9)
+    if not gaps:
+        assert averages_in(n, 2 * half) == whole.averages
+
+
+def test_merged_spectra_are_those_of_both_runs() -> None:
+    runs = [run_of(**dict(zip("xy", pair(seed, n), strict=True))) for seed, n in ((1, 5000), (2, 9000))]
+    both = estimate(runs, references=["x"], resolution=4.0)
+    found = merged([estimate([run], references=["x"], resolution=4.0) for run in runs])
+    np.testing.assert_allclose(found.auto, both.auto, rtol=1e-12)
+    np.testing.assert_allclose(found.frf("y", "x").value, both.frf("y", "x").value, rtol=1e-9)
+    assert found.segments == both.segments
+    assert found.averages == pytest.approx(both.averages, rel=0.01)
+    with pytest.raises(DataError, match="other channels or lines"):
+        merged([both, estimate(runs, references=["x"], resolution=8.0)])

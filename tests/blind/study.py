@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from envelopes import CAUSES, OUTSIDE, Envelope, draw_envelope
 
-from rig.many import diagnose_files
-from rig.models import read_model
-from rig.prediction import predicted
-from rig.recording import write
+from isorig.rig.diagnose_many import diagnose_files
+from isorig.rig.files.models import read_model
+from isorig.rig.files.recording import write
+from isorig.rig.prediction import predicted
 
 ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "study" / "results.csv"

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.cli import main
-from rig.recording import read
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read
 
 
 @pytest.mark.study

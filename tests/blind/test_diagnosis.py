@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from envelopes import Envelope, draw_envelope
 
-from rig.cli import main
-from rig.recording import write
+from isorig.rig.cli import main
+from isorig.rig.files.recording import write
 
 #: Kind, size and seed; what is hidden where is drawn.
 DRAWN = (
@@ -70,7 +70,6 @@ def test_folder_of_envelopes(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert before == {name: (out / name / "findings.json").stat().st_mtime_ns for name in envelopes}
 
 
-@pytest.mark.timeout(900)
 def test_friction_and_what_hides_behind_it(tmp_path: Path) -> None:
     """A baseline without friction names the friction first, and then the second effect."""
     envelope = draw_envelope("hardening_stiffness", 0.33, 24)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.cli import main
-from rig.models import read_model
-from rig.prediction import predicted
-from rig.recording import read
+from isorig.rig.cli import main
+from isorig.rig.files.models import read_model
+from isorig.rig.files.recording import read
+from isorig.rig.prediction import predicted
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT.parent / "shared" / "measured"
@@ -53,3 +53,17 @@ def test_silverbox(tmp_path: Path) -> None:
     said = predicted(model, campaign, origin=origin, as_recorded=True)
     arrow, guess = (next(run for run in c.runs if run.id == "arrow").read("position") for c in (campaign, said))
     assert np.sqrt(np.mean((arrow - guess) ** 2)) < 0.6e-3
+
+
+@pytest.mark.timeout(300)
+def test_friction_damper(tmp_path: Path) -> None:
+    """Play, a spring and friction in a row; a model of the three made by hand leaves 13 to 21 % of the force."""
+    findings = diagnosed("brfd", tmp_path)
+    assert findings["verdict"] == "explained"
+    assert [(step["cause"], step["kind"]) for step in findings["steps"]] == [("play_and_friction", "memory")]
+    assert findings["holdout"]["baseline"] > 0.7
+    assert findings["holdout"]["extended"] < 0.2
+    model, _ = read_model(tmp_path / "out" / "model.json")
+    (row,) = model.link("damper").laws
+    assert 0.001 < row.clearance < 0.004
+    assert 9e3 < row.slip_force < 11e3

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers import hp35670a, sr785
-from drivers.block import Status
-from drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
-from drivers.hp35670a import Hp35670aInstrument
-from drivers.shows import Shows
-from drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
-from drivers.simulated.served import TcpWire, served
-from drivers.sr785 import Sr785Instrument
+from isorig.drivers import hp35670a, sr785
+from isorig.drivers.block import Status
+from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
+from isorig.drivers.hp35670a import Hp35670aInstrument
+from isorig.drivers.shows import Shows
+from isorig.drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
+from isorig.drivers.simulated.served import TcpWire, served
+from isorig.drivers.sr785 import Sr785Instrument
 
 SPECTRUM = (np.linspace(0.0, 800.0, 801), 1.0 / (1.0 + np.arange(801.0)))
 RECORD = (np.arange(1024) / 1024.0, np.sin(np.arange(1024.0)))
@@ -36,9 +36,9 @@ def test_sr785_dialogue(order: str, wire: str) -> None:
         spectrum, record = instrument.records()
         instrument.close()
     assert peer.heard == [
-        "OUTX1", "*ESR?", "STRT", "DSPS?1", "DSPS?1", "NAVG?0", "INPS?", "*ESR?",
-        "DSPN?0", "DBIN?0,0", "DBIN?0,800", "DSPB?0", "DSPY?0,400",
-        "DSPN?1", "DBIN?1,0", "DBIN?1,1023", "DSPB?1", "DSPY?1,512",
+        "OUTX1", "*ESR?", "STRT", "DSPS?1", "DSPS?1", "NAVG?0", "NAVG?0", "INPS?", "*ESR?",
+        "DSPN?0", "DSPN?0", "DBIN?0,0", "DBIN?0,400", "DBIN?0,800", "DSPB?0", "DSPB?0", "DSPY?0,400",
+        "DSPN?1", "DSPN?1", "DBIN?1,0", "DBIN?1,512", "DBIN?1,1023", "DSPB?1", "DSPB?1", "DSPY?1,512",
     ]  # fmt: skip
     np.testing.assert_allclose(spectrum.x, SPECTRUM[0], rtol=1e-9)
     np.testing.assert_array_equal(spectrum.values, SPECTRUM[1].astype(np.float32))
@@ -67,7 +67,8 @@ def test_hp35670a_dialogue() -> None:
     assert peer.heard == [
         "FORM:DATA REAL,32", "CALC1:FEED 'XTIM:VOLT 1'", "CALC2:FEED 'XFR:POW:COH 1,2'", "SYST:ERR?",
         "ABOR;INIT:IMM;*OPC", "*STB?", "*STB?", "SYST:ERR?",
-        "CALC1:X:DATA?", "CALC1:DATA?", "CALC2:X:DATA?", "CALC2:DATA?",
+        "CALC1:X:DATA?", "CALC1:X:DATA?", "CALC1:DATA?", "CALC1:DATA?",
+        "CALC2:X:DATA?", "CALC2:X:DATA?", "CALC2:DATA?", "CALC2:DATA?",
     ]  # fmt: skip
     np.testing.assert_array_equal(record.values, RECORD[1].astype(np.float32))
     np.testing.assert_array_equal(coherence.values, SPECTRUM[1].astype(np.float32))
@@ -113,4 +114,4 @@ def test_what_does_not_answer_or_answers_nonsense_is_said(monkeypatch: pytest.Mo
         instrument._port = hp35670a.Port(port, baud_rate=9600)
         with pytest.raises(ProtocolError, match="a block begins with #"):
             instrument._block("CALC1:DATA?")
-        instrument.close()
+        instrument._port.close()

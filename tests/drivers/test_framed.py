@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolError
-from drivers.framed import FramedInstrument
-from drivers.frames import MAGIC, Decoder, encode_samples, encode_text, unwrap
-from drivers.simulated.framed import SimulatedFramed
-from drivers.simulated.served import served
-from drivers.simulated.wire import PtyWire
+from isorig.drivers.errors import ProtocolError
+from isorig.drivers.framed import FramedInstrument
+from isorig.drivers.frames import MAGIC, Decoder, encode_samples, encode_text
+from isorig.drivers.order import wrapped
+from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.drivers.simulated.served import served
+from isorig.drivers.simulated.wire import PtyWire
 
 
 def frames(count: int, rows: int, columns: int, seed: int) -> tuple[list[bytes], list[np.ndarray]]:
@@ -63,7 +64,7 @@ def test_a_magic_inside_the_samples_is_no_frame() -> None:
 @pytest.mark.parametrize("near", [0, 2**31, 2**32 - 5, 2**40 + 17])
 @pytest.mark.parametrize("step", [0, 1, 70000, -3, 2**31 - 1])
 def test_a_counter_that_wraps_goes_on(near: int, step: int) -> None:
-    assert unwrap((near + step) % 2**32, near) == near + step
+    assert wrapped((near + step) % 2**32, near, 2**32) == near + step
 
 
 def test_the_bytes_of_a_frame_are_those_of_the_description() -> None:

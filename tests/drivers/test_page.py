@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.framed import FramedInstrument
+from isorig.drivers.framed import FramedInstrument
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.rigs import THESIS
-from rig.cli import main
-from rig.recording import read
+from isorig.analysis.model.built_in import THESIS
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")
@@ -28,9 +28,10 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_demo_measures_what_the_rig_is(demo: Path) -> None:
     campaign = read(demo / "campaign.h5")
     assert [(run.configuration, run.gain, run.excitation) for run in campaign.runs] == [
-        ("unlocked", 70.0, "random"), ("unlocked", 35.0, "random"), ("unlocked", 7.0, "random"), ("unlocked", 70.0, "moves"),
-        ("locked", 70.0, "random"), ("locked", 7.0, "random"),
+        ("unlocked", 70.0, "random"), ("unlocked", 70.0, "random"), ("unlocked", 35.0, "random"), ("unlocked", 7.0, "random"),
+        ("unlocked", 70.0, "moves"), ("locked", 70.0, "random"), ("locked", 7.0, "random"),
     ]  # fmt: skip
+    assert [run.repeat_of for run in campaign.runs] == [None, "u70", None, None, None, None, None]
     assert not any(run.gaps for run in campaign.runs)
     table = json.loads((demo / "parameters.json").read_text())["parameters"]
     for name, row in table.items():

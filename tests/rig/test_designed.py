@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli import main
+from isorig.rig.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PROFILE = ROOT / "fixtures_data" / "moves.toml"
@@ -25,7 +25,8 @@ def test_folder(tmp_path: Path) -> None:
     words = ["design", str(PROFILE), "--parameters", str(parameters), "--points", "30", "--draws", "20", "-o", str(out)]
     assert main(words) == 0
     assert {path.name for path in out.iterdir()} == {
-        "design.json", "strokes.csv", "histories.csv", "strokes.png", "histories.png", "ratio.png", "offset.png",
+        "design.json", "strokes.csv", "moves.csv", "histories.csv", "strokes.png", "histories.png", "ratio.png", "offset.png",
+        "moves.png", "bond.png",
     }  # fmt: skip
     told = json.loads((out / "design.json").read_text())
     without, with_friction = told["studies"]["without friction"], told["studies"]["with friction"]
@@ -35,7 +36,14 @@ def test_folder(tmp_path: Path) -> None:
     # The thesis's worst case: 0.6 Hz for a head of 6 to 7 kg.
     assert without["lowest_hz"] == pytest.approx(0.6, abs=0.05)
     ratios = list(told["median_ratio_5_to_15_hz"].values())
-    assert ratios[1] < 0.1 < ratios[0]
+    # Present, soft with friction, soft without it: springs alone do not isolate against friction.
+    assert ratios[2] < 0.1 < ratios[1] < ratios[0]
+    # The table's file gives three of ten values, and what stands in is said.
+    assert "head_mass" not in told["assumed"]
+    assert "table_mass" in told["assumed"]
+    soft = list(told["bond"]["cases"].values())[2]
+    assert soft["largest_m"] < 2e-6
+    assert soft["settling_s"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -47,6 +55,8 @@ def test_folder(tmp_path: Path) -> None:
         ("frequencies = [0.3, 6.0]", "frequencies = [6.0, 0.3]", "low < high"),
         ("mass = 6.5", "mass = -6.5", "mass"),
         ("safety = 1.0", "speed = 1.0", "speed"),
+        ("safety = 1.0", "shown = 60.0", "shown is 60"),
+        ("[head]", "[bond]\nseconds = 0.0\n\n[head]", "bond.seconds"),
         ("[head]", "[head", "TOML"),
         ("acceleration = 166.7", "acceleration = 1e9", "samples"),
     ],

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.excitation import multisine
-from analysis.measured import Campaign, Channel, FloatArray, Run
-from analysis.rigs import THESIS, wire_bonder
-from analysis.simulate import Excitation, simulate
-from rig.cli import main
-from rig.recording import write
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate.excitation import multisine
+from isorig.rig.cli import main
+from isorig.rig.files.recording import write
 
 RATE, PERIOD, NOISE = 1024.0, 4096, 1e-3
 

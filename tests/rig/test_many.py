@@ -8,11 +8,11 @@ from pathlib import Path
 
 import psutil
 
-from analysis.rigs import THESIS, wire_bonder
-from rig.cli import main
-from rig.many import diagnose_files
-from rig.recording import write
-from rig.virtual import Take, virtual_campaign
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.rig.cli import main
+from isorig.rig.diagnose_many import diagnose_files
+from isorig.rig.files.recording import write
+from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 
 def test_nothing_listens_to_other_machines(tmp_path: Path) -> None:
@@ -25,6 +25,24 @@ def test_nothing_listens_to_other_machines(tmp_path: Path) -> None:
     assert first.verdict == "refused"
     assert list(outcomes) == []
     assert not (tmp_path / "out").exists()
+
+
+#: Eight threads of a fresh process read their first model at the same moment.
+AT_ONCE = """
+import sys, threading
+from isorig.analysis.model.rig_model import from_tree, to_tree
+from isorig.analysis.model.built_in import wire_bonder
+sys.setswitchinterval(1e-6)
+tree, gate = to_tree(wire_bonder()), threading.Barrier(8)
+threads = [threading.Thread(target=lambda: (gate.wait(), from_tree(tree))) for _ in range(8)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+"""
+
+
+def test_threads_may_read_their_first_model_at_once() -> None:
+    for _ in range(3):
+        subprocess.run([sys.executable, "-c", AT_ONCE], check=True, cwd=Path(__file__).parents[2])
 
 
 def test_names_must_differ(tmp_path: Path, capsys) -> None:
@@ -48,7 +66,7 @@ def test_a_computer_that_sleeps_ends_nothing(tmp_path: Path) -> None:
     recordings.mkdir()
     for k in range(2):
         write(recordings / f"{k}.h5", virtual_campaign(wire_bonder({**THESIS, "friction_force": 10.0}), [take], seed=k))
-    command = [sys.executable, "-m", "rig", "diagnose", str(recordings), "-o", str(out)]
+    command = [sys.executable, "-m", "isorig", "diagnose", str(recordings), "-o", str(out)]
     with subprocess.Popen(command, env={**os.environ, "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "1s"}) as running:
         process = psutil.Process(running.pid)
         while running.poll() is None and not any(c.status == psutil.CONN_LISTEN for c in process.net_connections()):

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.measured import Campaign, Channel, Gap, Run, Spectrum
-from rig.cli import main
-from rig.errors import RecordingError
-from rig.recording import open_recording, read, write
+from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Spectrum
+from isorig.rig.cli import main
+from isorig.rig.errors import RecordingError
+from isorig.rig.files.recording import open_recording, read, write
 
 SPECTRUM = Spectrum(
     name="motor over head", kind="transfer_function", response="motor", reference="head", frequency=np.arange(5.0),
@@ -284,6 +284,19 @@ def test_streamed_gain_and_unknown_parts(tmp_path: Path) -> None:
     assert run.use == "holdout"
 
 
+def test_a_steady_gain_costs_next_to_nothing(tmp_path: Path) -> None:
+    n = 200_000
+    channels = {
+        "head": Channel(name="head", samples=np.random.default_rng(1).integers(-9999, 9999, n).astype(np.int32)),
+        "gain": Channel(name="gain", samples=np.full(n, 70.0), quantity="gain", unit="1"),
+    }
+    run = Run(id="u70", configuration="unlocked", sample_rate=1024.0, gain=70.0, channels=channels)
+    write(tmp_path / "with.h5", Campaign(runs=(run,)))
+    write(tmp_path / "without.h5", Campaign(runs=(replace(run, channels=run.sensors),)))
+    assert np.all(read(tmp_path / "with.h5").runs[0].read("gain") == 70.0)
+    assert (tmp_path / "with.h5").stat().st_size < 1.03 * (tmp_path / "without.h5").stat().st_size
+
+
 def test_opened_recording_reads_what_is_asked(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     write(path, example())
@@ -303,3 +316,17 @@ def test_any_damage_ends_in_an_answer_or_a_refusal(tmp_path: Path, place: float,
     path.write_bytes(bytes(content[:at] if cut else content))
     with contextlib.suppress(RecordingError):
         read(path)
+
+
+def test_check_shows_rates_and_whole_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = ("2024-03-12_level_sweep_unlocked_gain70_after_the_new_bearing_was_fitted_0001", "b")
+    channels = {name: Channel(name=name, samples=np.arange(100.0)) for name in ("head", "motor", "table", "heatblock")}
+    runs = tuple(
+        Run(id=name, configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
+        for name, rate in zip(names, (25600.0, 1652.3), strict=True)
+    )
+    write(tmp_path / "r.h5", Campaign(runs=runs))
+    assert main(["check", str(tmp_path / "r.h5")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(names[0] in line and " 25600 " in line for line in lines)
+    assert any(line.split()[:1] == ["b"] and " 1652.3 " in line for line in lines)

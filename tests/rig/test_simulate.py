@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import ModelError
-from analysis.model import RigModel, from_tree, to_tree
-from analysis.rigs import BUILT_IN, three_mass
-from rig.cli import main
-from rig.errors import PlanError
-from rig.models import write_model
-from rig.recording import read
-from rig.rigfile import read_rig
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.built_in import BUILT_IN, three_mass
+from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
+from isorig.rig.cli import main
+from isorig.rig.errors import PlanError
+from isorig.rig.files.models import write_model
+from isorig.rig.files.recording import read
+from isorig.rig.files.rigfile import read_rig
 
 TOML = """
 name = "slide"
@@ -74,7 +74,7 @@ def test_a_description_in_toml(tmp_path: Path) -> None:
         (("bodies", 1, "mass"), None, "bodies.heatblock lacks the key 'mass'; add it"),
         (("bodies", 1, "mass"), -3, "body 'heatblock' has mass -3; give a finite mass above zero"),
         (("bodies", 1, "mass"), float("nan"), "body 'heatblock' has mass nan"),
-        (("contacts", 0, "law", "law"), "columb", "contacts.isolation.law.law is 'columb', which is none of viscous, coulomb"),
+        (("contacts", 0, "law", "law"), "columb", "contacts.isolation.law.law is 'columb', which is none of arctan, asymmetric"),
         (("contacts", 0, "law", "friction_force"), -2, "contacts.isolation.law: friction_force is -2"),
         (("contacts", 0, "b"), "tabel", "contact 'isolation' names body 'tabel', which does not exist"),
         (("links", 0, "laws"), [{"law": "backlash", "clearance": -1}], "links.table.laws.0: clearance is -1"),

@@ -3,19 +3,13 @@
 import numpy as np
 import pytest
 
-from analysis.errors import ModelError
-from analysis.excitation import random
-from analysis.literal import literal_run
-from analysis.measured import FloatArray
-from analysis.model import Drive, RigModel
-from analysis.rigs import one_mass, three_mass, two_mass, wire_bonder
-from analysis.simulate import Excitation, simulate
-from rig.friction import PICTURES, PULSE, START, literal, struck
-
-
-def reversals(friction: FloatArray) -> int:
-    seen = np.sign(friction[np.abs(friction) > 1.0])
-    return int((np.diff(seen) != 0).sum())
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.built_in import one_mass, three_mass, two_mass, wire_bonder
+from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate.excitation import random
+from isorig.analysis.simulate.literal import literal_run
+from isorig.rig.friction import LITERAL_PULSE, PICTURES, PULSE, START, literal, reversals, struck
 
 
 def test_with_200_newton_the_mass_stays_where_it_went() -> None:
@@ -24,7 +18,10 @@ def test_with_200_newton_the_mass_stays_where_it_went() -> None:
     assert found.changes[-1].slides == 0
     assert found.changes[-1].time < START + 2.1 * PULSE
     assert np.ptp(x[-1000:]) < 1e-9
-    assert x[-1] > 0.5 * x.max() > 5e-3
+    # It stays at its largest, and a longer pulse would carry it so far that the spring pulls it back.
+    assert x[-1] > 0.999 * x.max() > 5e-3
+    longer = struck(one_mass(friction=200.0), 2.0 * PULSE).response.channels["motor"]
+    assert longer[-1] < 0.7 * longer.max()
     # What holds it is the pull of the spring.
     k = one_mass().link("isolation").stiffness
     assert found.friction["isolation"][-100] == pytest.approx(-k * x[-1], rel=1e-6)
@@ -38,13 +35,14 @@ def test_with_20_newton_it_swings_some_tenths_of_a_second_and_rests() -> None:
     assert found.changes[-1].slides == 0
     assert 0.2 < rests < 0.6
     assert x.min() < -1e-3
-    assert abs(x[-1]) < 1e-3 * x.max() * 10.0
+    # It rests where friction holds against the spring.
+    assert abs(x[-1]) * one_mass().link("isolation").stiffness <= 20.0
     assert np.ptp(x[-1000:]) < 1e-9
 
 
 @pytest.mark.parametrize("build", [two_mass, three_mass])
 def test_relative_velocity_without_chatter(build: type[RigModel]) -> None:
-    found = struck(build())
+    found = struck(build(), LITERAL_PULSE)
     # Out and back twice: breakaway, three reversals by way of rest, and the last rest.
     assert [change.slides for change in found.changes] == [1, 0, -1, 0, 1, 0, -1, 0]
     assert np.diff([change.time for change in found.changes][::2]).min() > 0.09
@@ -61,7 +59,7 @@ def test_the_thesiss_law_chatters_by_relative_velocity_and_crawls() -> None:
     assert reversals(own.friction) < 10
     assert relative.evaluations > 10 * own.evaluations
     # In this run, whose table is heavy, both come near all the same.
-    right = struck(three_mass()).response.channels["motor"]
+    right = struck(three_mass(), LITERAL_PULSE).response.channels["motor"]
     for found in (relative, own):
         assert np.abs(found.states[:, 2] - right).max() < 2e-3 * np.abs(right).max()
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from drivers.simulated.faults import Faults
-from drivers.simulated.framed import SimulatedFramed
-from drivers.simulated.wire import PtyWire
-from rig.acquire.plan import Plan
-from rig.acquire.plan import plan_of as plan_of_tree
-from rig.acquire.session import Operator, Taken
-from rig.acquire.take import Live
+from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.drivers.simulated.wire import PtyWire
+from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.plan import plan_of as plan_of_tree
+from isorig.rig.acquire.session import Operator, Taken
+from isorig.rig.acquire.take import Live
 
 CHANNELS = ("head", "motor", "table", "heatblock")
 

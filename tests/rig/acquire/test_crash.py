@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
 
-from drivers.errors import ConnectionLostError
-from drivers.simulated.faults import Faults
-from rig.acquire.recorder import working_file
-from rig.acquire.recover import working
-from rig.acquire.session import acquire
-from rig.cli import main
-from rig.errors import OutputError
-from rig.recording import read
+from isorig.drivers.errors import ConnectionLostError
+from isorig.drivers.simulated.faults import Faults
+from isorig.rig.acquire.recorder import working_file
+from isorig.rig.acquire.recover import working
+from isorig.rig.acquire.session import acquire
+from isorig.rig.cli import main
+from isorig.rig.errors import OutputError
+from isorig.rig.files.recording import read
 
-KILLS = 32
+KILLS = 24
 RUNS = plan_of({"id": "a", "seconds": 1.0}, {"id": "b", "seconds": 60.0})
 START = multiprocessing.get_context("forkserver")
 
@@ -46,8 +46,11 @@ def waited(pid: int) -> float:
 
 
 def lost_by_a_kill(output: Path, after: float) -> float:
-    """Kill a session so many seconds after its first sample; the seconds of signal that the instrument took and nobody has."""
-    with ramp_instrument(speed=1.0, rows=16) as (port, instrument):
+    """Kill a session so many seconds after its first sample; the seconds of signal that the instrument took and nobody has.
+
+    Some frames do not arrive.
+    """
+    with ramp_instrument(Faults(drop=0.02, seed=round(1e6 * after)), speed=1.0, rows=16) as (port, instrument):
         process = START.Process(target=measure, args=(port, output))
         process.start()
         assert process.pid is not None
@@ -63,18 +66,20 @@ def lost_by_a_kill(output: Path, after: float) -> float:
         by_id = {item.id: item for item in found}
         for item in found:
             for k, name in enumerate(CHANNELS if item.run is not None else ()):
-                np.testing.assert_array_equal(item.run.channels[name].samples[:], np.arange(item.stored) * 4 + k)
+                np.testing.assert_array_equal(item.run.channels[name].samples[:], ticks_of(item.run) * 4 + k)
         # What the instrument had taken of the run that it was in, against what is saved of that run.
         current = by_id["a" if at_kill.run == 1 else "b"]
         assert at_kill.run == 1 or by_id["a"].finished
-        return (at_kill.ticks - current.stored) / 1024.0 - starved
+        return (at_kill.ticks - current.stored - current.lost) / 1024.0 - starved
 
 
-def test_a_killed_writer_loses_a_quarter_of_a_second_at_most(tmp_path: Path) -> None:
-    START.set_forkserver_preload(["rig.acquire.session", "ramps"])
-    afters = np.random.default_rng(1).uniform(0.0, 1.5, KILLS)
+@pytest.mark.parametrize("kills", [KILLS, pytest.param(100, marks=pytest.mark.study)])
+def test_a_killed_writer_loses_a_quarter_of_a_second_at_most(tmp_path: Path, kills: int) -> None:
+    START.set_forkserver_preload(["isorig.rig.acquire.session", "ramps"])
+    afters = np.random.default_rng(kills).uniform(0.0, 1.5, kills)
     with ThreadPoolExecutor(4) as pool:
-        lost = list(pool.map(lost_by_a_kill, [tmp_path / f"{kill}.h5" for kill in range(KILLS)], afters))
+        lost = list(pool.map(lost_by_a_kill, [tmp_path / f"{kill}.h5" for kill in range(kills)], afters))
+    print(f"{kills} kills, at most {max(lost):.2f} s lost")
     assert max(lost) <= 0.25, lost
 
 
@@ -140,8 +145,8 @@ def test_a_full_disk_is_said_in_a_sentence_and_what_fitted_is_kept(tmp_path: Pat
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
     with ramp_instrument(rows=1024) as (port, _):
-        call = f"{sys.executable} -m rig acquire {plan} --port {port} --force --yes -o {disk}/c.h5"
-        save = f"{sys.executable} -m rig recover {disk}/c.h5.partial -o {tmp_path}/saved.h5"
+        call = f"{sys.executable} -m isorig acquire {plan} --port {port} --force --yes -o {disk}/c.h5"
+        save = f"{sys.executable} -m isorig recover {disk}/c.h5.partial -o {tmp_path}/saved.h5"
         script = f"{small} && {call}; echo status $?; {save}"
         ended = subprocess.run(["unshare", "-Urm", "sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert "status 2" in ended.stdout

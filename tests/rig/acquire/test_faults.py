@@ -11,12 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
 
-from drivers.errors import ConnectionLostError
-from drivers.simulated.faults import Faults
-from drivers.simulated.framed import SimulatedFramed
-from rig.acquire import take
-from rig.acquire.session import acquire
-from rig.recording import read
+from isorig.drivers.errors import ConnectionLostError
+from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.rig.acquire import block_stream as incoming
+from isorig.rig.acquire.session import acquire
+from isorig.rig.files.recording import read
 
 injected: Counter[str] = Counter()
 often = st.floats(0.02, 0.35)
@@ -25,7 +25,7 @@ often = st.floats(0.02, 0.35)
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     # The last frame of a run may be the one that was lost.
-    monkeypatch.setattr(take, "SILENCE", 0.7)
+    monkeypatch.setattr(incoming, "SILENCE", 0.35)
 
 
 @settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from ramps import RampPlant, Watcher, plan_of, ramp_instrument
 
-import drivers
-from analysis.rigs import wire_bonder
-from drivers.errors import SettingError
-from drivers.kinds import kinds
-from drivers.simulated.faults import Faults
-from drivers.simulated.framed import SimulatedFramed
-from drivers.simulated.served import served
-from rig.acquire.far_ends import far_end
-from rig.acquire.session import acquire
-from rig.acquire.sound import read_plan
-from rig.errors import PlanError
-from rig.recording import read
+from isorig import drivers
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.drivers.errors import SettingError
+from isorig.drivers.kinds import kinds
+from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.drivers.simulated.served import served
+from isorig.rig.acquire.far_ends import far_end
+from isorig.rig.acquire.plan_check import read_plan
+from isorig.rig.acquire.session import acquire
+from isorig.rig.errors import PlanError
+from isorig.rig.files.recording import read
 
 RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 2.0}
 
@@ -43,8 +43,8 @@ def test_an_analyzer_is_looked_at_before_and_its_record_before_it_is_kept(tmp_pa
 LAMP = """
 import time
 import numpy as np
-from drivers.block import Block, Input
-from drivers.kinds import Settings, StreamKind
+from isorig.drivers.block import Block, Input
+from isorig.drivers.kinds import Settings, StreamKind
 
 class Lamp:
     identity = "a lamp"
@@ -123,8 +123,9 @@ def test_nothing_is_played_in_a_run_that_is_driven_by_other_means(tmp_path: Path
     plan = plan_of({"id": "a", **RANDOM}, {"id": "b", "excitation": "free", "seconds": 2.0})
     with ramp_instrument() as (port, _):
         acquire(plan, port, tmp_path / "c.h5", Watcher().operator, force=True)
-    assert [float(drive.std()) > 0.0 for drive in plant.drives] == [True, False]
-    assert len(plant.drives[1]) == 2048
+    assert [float(drive.std()) > 0.0 for drive in plant.drives[:2]] == [True, False]
+    assert not any(drive.any() for drive in plant.drives[1:])
+    assert len(read(tmp_path / "c.h5").runs[1]) >= 2048
 
 
 def test_an_instrument_that_plays_nothing_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

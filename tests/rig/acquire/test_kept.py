@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -10,12 +13,12 @@ import numpy as np
 import pytest
 from ramps import Watcher, plan_of, ramp_instrument
 
-from drivers.errors import ConnectionLostError
-from drivers.simulated.faults import Faults
-from rig.acquire.session import acquire
-from rig.cli import main
-from rig.errors import PlanError
-from rig.recording import read
+from isorig.drivers.errors import ConnectionLostError
+from isorig.drivers.simulated.faults import Faults
+from isorig.rig.acquire.session import acquire
+from isorig.rig.cli import main
+from isorig.rig.errors import PlanError
+from isorig.rig.files.recording import read
 
 
 def test_what_a_recording_tells_beside_its_samples(tmp_path: Path) -> None:
@@ -30,7 +33,7 @@ def test_what_a_recording_tells_beside_its_samples(tmp_path: Path) -> None:
     with h5py.File(output) as file:
         for run, ticks in (("a", 1536), ("b", 1024)):
             about = dict(file[f"runs/{run}/head"].attrs)
-            assert [about[key] for key in ("sensor", "place", "direction")] == ["352C33", "motor head", "+y"]
+            assert [about[key] for key in ("sensor", "place", "direction")] == [b"352C33", b"motor head", b"+y"]
             timing = file[f"runs/{run}/timing"]
             assert timing["tick"].tolist() == list(range(0, ticks, 16))
             assert (np.diff(timing["host_time"]) >= 0.0).all()
@@ -50,6 +53,20 @@ def test_resuming_keeps_what_was_broken_off_and_refuses_another_plan(tmp_path: P
     other = plan_of({"id": "a", "seconds": 8.0, "configuration": "locked"})
     with pytest.raises(PlanError, match="was taken with configuration unlocked and the plan says locked"):
         acquire(other, "nowhere", output, Watcher().operator, resume=True)
+
+
+def test_runs_keep_their_order_where_the_clock_is_set_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    output, plan = (
+        tmp_path / "c.h5",
+        plan_of(*({"id": name, "seconds": 1.0} for name in "zyx")),
+    )
+    hours = iter(range(100, 0, -1))
+    monkeypatch.setattr("time.time_ns", lambda: next(hours) * 3600 * 10**9)
+    first = msgspec.structs.replace(plan, runs=plan.runs[:2])
+    for part, resume in ((first, False), (plan, True)):
+        with ramp_instrument() as (port, _):
+            acquire(part, port, output, Watcher().operator, force=True, resume=resume)
+    assert [run.id for run in read(output).runs] == ["z", "y", "x"]
 
 
 def test_a_run_is_taken_again_and_replaces_the_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -90,3 +107,34 @@ gain = 70.0
 excitation = "moves"
 seconds = 1.0
 """
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")
+def test_what_a_killed_program_left_of_this_recording_is_removed(tmp_path: Path) -> None:
+    output, saved = tmp_path / "c.h5", tmp_path / "saved.h5"
+    kill = "import os, sys; from isorig.rig.files.output import replaced\nwith replaced(sys.argv[1]): os.kill(os.getpid(), 9)"
+    others = [tmp_path / ".d.h5.abcdefgh", tmp_path / ".c.h5.abcdefghi", tmp_path / ".c.h5.ABCDEFGH", tmp_path / "c.h5.abcdefgh"]
+    for path in others:
+        path.write_text("somebody's")
+    for path in (output, output.with_name("c.h5.partial"), saved):
+        subprocess.run([sys.executable, "-c", kill, str(path)], check=False, timeout=60)
+    assert len(list(tmp_path.iterdir())) == len(others) + 3
+    with ramp_instrument(Faults(unplug_after=1.0), speed=8.0) as (port, _), pytest.raises(ConnectionLostError):
+        acquire(plan_of({"id": "a", "seconds": 4.0}), port, output, Watcher().operator, force=True)
+    assert len(list(tmp_path.iterdir())) == len(others) + 2  # the recording, and what is left of the other one
+    working = tmp_path / "w.partial"
+    plan = plan_of({"id": "a", "seconds": 0.5})
+    with ramp_instrument(speed=8.0) as (port, _):
+
+        def copied(_: object) -> None:
+            working.write_bytes((tmp_path / "e.h5.partial").read_bytes())
+
+        acquire(plan, port, tmp_path / "e.h5", replace(Watcher().operator, taken=copied), force=True)
+    assert main(["recover", str(working), "-o", str(saved)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "c.h5",
+        "saved.h5",
+        "e.h5",
+        working.name,
+        *(path.name for path in others),
+    }

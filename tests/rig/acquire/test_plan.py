@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.acquire.drive import drive_of
-from rig.acquire.plan import Plan, plan_of
-from rig.acquire.sound import check_plan
-from rig.errors import PlanError
+from isorig.rig.acquire.drive import drive_of
+from isorig.rig.acquire.plan import Plan, plan_of
+from isorig.rig.acquire.plan_check import check_plan
+from isorig.rig.errors import PlanError
 
 ROOT = Path(__file__).resolve().parents[3]
 TREE = tomllib.loads((ROOT / "rig" / "acquire" / "demo.toml").read_text(encoding="utf-8"))
@@ -61,12 +61,37 @@ def test_whatever_stands_in_a_plan_is_refused_or_can_be_played(data: st.DataObje
 def _play(plan: Plan) -> None:
     (run,) = plan.runs
     if run.ticks(plan.instrument.sample_rate) < 1_000_000:
-        drive, _ = drive_of(run, 0, plan.instrument.sample_rate)
-        assert len(drive) == run.ticks(plan.instrument.sample_rate)
+        drive = drive_of(run, 0, plan.instrument.sample_rate)[:]
+        assert len(drive) == (run.ticks(plan.instrument.sample_rate) if run.played else 1)
 
 
 def test_a_negative_seed_is_refused() -> None:
     tree = copy.deepcopy(TREE)
     tree["runs"][0]["seed"] = -1
     with pytest.raises(PlanError, match=r"has seed -1; give 0 or more"):
+        check_plan(plan_of(tree), "plan.toml")
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"repeat_of": "u35"}, r"has repeat_of 'u35'; give the id of a run before it \(u70\)"),
+        ({"repeat_of": "u70-again"}, r"has repeat_of 'u70-again'; give the id of a run before it \(u70\)"),
+        ({"gain": 35.0}, r"repeats 'u70' with gain 35.0, not 70.0; a repeat has the same gain"),
+        ({"configuration": "locked"}, r"repeats 'u70' with configuration locked, not unlocked"),
+        ({"seconds": 20.0}, r"repeats 'u70' with seconds 20.0, not 40.0"),
+        ({"excitation": "multisine"}, r"repeats 'u70' with excitation multisine, not random"),
+        ({"band": [0.5, 30.0]}, r"repeats 'u70' with band \(0.5, 30.0\), not \(0.5, 20.0\)"),
+        ({"seed": 9}, r"repeats 'u70' with seed 9, not 1; leave seed away"),
+        ({"excitation": "free"}, r"has repeat_of and no drive that is played"),
+        ({"seed": 1}, ""),
+    ],
+)
+def test_a_repeat_is_of_an_earlier_run_alike(changed: dict[str, Any], told: str) -> None:
+    tree = copy.deepcopy(TREE)
+    tree["runs"][1] |= changed
+    if not told:
+        check_plan(plan_of(tree), "plan.toml")
+        return
+    with pytest.raises(PlanError, match=told):
         check_plan(plan_of(tree), "plan.toml")

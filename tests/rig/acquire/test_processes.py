@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.simulated.served import served
-from drivers.simulated.streams import SimulatedDataq
-from rig.cli import main
-from rig.recording import read
+from isorig.drivers.simulated.served import served
+from isorig.drivers.simulated.streams import SimulatedDataq
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read
 
-RIG = (sys.executable, "-m", "rig")
+RIG = (sys.executable, "-m", "isorig")
 FRAMED = """
 rig = {head_mass = 6.5}
 [instrument]

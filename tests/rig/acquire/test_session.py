@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -12,20 +13,21 @@ import numpy as np
 import pytest
 from ramps import RampPlant, Watcher, plan_of, ramp_instrument
 
-from analysis.rigs import wire_bonder
-from drivers import mti600
-from drivers.block import Block
-from drivers.simulated.faults import Faults
-from drivers.simulated.served import served
-from rig.acquire.far_ends import far_end
-from rig.acquire.follow import follow
-from rig.acquire.recorder import RunWriter, lay_out
-from rig.acquire.recover import recovered
-from rig.acquire.session import acquire
-from rig.acquire.sound import read_plan
-from rig.cli import main
-from rig.errors import PlanError
-from rig.recording import read
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.drivers import mti600
+from isorig.drivers.block import Block, Input
+from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.served import served
+from isorig.rig.acquire.far_ends import far_end
+from isorig.rig.acquire.follow import follow
+from isorig.rig.acquire.journal import Reader
+from isorig.rig.acquire.plan_check import read_plan
+from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
+from isorig.rig.acquire.recover import WorkingFile
+from isorig.rig.acquire.session import acquire
+from isorig.rig.cli import main
+from isorig.rig.errors import PlanError
+from isorig.rig.files.recording import read
 
 RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 8.0}
 
@@ -171,6 +173,28 @@ def test_a_rig_out_of_order_is_refused_before_the_run(
         assert len(watcher.runs) == 1
 
 
+def test_a_drive_is_played_again_sample_for_sample(tmp_path: Path) -> None:
+    plan = plan_of(
+        {"id": "u70", **RANDOM, "repeats": 2, "seed": 3}, {"id": "again", **RANDOM, "repeat_of": "u70-2"},
+        {"id": "thrice", **RANDOM, "repeat_of": "again"}, sensitivity=0.2,
+    )  # fmt: skip
+    kept: list[list[str | None]] = []
+
+    def look(_: object) -> None:
+        with closing(WorkingFile(tmp_path / "c.h5.partial")) as file:
+            kept.append([item.run.repeat_of for item in file.runs() if item.run is not None])
+
+    acquire(plan, "virtual", tmp_path / "c.h5", replace(Watcher().operator, taken=look))
+    runs = {run.id: run for run in read(tmp_path / "c.h5").runs}
+    assert {name: run.repeat_of for name, run in runs.items()} == {
+        "u70-1": None, "u70-2": None, "again": "u70-2", "thrice": "again"
+    }  # fmt: skip
+    assert kept[-1] == [None, None, "u70-2", "again"]
+    first = runs["u70-2"].read("head")
+    # The sensor's noise is 1e-3 m/s^2; the drive itself has 3.8 m/s^2.
+    assert [float((runs[name].read("head") - first).std()) < 3e-3 for name in runs] == [False, True, True, True]
+
+
 def test_an_overload_and_a_wrong_rate_are_refused(tmp_path: Path) -> None:
     plan = plan_of({"id": "a", **RANDOM})
     with ramp_instrument(Faults(overload=1.0)) as (port, _), pytest.raises(PlanError, match="reports an overload"):
@@ -228,7 +252,7 @@ def test_analyzers_give_spectra_and_time_records(tmp_path: Path, kind: str, trac
         rate=256.0, instrument={"kind": kind, "shows": shows}, sensitivity=0.2,
     )  # fmt: skip
     watcher = Watcher()
-    with served(far_end(kind, wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=1.0)) as port:  # type: ignore[arg-type]
+    with served(far_end(kind, wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=1.0)) as port:
         acquire(plan, port, tmp_path / "c.h5", watcher.operator)
     runs = read(tmp_path / "c.h5").runs
     assert [run.id for run in runs] == ["a", "b"]
@@ -242,19 +266,15 @@ def test_analyzers_give_spectra_and_time_records(tmp_path: Path, kind: str, trac
 
 @contextmanager
 def written(tmp_path: Path, blocks: list[Block]) -> Iterator[object]:
-    import h5py
-
-    from drivers.block import Input
-
     plan, path = plan_of({"id": "a"}), tmp_path / "w.partial"
-    lay_out(path, plan, [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4)
-    with h5py.File(path, "r+", libver="latest") as file:
-        file.swmr_mode = True
+    inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
+    lay_out(path, plan, inputs)
+    with recording_into(path, plan, inputs) as file, closing(WorkingFile(path)) as saved:
         writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
         for block in blocks:
             writer.put(block)
         writer.finish(None)
-        yield recovered(file["runs/a"], "a")
+        yield saved.run("a")
 
 
 def blocks_of(rate: float, seconds: float, step: float = 0.1, lose: range = range(0)) -> list[Block]:
@@ -268,6 +288,22 @@ def blocks_of(rate: float, seconds: float, step: float = 0.1, lose: range = rang
     ]  # fmt: skip
 
 
+def test_of_a_run_that_was_taken_twice_the_last_whole_one_counts(tmp_path: Path) -> None:
+    plan, path = plan_of({"id": "a", "seconds": 1.0}), tmp_path / "w.partial"
+    inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
+    lay_out(path, plan, inputs)
+    kept = []
+    with recording_into(path, plan, inputs) as file, closing(WorkingFile(path)) as saved:
+        for value, blocks in ((1, 8), (2, 16), (3, 4), (4, 16)):
+            writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
+            for k in range(blocks):
+                writer.put(Block(first_tick=64 * k, samples=np.full((64, 4), value, np.int32), host_time=k / 16.0))
+            writer.finish(None)
+            found = saved.run("a")
+            kept.append((int(found.run.channels["motor"].samples[0:1][0]), found.stored, found.finished))
+    assert kept == [(1, 512, False), (2, 1024, True), (2, 1024, True), (4, 1024, True)]
+
+
 @pytest.mark.parametrize("ppm", [-200.0, 0.0, 53.0])
 def test_drift_is_told_in_ppm_apart_from_loss(tmp_path: Path, ppm: float) -> None:
     # The plan says 1024 Hz, the device takes a little more; 100 blocks were lost on the way.
@@ -276,19 +312,33 @@ def test_drift_is_told_in_ppm_apart_from_loss(tmp_path: Path, ppm: float) -> Non
         assert found.lost == 6400
 
 
-def test_a_gain_that_moved_stands_beside_the_samples(tmp_path: Path) -> None:
+def test_a_streamed_gain_is_recorded_with_every_sample(tmp_path: Path) -> None:
     with written(tmp_path, blocks_of(1024.0, 8.0, lose=range(10, 12))) as found:
         gains = found.run.read("gain")
         assert found.run.gain == pytest.approx(77.0)
         assert (np.unique(gains).round(6) == [70.0, 77.0]).all()
         # 51 blocks before the step, two of which were lost.
         assert int((gains < 71.0).sum()) == 49 * 64
-    with written(tmp_path, blocks_of(1024.0, 8.0, step=0.0)) as found:
+    for step in (0.0, 1e-7):
+        with written(tmp_path, blocks_of(1024.0, 8.0, step=step)) as found:
+            gains = found.run.read("gain")
+            assert found.run.gain == np.median(gains)
+            assert len(gains) == len(found.run.channels["motor"])
+            np.testing.assert_array_equal(gains, 70.0 * (1.0 + step * (np.arange(len(gains)) // 64 > 50)))
+    with written(tmp_path, [replace(block, gain=None) for block in blocks_of(1024.0, 1.0)]) as found:
         assert "gain" not in found.run.channels
 
 
-def test_a_recording_is_followed_while_it_is_made(tmp_path: Path) -> None:
-    output = tmp_path / "c.h5"
+def test_a_recording_is_followed_while_it_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    output, sizes = tmp_path / "c.h5", []
+    read_part = Reader.read
+
+    def counted(self: Reader, place: int, count: int) -> bytes:
+        if threading.current_thread() is threading.main_thread():
+            sizes.append(count)
+        return read_part(self, place, count)
+
+    monkeypatch.setattr(Reader, "read", counted)
     with ramp_instrument(speed=4.0) as (port, _):
         plan = plan_of({"id": "a", "seconds": 8.0})
         session = threading.Thread(target=lambda: acquire(plan, port, output, Watcher().operator, force=True))
@@ -301,6 +351,8 @@ def test_a_recording_is_followed_while_it_is_made(tmp_path: Path) -> None:
     assert lengths[-1] == 8 * 1024
     assert [finished for _, finished in looks] == [False] * (len(looks) - 1) + [True]
     assert len(lengths) >= 4
+    # What was looked at once is not read again.
+    assert sum(sizes) < 1.5 * 8 * 1024 * 16
     assert lengths == sorted(lengths)
 
 

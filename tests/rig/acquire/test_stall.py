@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from ramps import Watcher, plan_of, ramp_instrument
 
-from drivers.block import Block
-from rig.acquire import recorder
-from rig.acquire.recorder import RunWriter
-from rig.acquire.session import acquire
-from rig.acquire.waiting import Waiting
-from rig.errors import OutputError
-from rig.recording import read
+from isorig.drivers.block import Block
+from isorig.rig.acquire import recorder
+from isorig.rig.acquire.block_queue import Waiting
+from isorig.rig.acquire.recorder import RunWriter
+from isorig.rig.acquire.session import acquire
+from isorig.rig.errors import OutputError
+from isorig.rig.files.recording import read
 
 RATE = 51200.0
 

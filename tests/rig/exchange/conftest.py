@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.measured import Campaign, Channel, Run
-from rig.recording import write
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.rig.files.recording import write
 
 
 @pytest.fixture(scope="session")

@@ -62,6 +62,10 @@ def _matrix(body: bytes) -> tuple[str, Any]:
 def read_58(path: Path) -> list[dict[str, Any]]:
     """Datasets 58 and 58b, evenly spaced, after the universal file's description of SDRC."""
     content, at, found = path.read_bytes(), 0, []
+    units = content.split(b"\n")[:6]
+    assert [line.split() for line in (units[0], units[1], units[-1])] == [[b"-1"], [b"164"], [b"-1"]]
+    assert (int(units[2][:10]), float(units[3][:25].replace(b"D", b"E"))) == (1, 1.0)
+    at = sum(len(line) + 1 for line in units)
     while content[at:].strip():
         lines = []
         for _ in range(13):
@@ -87,7 +91,9 @@ def read_58(path: Path) -> list[dict[str, Any]]:
         found.append(
             {
                 "type": int(lines[7][:5]), "response": lines[7][31:41].strip(), "reference": lines[7][56:66].strip(),
+                "node": int(lines[7][41:51]), "direction": int(lines[7][51:55]), "reference_node": int(lines[7][66:76]),
                 "told": lines[2].strip(), "step": float(lines[8][43:56]), "unit": lines[10].split()[-1],
+                "types": (int(lines[10][:10]), int(lines[11][:10])), "below": lines[11].split()[-1],
                 "values": values[::2] + 1j * values[1::2] if kind == 6 else values,
             }
         )  # fmt: skip

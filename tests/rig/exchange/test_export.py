@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from exchange_readers import read_58, read_mat5
 
-from analysis.measured import Campaign
-from rig.cli import main
-from rig.transfer import transfer_functions
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.rig.cli import main
+from isorig.rig.exchange.reading import read_foreign
+from isorig.rig.files.recording import write
+from isorig.rig.transfer import transfer_functions
 
 
 def test_samples_as_mat(recording: Path, campaign: Campaign, tmp_path: Path) -> None:
@@ -74,6 +76,51 @@ def test_transfer_functions(recording: Path, campaign: Campaign, tmp_path: Path)
     np.testing.assert_array_equal(rows.real + 1j * rows.imag, one.value)
     with (tmp_path / "f.csv").open(newline="") as stream:
         assert len(list(csv.DictReader(stream))) == len(frame) == 6 * len(one.frequency)
+
+
+def test_names_nodes_directions_and_units_do_not_collide(tmp_path: Path) -> None:
+    """Long names stay apart, each channel has its node and direction, a displacement over acceleration its own units."""
+    generator = np.random.default_rng(3)
+    about = {"acceleration_x": ("m/s^2", "x"), "acceleration_y": ("m/s^2", "-y"), "displacement_x": ("m", "+z")}
+    channels = {
+        name: Channel(
+            name=name, samples=generator.normal(size=4096), unit=unit, about={"direction": direction},
+            quantity="displacement" if unit == "m" else "acceleration",
+        )
+        for name, (unit, direction) in about.items()
+    }  # fmt: skip
+    runs = [
+        Run(id=name, configuration="unlocked", sample_rate=1024.0, gain=1.0, channels=channels, excitation="random")
+        for name in ("a", "b")
+    ]
+    write(tmp_path / "r.h5", Campaign(runs=tuple(runs)))
+    assert main(["export", str(tmp_path / "r.h5"), "-o", str(tmp_path / "s.uff")]) == 0
+    sets = read_58(tmp_path / "s.uff")
+    assert [(s["response"], s["node"], s["direction"], s["types"], s["unit"]) for s in sets] == 2 * [
+        ("accelerati", 1, 1, (12, 0), "m/s^2"), ("accelera~2", 2, -2, (12, 0), "m/s^2"), ("displaceme", 3, 3, (8, 0), "m"),
+    ]  # fmt: skip
+    words = ["--what", "frf", "--reference", "acceleration_x", "--resolution", "4"]
+    assert main(["export", str(tmp_path / "r.h5"), "-o", str(tmp_path / "f.uff"), *words]) == 0
+    sets = read_58(tmp_path / "f.uff")
+    found = {(s["type"], s["node"]): (s["reference_node"], s["types"], s["unit"], s["below"]) for s in sets}
+    assert found == {
+        (4, 2): (1, (12, 12), "m/s^2", "m/s^2"), (4, 3): (1, (8, 12), "m", "m/s^2"),
+        (6, 2): (1, (0, 0), "1", "NONE"), (6, 3): (1, (0, 0), "1", "NONE"),
+    }  # fmt: skip
+    back = read_foreign(tmp_path / "f.uff").spectra
+    assert {(s.response, s.reference, s.unit) for s in back if s.kind == "transfer_function"} == {
+        ("acceleration_y", "acceleration_x", "1"), ("displacement_x", "acceleration_x", "m/(m/s^2)"),
+    }  # fmt: skip
+
+
+def test_a_run_of_one_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = Run(
+        id="a", configuration="unlocked", sample_rate=10.0, gain=1.0, channels={"head": Channel(name="head", samples=np.ones(1))}
+    )
+    write(tmp_path / "r.h5", Campaign(runs=(run,)))
+    assert main(["export", str(tmp_path / "r.h5"), "-o", str(tmp_path / "a.uff")]) == 2
+    assert "run 'a' has one sample" in capsys.readouterr().err
+    assert not (tmp_path / "a.uff").exists()
 
 
 def test_parameter_table(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -12,11 +13,11 @@ from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
-from analysis.measured import Campaign
-from rig.baseline import baseline_model
-from rig.cli import main
-from rig.exchange.units import UNITS, known_unit
-from rig.recording import read
+from isorig.analysis.campaign import Campaign, Channel
+from isorig.rig.baseline import baseline_model
+from isorig.rig.cli import main
+from isorig.rig.exchange.units import UNITS, known_unit
+from isorig.rig.files.recording import read, write
 
 ROOT = Path(__file__).resolve().parents[3]
 N, RATE = 600, 512.0
@@ -99,7 +100,7 @@ def test_values_and_units(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose(run.read("table"), (TABLE + 2.0) * 1e-3, rtol=close)
     assert run.channels["head"].unit == "m/s^2"
     with h5py.File(tmp_path / "out.h5") as stored:
-        assert stored["runs/u70/head"].attrs["place"] == "motor head"
+        assert stored["runs/u70/head"].attrs["place"] == b"motor head"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -128,6 +129,22 @@ def test_export_comes_back(recording: Path, campaign: Campaign, tmp_path: Path, 
     assert (run.sample_rate, run.configuration, run.gain) == (1024.0, "unlocked", 70.0)
     for name in campaign.runs[0].channels:
         np.testing.assert_array_equal(run.read(name), campaign.runs[0].read(name))
+
+
+@pytest.mark.parametrize("ending", ["mat", "uff", "csv"])
+def test_a_streamed_gain_comes_back(campaign: Campaign, tmp_path: Path, ending: str) -> None:
+    file, there, draft, back = (tmp_path / name for name in ("a.h5", f"u70.{ending}", "d.toml", "back.h5"))
+    gain = np.where(np.arange(4096) < 3000, 70.0, 77.0)
+    streamed = Channel(name="gain", samples=gain, quantity="gain", unit="1")
+    run = campaign.runs[0]
+    write(file, replace(campaign, runs=(replace(run, channels={**run.channels, "gain": streamed}),)))
+    assert main(["export", str(file), "-o", str(there)]) == 0
+    assert main(["import", "--draft", str(there), "-o", str(draft)]) == 0
+    assert main(["import", str(draft), "-o", str(back)]) == 0
+    found = read(back).runs[0]
+    assert set(found.sensors) == set(run.channels)
+    np.testing.assert_array_equal(found.read("gain"), gain)
+    assert found.channels["gain"].quantity == "gain"
 
 
 def test_spectra_come_along(recording: Path, tmp_path: Path) -> None:
@@ -174,6 +191,7 @@ BAD = {
     "samples": ('time = "t"', 'time = "t"\nsamples = [0, 9999]', "9999"),
     "time": ('time = "t"', 'time = "h"', "must ascend|strays"),
     "toml": ("[rig]", "[rig", "TOML"),
+    "gain": ("[channels.table]", "[channels.gain]", "channels.gain measures acceleration"),
 }
 
 

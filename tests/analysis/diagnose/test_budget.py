@@ -1,0 +1,95 @@
+"""What an error consists of, on small rigs whose disturbance, noise and misfit are known because they were put in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_rigs import SESSION, Take, chain, played, rubbing
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.budget import NATURES, budget
+from isorig.analysis.diagnose.repeats import disturbance, repeated
+from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.score import noise_floor
+from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
+from isorig.analysis.model.rig_model import RigModel
+
+SEED = 20411
+
+
+def judged(campaign: Campaign, model: RigModel) -> tuple[Trial, ...]:
+    return ends(prepare(campaign, model)).judged
+
+
+def shares(campaign: Campaign, model: RigModel) -> dict[str, float]:
+    trials = judged(campaign, model)
+    noise = noise_floor(model, trials, drive_noise(campaign, model.drive.channel))
+    found = budget(model, trials, noise)
+    assert sum(share for share, _, _ in found.shares.values()) == pytest.approx(1.0)
+    assert all((low <= share + 1e-9 and share <= high + 1e-9) or share < 1e-6 for share, low, high in found.shares.values())
+    assert tuple(found.shares) == NATURES
+    return {name: share for name, (share, _, _) in found.shares.items()}
+
+
+def shaken(campaign: Campaign, share: float) -> Campaign:
+    """The campaign with motion of the floor on every response, alike in all runs: a share of the first record's rms."""
+    from scipy.signal import butter, sosfilt
+
+    draw = np.random.default_rng(5)
+    low = butter(4, 60.0, fs=campaign.runs[0].sample_rate, output="sos")
+    runs = []
+    for run in campaign.runs:
+        channels = dict(run.channels)
+        for name in ("a0", "a1", "a2"):
+            values, usual = run.read(name), float(np.std(campaign.runs[0].read(name)))
+            floor = sosfilt(low, draw.normal(0.0, 1.0, len(values)))
+            channels[name] = replace(channels[name], samples=values + share * usual / np.std(floor) * floor)
+        runs.append(replace(run, channels=channels))
+    return replace(campaign, runs=tuple(runs))
+
+
+def test_a_perfect_model_leaves_noise() -> None:
+    assert shares(played(chain(), seed=SEED), chain())["noise"] > 0.9
+
+
+def test_a_shaking_floor_is_a_disturbance_of_its_size() -> None:
+    campaign = shaken(played(chain(), seed=SEED), 0.02)
+    found = shares(campaign, chain())
+    # 2 % of the signal beside 0.2 % of noise: the error's power is 99 % disturbance.
+    assert found["disturbance"] == pytest.approx(0.99, abs=0.1)
+    measured = disturbance(chain(), judged(campaign, chain()))
+    assert np.median(measured) == pytest.approx(0.02, rel=0.25)
+
+
+def test_a_sensors_wrong_gain_is_linear() -> None:
+    # Long enough that segments resolve the resonances.
+    campaign = played(chain(), seed=SEED, longer=5.0)
+    runs = tuple(replace(run, channels={**run.channels, "a0": replace(run.channels["a0"], scale=1.1)}) for run in campaign.runs)
+    found = shares(replace(campaign, runs=runs), chain())
+    assert found["linear"] > 0.75
+    assert found["disturbance"] < 0.05
+
+
+def test_friction_depends_on_the_amplitude() -> None:
+    found = shares(played(rubbing(chain(), "l1", 1.0), seed=SEED), chain())
+    assert found["amplitude"] > 0.5
+    assert found["disturbance"] < 0.05
+
+
+def test_without_a_repeat_nothing_is_called_a_disturbance() -> None:
+    takes = tuple(Take(take.level, 10 + k) for k, take in enumerate(SESSION))
+    campaign = shaken(played(chain(), seed=SEED, takes=takes), 0.02)
+    found = shares(campaign, chain())
+    assert found["disturbance"] == 0.0
+    assert found["unassigned"] > 0.7
+    assert not disturbance(chain(), judged(campaign, chain())).any()
+
+
+def test_one_drive_played_twice_is_seen_or_said() -> None:
+    campaign = played(chain(), seed=SEED)
+    assert repeated(judged(campaign, chain())) == [(0, 1)]
+    # What the recording says counts, whatever the records look like.
+    runs = (*campaign.runs[:3], replace(campaign.runs[3], repeat_of="r2"))
+    assert repeated(judged(replace(campaign, runs=runs), chain())) == [(0, 1), (2, 3)]

@@ -1,0 +1,75 @@
+"""Diagnoses of small rigs with effects of no catalogue, several causes at once, and rest before the drive."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, with_law
+
+from isorig.analysis import laws
+from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.model.rig_model import RigModel
+
+SEED = 20311
+
+
+def found(model: RigModel, truth: RigModel, seed: int, **options: object) -> Diagnosis:
+    takes = options.pop("takes", SESSION)
+    return diagnose(played(truth, seed=seed, takes=takes), guessed(model, seed), **options)  # type: ignore[arg-type]
+
+
+def named(diagnosis: Diagnosis) -> set[tuple[str, str, str]]:
+    return {(step.cause, step.kind, step.location) for step in diagnosis.steps}
+
+
+def test_a_sound_chain_with_rest_before_the_drive_is_adequate() -> None:
+    takes = tuple(Take(take.level, take.wave, rest=1.5) for take in SESSION)
+    diagnosis = found(chain(), chain(), SEED, takes=takes)
+    assert (diagnosis.verdict, diagnosis.steps) == ("adequate", ())
+    assert {told.standing for told in diagnosis.told} == {"not tested"}
+
+
+@pytest.mark.study
+@pytest.mark.timeout(600)
+def test_friction_and_a_late_drive_are_found_together() -> None:
+    diagnosis = found(carts(), late(rubbing(carts(), "wall", 0.8), 0.0124), SEED + 1)
+    assert diagnosis.verdict == "explained"
+    assert named(diagnosis) == {("coulomb_friction", "friction_shape", "wall"), ("channel_delay", "sensor", "u")}
+    values = {name: value for step in diagnosis.steps for name, (value, _, _) in step.parameters.items()}
+    assert values["friction_force"] == pytest.approx(0.8, rel=0.01)
+    assert values["delay"] == pytest.approx(0.0124, rel=0.01)
+
+
+def test_cubic_damping_is_a_damping_of_another_form() -> None:
+    at = np.linspace(-1.5, 1.5, 41)
+    law = laws.Curve(over="speed", at=tuple(at), values=tuple(60.0 * at**3))
+    diagnosis = found(chain(), with_law(chain(), "l1", law), SEED + 2)
+    assert diagnosis.verdict == "explained"
+    (step,) = diagnosis.steps
+    assert (step.cause, step.kind, step.location, step.form) == ("damping_shape", "damping_shape", "l1", None)
+    assert step.closest is not None
+    assert step.closest[0] == "quadratic_damping"
+    assert step.curve is not None
+    # The curve over the speeds that were reached often: the link's straight damping and the cubic on top.
+    x, value, _ = (np.array(column) for column in zip(*step.curve.points, strict=True))
+    inner = np.abs(x) < 0.6 * step.curve.reached[1]
+    true = 3.0 * x + 60.0 * x**3
+    assert np.abs(value - true)[inner].max() < 0.05 * np.abs(true[inner]).max()
+    assert diagnosis.shares[0][0] > 0.95
+
+
+def test_what_a_user_tolerates_is_adequate() -> None:
+    at = np.linspace(-1.5, 1.5, 41)
+    law = laws.Curve(over="speed", at=tuple(at), values=tuple(2.0 * at**3))
+    campaign, model = played(with_law(chain(), "l1", law), seed=SEED + 3), guessed(chain(), SEED + 3)
+    assert diagnose(campaign, model, tolerance=0.2).verdict == "adequate"
+
+
+def test_a_search_that_runs_out_of_time_says_so_and_names_nothing() -> None:
+    def over(text: str) -> None:
+        if text.startswith("fitting ") and "(" in text:
+            raise OutOfTimeError("the time is over")
+
+    diagnosis = found(carts(), rubbing(carts(), "wall", 0.8), SEED + 4, progress=over)
+    assert (diagnosis.cut_short, diagnosis.verdict, diagnosis.steps) == (True, "unexplained", ())

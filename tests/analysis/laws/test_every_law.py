@@ -1,0 +1,141 @@
+"""Every law that there is: complete, documented, and its simulated force equal to its formula across its envelope."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from isorig.analysis import laws
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.simulate import Excitation, trace
+from isorig.rig.files.parameter_units import unit_of
+
+RATE, SECONDS = 2048.0, 2.0
+STIFFNESS, DAMPING = 600.0, 3.0
+PAGE = (Path(__file__).parents[3] / "docs" / "friction.md").read_text(encoding="utf-8")
+
+
+def tag_of(law: type[laws.Law]) -> str:
+    return str(law.__struct_config__.tag)
+
+
+def rig(law: laws.Law) -> RigModel:
+    """A kilogram on a soft spring, with the law."""
+    spring = isinstance(law, laws.SpringLaw)
+    return RigModel(
+        name="one law",
+        bodies=(Body(name="m", mass=1.0),),
+        links=(Link(name="joint", a="m", stiffness=STIFFNESS, damping=DAMPING, laws=(law,) if spring else ()),),
+        contacts=() if spring else (Contact(name="joint", a="m", law=law),),
+        drive=Drive(channel="u", factor=1.0, pushes={"m": 1.0}, quantity="force"),
+        sensors=(Sensor(channel="x", body="m", quantity="displacement"), Sensor(channel="v", body="m", quantity="velocity")),
+    )
+
+
+def simulated(law: laws.Law) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position, speed and the law's force on samples, and which samples are not beside a change of state or held."""
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    drive = 18.0 * np.sin(2.0 * np.pi * 1.3 * t) * np.minimum(t / 0.3, 1.0) + 5.0 * np.sin(2.0 * np.pi * 7.1 * t)
+    found = trace(rig(law), Excitation.prepare(drive, RATE, oversample=1))
+    d, v = found.response.channels["x"], found.response.channels["v"]
+    kept = np.ones(len(t), dtype=bool)
+    if isinstance(law, laws.SpringLaw):
+        force = found.transmitted["joint"] - STIFFNESS * d - DAMPING * v
+    else:
+        force = found.friction["joint"]
+        kept &= found.held["joint"] == 0.0
+        for change in found.changes:
+            k = int(change.time * RATE)
+            kept[max(k - 2, 0) : k + 4] = False
+    return d, v, force, kept
+
+
+@pytest.mark.parametrize("law", laws.LAWS, ids=tag_of)
+def test_a_law_is_complete(law: type[laws.Law]) -> None:
+    numbers = {name for name, kind in law.__annotations__.items() if "float" in str(kind)}
+    assert set(law.parameters) == numbers, "each number has a unit and an envelope"
+    for name, p in law.parameters.items():
+        assert p.low < p.high
+        assert unit_of(f"law.{name}") == p.unit or name in ("at", "values", "levels", "backward")
+    assert f"`{tag_of(law)}`" in PAGE, "docs/friction.md has a row for it"
+    assert law.__doc__
+    for method in ("element", "force"):
+        assert getattr(law, method) is not getattr(laws.Law, method), f"{method} is written"
+    if law.remembers:
+        assert law.rates is not laws.Law.rates
+    assert law.drawn(np.random.default_rng(0)) != law.drawn(np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("law", laws.LAWS, ids=tag_of)
+def test_the_simulated_force_is_the_formulas(law: type[laws.Law], seed: int) -> None:
+    """Laws that remember: their rates by scipy's integrator along the simulated motion."""
+    drawn = law.drawn(np.random.default_rng(seed))
+    d, v, force, kept = simulated(drawn)
+    t = np.arange(len(d)) / RATE
+    memory = np.zeros((len(drawn.begun()), len(d)))
+    if law.remembers:
+        position, speed = CubicSpline(t, d), CubicSpline(t, v)
+        found = solve_ivp(
+            lambda now, z: drawn.rates(float(position(now)), float(speed(now)), z), (0.0, t[-1]), drawn.begun(), t_eval=t,
+            rtol=1e-7, atol=1e-10, max_step=1.0 / RATE,
+        )  # fmt: skip
+        memory = found.y
+    want = drawn.force(d, v, t, memory, STIFFNESS)
+    if isinstance(drawn, laws.EndStop):
+        # The force of a damped stop jumps as it is met: the samples beside that are left out.
+        met = np.flatnonzero(np.diff((np.abs(d) > drawn.stroke).astype(int)))
+        kept[np.unique(np.clip(met[:, None] + np.arange(-2, 4), 0, len(d) - 1))] = False
+    kept &= np.isfinite(want)
+    assert kept.sum() > 100
+    assert np.abs(force - want)[kept].max() < (2e-3 if law.remembers else 1e-5) * np.abs(want[kept]).max()
+
+
+@pytest.mark.parametrize("law", [kind for kind in laws.LAWS if kind.remembers], ids=tag_of)
+def test_the_force_along_a_measured_motion_is_the_simulated_one(law: type[laws.Law]) -> None:
+    drawn = law.drawn(np.random.default_rng(3))
+    d, v, force, _ = simulated(drawn)
+    along = drawn.along(d, v, RATE, STIFFNESS)
+    assert np.std(along - force) < 0.03 * np.std(force)
+
+
+def test_the_force_within_karnopps_band_is_refused() -> None:
+    law = laws.Karnopp(friction_force=5.0, static_force=6.0, band=0.01)
+    outside, inside = np.array([0.02, -0.03]), np.array([0.02, 0.005])
+    assert law.along(np.zeros(2), outside, RATE).tolist() == [5.0, -5.0]
+    with pytest.raises(SimulationError, match="1 of 2 samples lie within Karnopp's band"):
+        law.along(np.zeros(2), inside, RATE)
+
+
+def test_bouc_wen_with_full_pinching_is_dahl() -> None:
+    one = laws.BoucWen(friction_force=5.0, initial_stiffness=4e3, sharpness=1.0, pinching=1.0)
+    other = laws.Dahl(friction_force=5.0, bristle_stiffness=4e3)
+    x, y = simulated(one)[0], simulated(other)[0]
+    assert np.abs(x - y).max() < 1e-5 * np.abs(y).max()
+
+
+def test_maxwell_slip_is_its_sliders_side_by_side() -> None:
+    one = laws.MaxwellSlip(stiffnesses=(2000.0, 700.0, 300.0), slip_forces=(1.0, 2.0, 2.5))
+    rows = [laws.ElastoSlip(spring_stiffness=k, slip_force=f) for k, f in zip(one.stiffnesses, one.slip_forces, strict=True)]
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    drive = Excitation.prepare(18.0 * np.sin(2.0 * np.pi * 1.3 * t), RATE, oversample=1)
+    base = rig(rows[0])
+    side_by_side = RigModel(
+        name="side by side", bodies=base.bodies, drive=base.drive, sensors=base.sensors,
+        links=(Link(name="joint", a="m", stiffness=STIFFNESS, damping=DAMPING, laws=tuple(rows)),),
+    )  # fmt: skip
+    x, y = (trace(model, drive).response.channels["x"] for model in (rig(one), side_by_side))
+    assert np.abs(x - y).max() < 1e-5 * np.abs(y).max()
+
+
+def test_friction_that_depends_on_the_place_breaks_away_at_its_level_there() -> None:
+    law = laws.PositionDependent(friction_force=5.0, ripple=2.0, pitch=0.01)
+    ramp = np.linspace(0.0, 10.0, 2049)
+    found = trace(rig(law), Excitation.prepare(ramp, RATE, oversample=1))
+    # 5 + 2 cos 0 at rest.
+    assert found.changes[0].time == pytest.approx(0.7, rel=1e-3)

@@ -1,0 +1,153 @@
+"""Floors and scores of held-out data with the simulation replaced by records made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.fitting import score as scores
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.laws import Coulomb, Cubic
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.simulate import Excitation
+from isorig.analysis.simulate.inverse import DECIMATION, EDGE, motion_from, required_drive
+from isorig.analysis.spectra.windows import HANN
+
+GROUNDED = Link(name="base", a="base", b="ground", stiffness=0.0, damping=1.0)
+N, RATE = 4096, 512.0
+RIG = RigModel(
+    name="one", bodies=(Body(name="m", mass=2.0),), drive=Drive(channel="head", factor=1.0, pushes={"m": 1.0}),
+    links=(Link(name="m", a="m", b="ground", stiffness=1.0, damping=1.0),),
+)  # fmt: skip
+SIGNAL = np.sin(np.arange(N) * 0.1)
+
+
+def trial_of(measured: FloatArray, noise: float) -> Trial:
+    run = Run(id="r", configuration="unlocked", sample_rate=RATE, gain=1.0, channels={"m": Channel(name="m", samples=measured)})
+    return Trial(
+        run=run, start_time=0.0, excitation=Excitation.prepare(np.zeros(N), RATE, oversample=1), channels=("m",),
+        measured=measured[None], noise=np.array([noise]), fitted=N // 2, ceiling=RATE / 2,
+    )  # fmt: skip
+
+
+def test_blocks_are_square_errors_over_noise_and_three_permille_of_the_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    trial = trial_of(SIGNAL, 1e-3)
+    monkeypatch.setattr(scores, "expected", lambda model, trial: trial.measured + 0.01)
+    found = scores.score(RIG, [trial])
+    size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
+    assert found.error[0, 0] == pytest.approx(0.01 / size)
+    np.testing.assert_allclose(found.blocks, 0.01**2 / (1e-3**2 + (0.003 * size) ** 2))
+    np.testing.assert_allclose(found.power, 0.01**2 / size**2)
+
+
+def simulated(scales: list[float]) -> Callable[..., Any]:
+    # A rig whose answer to the k-th shaken drive is off by that much; the first call of each set is the clean one.
+    calls: list[int] = []
+
+    def simulate(model: RigModel, excitation: Excitation, **more: object) -> SimpleNamespace:
+        clean = not np.any(excitation.recorded)
+        calls.append(0 if clean else 1)
+        off = 0.0 if clean else scales[sum(calls) - 1]
+        channels: Mapping[str, FloatArray] = {"m": SIGNAL + off}
+        return SimpleNamespace(channels=channels)
+
+    return simulate
+
+
+def test_draws_that_disagree_are_followed_by_more_and_the_largest_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    trial, size = trial_of(SIGNAL, 0.0), float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
+    # Powers of two draws that differ by less than 1.3, and by more.
+    monkeypatch.setattr(scores, "simulate", simulated([0.010, 0.0113, 9.0]))
+    assert scores.noise_floor(RIG, [trial], 1.0)[0, 0] == pytest.approx(0.0113 / size)
+    monkeypatch.setattr(scores, "simulate", simulated([0.010, 0.0115, 0.02, 0.03, 0.01, 0.01, 0.01, 0.05]))
+    assert scores.noise_floor(RIG, [trial], 1.0)[0, 0] == pytest.approx(0.05 / size)
+
+
+def test_half_overlapping_hann_segments_share_a_sixth() -> None:
+    window = HANN.samples(4096)
+    assert pytest.approx(float(window[:2048] @ window[2048:] / (window @ window)), rel=1e-6) == HANN.autocorrelation(0.5)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_drive_that_a_motion_takes_is_newtons_law(swapped: bool) -> None:
+    omega, time = 2.0 * np.pi * 2.0, np.arange(8192) / 1024.0
+    x, base = 3e-3 * np.sin(omega * time), 1e-3 * np.cos(omega * time)
+    ends = ("base", "m") if swapped else ("m", "base")
+    rig = RigModel(
+        name="carried", bodies=(Body(name="m", mass=2.0), Body(name="base", mass=5.0)),
+        drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}),
+        links=(Link(name="k", a=ends[0], b=ends[1], stiffness=400.0, damping=3.0, laws=(Cubic(cubic_stiffness=1e6),)), GROUNDED),
+        contacts=(Contact(name="k", a=ends[0], b=ends[1], law=Coulomb(friction_force=0.5)),),
+        sensors=tuple(Sensor(channel=body, body=body, quantity="displacement") for body in ("m", "base")),
+    )  # fmt: skip
+    d, v = x - base, omega * (3e-3 * np.cos(omega * time) + 1e-3 * np.sin(omega * time))
+    force = -2.0 * omega**2 * x + 400.0 * d + 3.0 * v + 1e6 * d**3 + 0.5 * np.sign(v)
+    found = required_drive(rig, motion_from({"m": x, "base": base}, 1024.0))
+    kept = slice(EDGE * DECIMATION, -EDGE * DECIMATION, DECIMATION)
+    # The decimation rounds friction's jumps: compare where the sign is steady.
+    steady = np.abs(v[kept]) > 0.5 * np.abs(v).max()
+    difference = (found[: len(force[kept])] - force[kept])[steady]
+    assert np.abs(difference).max() < 0.05 * np.abs(force).max()
+
+
+def test_errors_are_rms_and_only_what_was_held_out_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    trial = trial_of(SIGNAL, 1e-3)
+    off = np.where(np.arange(N) % 4 == 0, 0.04, 0.0)
+    off[: N // 2] = 5.0
+    monkeypatch.setattr(scores, "expected", lambda model, trial: trial.measured + off)
+    found = scores.score(RIG, [trial])
+    size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
+    assert found.error[0, 0] == pytest.approx(0.02 / size)
+    np.testing.assert_allclose(found.power, 0.02**2 / size**2)
+
+
+def test_a_model_that_cannot_be_simulated_has_lost_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(model: RigModel, trial: Trial) -> FloatArray:
+        raise SimulationError("it grows")
+
+    monkeypatch.setattr(scores, "expected", fails)
+    found = scores.score(RIG, [trial_of(SIGNAL, 1e-3)])
+    assert found.error[0, 0] > 1e5
+    assert found.blocks.shape == (1, 1, scores.BLOCKS)
+
+
+def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = trial_of(SIGNAL, 0.0)
+    both = replace(one, channels=("m", "n"), measured=np.stack([SIGNAL, SIGNAL]), noise=np.array([0.0, 0.3]))
+    calls: list[int] = []
+
+    def simulate(model: RigModel, excitation: Excitation, **more: object) -> SimpleNamespace:
+        clean = not np.any(excitation.recorded)
+        calls.append(0 if clean else 1)
+        k = sum(calls) - 1
+        uneven = np.where(np.arange(N) % 4 == 0, 1.0, 0.0)
+        first = 0.0 if clean else (0.02, 0.04, 0.06, 0.0, 0.0, 0.0, 0.0, 0.0)[k]
+        return SimpleNamespace(channels={"m": SIGNAL + first * uneven, "n": SIGNAL + (0.0 if clean else 0.01)})
+
+    monkeypatch.setattr(scores, "simulate", simulate)
+    size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
+    found = scores.noise_floor(RIG, [both], 1.0)[0]
+    # A quarter of the samples off by 0.06 is 0.03 rms; sensor noise adds in square.
+    np.testing.assert_allclose(found, [0.03 / size, np.hypot(0.01, 0.3) / size], rtol=1e-6)
+    assert sum(calls) == 8
+
+
+def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = np.arange(8192) / 1024.0
+    clean = {"m": 3e-3 * np.sin(12.0 * time)}
+    shaken = {"m": clean["m"] + np.random.default_rng(1).normal(0.0, 1e-5, len(time))}
+    motion, other = motion_from(clean, 1024.0), motion_from(shaken, 1024.0)
+    force = required_drive(RIG, motion)
+    trial = replace(
+        trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, shaken=other
+    )
+    part = slice(len(force) // 2, len(force))
+    expected = np.sqrt(np.mean((required_drive(RIG, other) - force)[part] ** 2) / np.mean(force[part] ** 2))
+    assert scores.noise_floor(RIG, [trial], 0.0)[0, 0] == pytest.approx(expected)

@@ -1,0 +1,109 @@
+"""Values that hardly any rig has are said: at the end of a range, a decade off, off by a unit's factor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, pi
+
+import numpy as np
+import pytest
+
+from isorig.analysis.fitting.plausible import DECADE, NEAR, doubts, levels, unit_factor
+from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.model.built_in import FREE, FRICTION, THESIS, wire_bonder
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.rig.virtual.campaign import Take, virtual_campaign
+
+TAKES = (Take(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0),)
+
+
+def chain() -> RigModel:
+    return from_tree(
+        {
+            "name": "chain",
+            "free": ["bodies.block.mass", "links.foot.stiffness", "links.foot.damping"],
+            "bodies": [{"name": "block", "mass": 10.0}],
+            "links": [{"name": "foot", "a": "block", "b": "ground", "stiffness": 4e4, "damping": 40.0}],
+            "drive": {"channel": "force", "quantity": "force", "factor": 1.0, "pushes": {"block": 1.0}},
+            "sensors": [{"channel": "block", "body": "block"}],
+        }
+    )
+
+
+def fitted(model: RigModel, values: dict[str, float], **ends: tuple[float, float]) -> Fit:
+    free = tuple(
+        Free(path=path, low=ends.get(path.split(".")[-1], (0.0, inf))[0], high=ends.get(path.split(".")[-1], (0.0, inf))[1])
+        for path in model.free
+    )
+    return Fit(model=model.replace(values), free=free, covariance=np.zeros((len(free),) * 2), cost=1.0, evaluations=1)
+
+
+@pytest.mark.parametrize("factor", [9.80665, 1000.0, 25.4, 180.0 / pi, 1e6])
+def test_factors_of_units(factor: float) -> None:
+    """The ratio or its inverse, up to the share by which what was given may be off."""
+    for ratio in (factor, 1.0 / factor, factor * (1.0 + 0.99 * NEAR), factor / (1.0 + 0.99 * NEAR)):
+        found = unit_factor(ratio)
+        assert found is not None
+        assert found[0] == factor
+    for ratio in (factor * (1.0 + 1.01 * NEAR), 1.0, 2.0, 100.0):
+        found = unit_factor(ratio)
+        assert found is None or found[0] != factor
+
+
+@pytest.mark.parametrize(
+    ("scale", "kind", "said"),
+    [
+        (1000.0, "unit", "N and kN"), (1.0 / 9.80665, "unit", "g and m/s^2"), (100.0, "decade", "100 times"),
+        (DECADE * 1.3, "decade", "13 times"), (0.7 * DECADE, None, ""), (2.0, None, ""),
+    ],
+)  # fmt: skip
+def test_everything_a_factor_off(scale: float, kind: str | None, said: str) -> None:
+    values = {"bodies.block.mass": 10.0 * scale, "links.foot.stiffness": 4e4 * scale, "links.foot.damping": 1e6}
+    found = doubts(chain(), (fitted(chain(), values),))
+    assert [doubt.kind for doubt in found] == ([] if kind is None else [kind])
+    if kind:
+        assert "All masses and stiffnesses" in found[0].text
+        assert said in found[0].text
+        assert "check the unit of force, which drives" in found[0].text
+
+
+def test_one_known_value_a_decade_off() -> None:
+    (doubt,) = doubts(chain(), (fitted(chain(), {"bodies.block.mass": 150.0, "links.foot.stiffness": 5e4}),))
+    assert (doubt.kind, doubt.parameter) == ("decade", "bodies.block.mass")
+    assert "150, 15 times the 10 that was given" in doubt.text
+
+
+def test_an_end_of_a_range() -> None:
+    """At the end within a thousandth; a damping that vanishes is no doubt."""
+    ends = {"damping": (0.04, 4e4)}
+    for value, said in ((4e4, 1), (4e4 * 0.9995, 1), (4e4 * 0.99, 0), (0.04, 0)):
+        found = doubts(chain(), (fitted(chain(), {"links.foot.damping": value}, **ends),))
+        assert [doubt.kind for doubt in found] == ["limit"] * said
+    found = doubts(chain(), (fitted(chain(), {"bodies.block.mass": 5.0}, mass=(5.0, 5e3)),))
+    assert [doubt.kind for doubt in found] == ["limit"]
+
+
+def test_friction_a_unit_off() -> None:
+    """A wire bonder whose channels are all read in g as m/s^2 differs in its friction alone."""
+    rig = wire_bonder()
+    assert rig.free == (*FREE, FRICTION)
+    (doubt,) = doubts(rig, (fitted(rig, {FRICTION: THESIS["friction_force"] / 9.81}),))
+    assert doubt.kind == "unit"
+    assert not doubts(rig, (fitted(rig, {FRICTION: THESIS["friction_force"] / 4.0}),))
+
+
+def test_levels_of_records() -> None:
+    """A sound session has none; a head in g, or one sensor in g, is named."""
+    rig, campaign = wire_bonder(), virtual_campaign(wire_bonder(), TAKES, seed=1)
+    trials = prepare(campaign, rig)
+    assert levels(rig, trials) == pytest.approx({"motor": 1.0, "table": 1.0, "heatblock": 1.0}, rel=0.01)
+    assert not doubts(rig, (), trials)
+    (doubt,) = doubts(wire_bonder({**THESIS, "head_mass": 6.5 / 9.81, "friction_force": 20.0 / 9.81}), (), trials)
+    assert doubt.parameter == "drive.head"
+    assert "check the unit of head, which drives" in doubt.text
+    (run,) = campaign.runs
+    table = replace(run.channels["table"], scale=run.channels["table"].scale / 9.81)
+    read_wrong = replace(campaign, runs=(replace(run, channels={**run.channels, "table": table}),))
+    (doubt,) = doubts(rig, (), prepare(read_wrong, rig))
+    assert "check the unit of table" in doubt.text

@@ -1,0 +1,143 @@
+"""Figures of held-out errors against sums and resamplings written out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.policy import Stage, step_counts, verdict, wins
+from isorig.analysis.fitting.excess import excess, log_excess, pooled, ratio, share_removed
+from isorig.analysis.fitting.score import BLOCKS, RUNS, Score, improvement, margin_in_errors, share_interval, units, worst
+
+ERROR = np.array([[0.1, 0.2, 0.9], [0.05, 0.4, 3.0], [0.5, 0.5, 0.5]])
+FLOORS = np.array([[0.1, 0.01, 0.3], [0.06, 0.02, 0.1], [0.5, 0.4, 0.25]])
+
+
+def scored(error: FloatArray, power: FloatArray | None = None, blocks: FloatArray | None = None) -> Score:
+    ones = np.ones((*error.shape, BLOCKS))
+    return Score(error=error, blocks=ones if blocks is None else blocks, power=ones if power is None else power)
+
+
+def test_the_excess_is_the_mean_of_squares_beyond_the_floors() -> None:
+    by_hand = [0.0, 0.04 - 0.0001, 0.81 - 0.09, 0.0, 0.16 - 0.0004, 4.0 - 0.01, 0.0, 0.25 - 0.16, 0.25 - 0.0625]
+    assert excess(ERROR, FLOORS) == pytest.approx(sum(by_hand) / 9)
+    assert share_removed(ERROR, FLOORS, FLOORS) == 1.0
+
+
+def test_pooled_errors_count_each_channel_with_its_floor_at_least() -> None:
+    rows = [(0.01 + 0.04 + 0.81) / 3, (0.0036 + 0.16 + 4.0) / 3, 0.25]
+    np.testing.assert_allclose(pooled(ERROR, FLOORS), rows)
+    assert ratio(ERROR, FLOORS, FLOORS) == pytest.approx(np.sqrt(sum(rows) / 3 / (FLOORS**2).mean()))
+
+
+def test_the_logarithm_of_errors_over_floors_is_averaged() -> None:
+    by_hand = [0.0, np.log(20.0), np.log(3.0), 0.0, np.log(20.0), np.log(30.0), 0.0, np.log(1.25), np.log(2.0)]
+    assert log_excess(ERROR, FLOORS) == pytest.approx(sum(by_hand) / 9)
+
+
+def test_the_worst_is_the_largest_error_over_its_floor() -> None:
+    assert worst(scored(ERROR), FLOORS) == pytest.approx(30.0)
+
+
+def test_units_are_runs_from_five_on_and_blocks_of_time_before() -> None:
+    assert (RUNS, BLOCKS) == (5, 8)
+    power = np.random.default_rng(2).uniform(0.0, 6.0, (5, 3, 8))
+    limited = np.where(power > 4.0, 4.0, power)
+    np.testing.assert_allclose(units(scored(np.ones((5, 3)), power)), limited.sum(axis=2).sum(axis=1) / 24)
+    np.testing.assert_allclose(units(scored(np.ones((4, 3)), power[:4])), limited[:4].sum(axis=0).sum(axis=0) / 12)
+
+
+def test_the_least_of_the_wins_counts() -> None:
+    best = np.full(6, 1.0)
+    assert wins(best, [np.full(6, 1.1), np.full(6, 0.9)]) == 0.0
+
+
+def test_a_margin_is_of_the_rival_behind_the_best() -> None:
+    generator = np.random.default_rng(5)
+    blocks = np.exp(generator.normal(size=(2, 3, BLOCKS)))
+    rival = blocks * np.exp(0.2 + 0.1 * generator.normal(size=BLOCKS))
+    difference = [np.mean([np.log(rival[r, c, b] / blocks[r, c, b]) for r in range(2) for c in range(3)]) for b in range(BLOCKS)]
+    expected = np.mean(difference) / (np.std(difference, ddof=1) / np.sqrt(8.0))
+    assert margin_in_errors(scored(ERROR, blocks=blocks), scored(ERROR, blocks=rival)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("runs", [5, 2])
+def test_a_share_is_of_the_first_models_excess_with_the_interval_of_resampled_units(runs: int) -> None:
+    # Two kinds of units, so that the resampled shares are those of a binomial draw.
+    count = runs if runs >= RUNS else BLOCKS
+    removed = np.where(np.arange(count) % 2 == 0, 0.2, 0.6)
+    floors = np.zeros((runs, 1))
+    if runs >= RUNS:
+        first, after = np.ones((runs, 1)), np.sqrt(1.0 - removed)[:, None]
+        models = [scored(error) for error in (first, first, after)]
+    else:
+        powers = (np.ones((runs, 1, BLOCKS)), np.broadcast_to(1.0 - removed, (runs, 1, BLOCKS)))
+        models = [scored(np.ones((runs, 1)), power) for power in (powers[0], powers[0], powers[1])]
+    value, low, high = share_interval(*models, floors)
+    assert value == pytest.approx(removed.mean())
+    generator = np.random.default_rng(0)
+    shares = removed[generator.integers(0, count, (20000, count))].mean(axis=1)
+    expected = np.quantile(shares, (0.025, 0.975))
+    np.testing.assert_allclose((low, high), expected, atol=0.4 / count)
+    assert low < value < high
+    # Where the first model has no excess there is nothing to remove.
+    assert share_interval(models[0], models[1], models[2], np.full_like(floors, 2.0))[0] == 0.0
+
+
+def test_improvement_is_the_share_of_the_figure_beyond_the_floor() -> None:
+    before, after = scored(np.full((3, 2), 0.3)), scored(np.full((3, 2), 0.1))
+    found = improvement(before, after, 0.05)
+    assert found.removed == pytest.approx(0.8)
+    # Blocks that are all alike leave nothing to chance.
+    assert found.before == pytest.approx((0.3, 0.3))
+    assert found.after == pytest.approx((0.1, 0.1))
+    assert found.removed_interval == pytest.approx((0.8, 0.8))
+
+
+def test_improvements_intervals_are_those_of_resampled_blocks() -> None:
+    blocks = np.broadcast_to(np.where(np.arange(BLOCKS) < 4, 1.0, 3.0), (1, 1, BLOCKS))
+    before, after = scored(np.array([[0.3]]), blocks=blocks), scored(np.array([[0.1]]))
+    found = improvement(before, after, 0.0)
+    picks = np.random.default_rng(0).integers(0, BLOCKS, (20000, BLOCKS))
+    expected = 0.3 * np.sqrt(blocks[0, 0][picks].mean(axis=1) / 2.0)
+    assert found.before == pytest.approx(np.quantile(expected, (0.025, 0.975)), abs=0.012)
+    assert found.removed_interval == pytest.approx(np.quantile(1.0 - 0.1 / expected, (0.025, 0.975)), abs=0.03)
+
+
+def stage(share: float, **more: object) -> Stage:
+    floors = np.full((6, 3), 0.004)
+    return Stage(error=np.sqrt(floors**2 + (1.0 - share) * (0.16 - floors**2)), **more)  # type: ignore[arg-type]
+
+
+def test_two_steps_that_belong_together_count_where_both_reach_the_floor() -> None:
+    floors = np.full((6, 3), 0.004)
+    for last, counts in ((1.0, True), (0.9, False)):
+        way = [stage(0.0), stage(0.05, place="a", paired=True), stage(last, place="b")]
+        assert step_counts(way, 1, floors, 1.5) is counts
+    # The second one may be missing.
+    assert not step_counts([stage(0.0), stage(0.05, place="a", paired=True)], 1, floors, 1.5)
+    assert not step_counts([stage(0.0), stage(0.05, place="a"), stage(1.0, place="b")], 1, floors, 1.5)
+
+
+def test_the_baseline_counts_and_a_place_that_has_a_step_needs_more() -> None:
+    floors = np.full((6, 3), 0.004)
+    assert step_counts([stage(0.0)], 0, floors, 1.5)
+    # The third step is at the first one's place, not at the second one's.
+    way = [stage(0.0), stage(0.4, place="a"), stage(0.8, place="b"), stage(0.8 + 0.2 * 0.7, place="a")]
+    assert not step_counts(way, 3, floors, 1.5)
+    way[3] = stage(0.8 + 0.2 * 0.7, place="c")
+    assert step_counts(way, 3, floors, 1.5)
+
+
+def test_steps_are_certain_and_alone_unless_said() -> None:
+    assert Stage(error=ERROR).certain
+    assert not Stage(error=ERROR).refines
+    assert not Stage(error=ERROR).paired
+
+
+def test_a_first_step_that_does_not_count_leaves_the_campaign_unexplained() -> None:
+    assert verdict([stage(0.0), stage(0.1, place="a")], np.full((6, 3), 0.004), 1.5) == ("unexplained", 0)
+    # Of three steps, those before the uncertain one are named.
+    way = [stage(0.0), stage(0.6, place="a"), stage(0.75, place="b", refines=True, certain=False)]
+    assert verdict(way, np.full((6, 3), 0.004), 1.5) == ("partly explained", 1)

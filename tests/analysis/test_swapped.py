@@ -1,0 +1,118 @@
+"""Exchanged channels are named for every pair, in one run or in all; sound sessions have none, with poor guesses too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.fitting.plausible import doubts
+from isorig.analysis.fitting.swapped import swapped_channels
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate.excitation import random
+from isorig.rig.baseline import baseline_model
+from isorig.rig.files.recording import read
+from isorig.rig.virtual.campaign import Take, virtual_campaign
+
+TAKES = (
+    Take(id="u70", configuration="unlocked", gain=70.0, seconds=15.0, start=0.0),
+    Take(id="u7", configuration="unlocked", gain=7.0, seconds=15.0, start=40.0, band=(0.5, 400.0)),
+    Take(id="l7", configuration="locked", gain=7.0, seconds=15.0, start=80.0, band=(0.5, 400.0)),
+)
+#: Pairs that do not move alike, by run: below the heatblock's resonance it follows the table, a locked motor is the table.
+SHAPED = {
+    "u70": [("head", "motor"), ("head", "table"), ("head", "heatblock"), ("motor", "table"), ("motor", "heatblock")],
+    "u7": [("head", "motor"), ("head", "table"), ("head", "heatblock"), ("motor", "heatblock"), ("table", "heatblock")],
+    "l7": [("head", "motor"), ("head", "table"), ("head", "heatblock"), ("motor", "heatblock"), ("table", "heatblock")],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def session() -> Campaign:
+    return virtual_campaign(wire_bonder({**THESIS, "friction_force": 12.0}), TAKES, seed=2)
+
+
+def guessed(seed: int) -> RigModel:
+    """The wire bonder with first guesses off by up to a factor of 1.6."""
+    rig, generator = wire_bonder(), np.random.default_rng(seed)
+    return rig.replace({path: rig.get(path) * float(np.exp(generator.uniform(-0.5, 0.5))) for path in rig.free})
+
+
+def exchanged(campaign: Campaign, runs: Iterable[str], a: str, b: str) -> Campaign:
+    def one(run: Run) -> Run:
+        if run.id not in runs:
+            return run
+        turned = {a: replace(run.channels[b], name=a), b: replace(run.channels[a], name=b)}
+        return replace(run, channels={**run.channels, **turned})
+
+    return replace(campaign, runs=tuple(one(run) for run in campaign.runs))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sound_session_has_none(session: Campaign, seed: int) -> None:
+    assert not swapped_channels(guessed(seed), prepare(session, wire_bonder()))
+
+
+@pytest.mark.parametrize("pair", list(combinations(("head", "motor", "table", "heatblock"), 2)), ids="/".join)
+def test_every_pair(session: Campaign, pair: tuple[str, str]) -> None:
+    """In one run alone, and in all of them at once."""
+    shaped = [run for run, pairs in SHAPED.items() if pair in pairs]
+    for runs in (*([run] for run in shaped), list(SHAPED)):
+        wrong = exchanged(session, runs, *pair)
+        found = swapped_channels(wire_bonder(), prepare(wrong, wire_bonder()))
+        assert list(found) == [pair]
+        assert set(found[pair]) == {run for run in runs if run in shaped}
+    (doubt,) = (d for d in doubts(wire_bonder(), (), prepare(wrong, wire_bonder())) if d.kind == "swapped")
+    assert f"{pair[0]} and {pair[1]} look swapped" in doubt.text
+
+
+def test_another_rig() -> None:
+    """Two masses on a force: the two accelerations, and the force with either."""
+    rig = from_tree(
+        {
+            "name": "chain", "bodies": [{"name": "block", "mass": 10.0}, {"name": "cap", "mass": 2.0}],
+            "links": [
+                {"name": "foot", "a": "block", "b": "ground", "stiffness": 4e4, "damping": 40.0},
+                {"name": "neck", "a": "cap", "b": "block", "stiffness": 3e4, "damping": 10.0},
+            ],
+            "drive": {"channel": "force", "quantity": "force", "factor": 1.0, "pushes": {"block": 1.0}},
+            "sensors": [{"channel": "block", "body": "block"}, {"channel": "cap", "body": "cap"}],
+        }
+    )  # fmt: skip
+    force = random(samples=8192, sample_rate=512.0, rms=30.0, band=(1.0, 100.0), seed=1)
+    truth = rig.replace({"links.foot.stiffness": 5e4, "bodies.cap.mass": 1.6})
+    motion = simulate(truth, Excitation.prepare(force, 512.0), configuration="unlocked").channels
+    channels = {name: Channel(name=name, samples=values) for name, values in {"force": force, **motion}.items()}
+    run = Run(id="r", configuration="unlocked", sample_rate=512.0, gain=1.0, channels=channels, excitation="random",
+              band=(1.0, 100.0))  # fmt: skip
+    campaign = Campaign(runs=(run,))
+    assert not swapped_channels(rig, prepare(campaign, rig))
+    for pair in combinations(("force", "block", "cap"), 2):
+        assert list(swapped_channels(rig, prepare(exchanged(campaign, ["r"], *pair), rig))) == [pair]
+
+
+def test_no_unit_is_taken_for_an_exchange(session: Campaign) -> None:
+    """A table that is a thousand times too large keeps its shape."""
+
+    def larger(run: Run) -> Run:
+        table = replace(run.channels["table"], scale=1e3 * run.channels["table"].scale)
+        return replace(run, channels={**run.channels, "table": table})
+
+    wrong = replace(session, runs=tuple(map(larger, session.runs)))
+    assert not swapped_channels(wire_bonder(), prepare(wrong, wire_bonder()))
+
+
+@pytest.mark.study
+def test_campaigns_of_another_program_have_none(shared: object) -> None:
+    from pathlib import Path
+
+    for path in sorted((Path(str(shared)) / "campaigns").rglob("*.h5")):
+        campaign = read(path)
+        assert not swapped_channels(baseline_model(campaign), prepare(campaign, baseline_model(campaign))), path

@@ -1,0 +1,70 @@
+"""The pages about adding a law, a cause and an instrument, followed literally in a copy of the project."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Files that the pages show: a fence with a title.
+FILE = re.compile(r'^```python title="([^"]+)"\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+PLAN = """
+[instrument]
+kind = "lines"
+port = "/dev/none"
+sample_rate = 100.0
+[channels.motor]
+input = 3
+sensitivity = 0.2
+[[runs]]
+id = "a"
+configuration = "unlocked"
+gain = 70.0
+excitation = "other"
+seconds = 3.0
+"""
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project with the files of the three pages."""
+    place = tmp_path_factory.mktemp("extended")
+    for folder in ("analysis", "drivers", "rig", "isorig"):
+        shutil.copytree(ROOT / folder, place / folder, symlinks=True)
+    for page in ("add-law.md", "add-cause.md", "add-instrument.md"):
+        files = FILE.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
+        assert len(files) == 2, f"{page} shows a file and its test"
+        for name, content in files:
+            path = place / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            assert not path.exists(), name
+            path.write_text(content, encoding="utf-8")
+    return place
+
+
+def called(folder: Path, *call: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    return subprocess.run(
+        [sys.executable, *call], cwd=folder, env=environment, capture_output=True, text=True, timeout=280, check=False
+    )
+
+
+def test_the_pages_files_pass_their_tests(extended: Path) -> None:
+    done = called(extended, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"^5 passed", done.stdout, re.MULTILINE), done.stdout
+
+
+@pytest.mark.study
+def test_the_pages_instrument_is_measured_at_the_virtual_port(extended: Path, tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
+    plan, output = str(tmp_path / "plan.toml"), str(tmp_path / "c.h5")
+    done = called(extended, "-m", "isorig", "acquire", plan, "--port", "virtual", "--yes", "--json", "-o", output)
+    assert done.returncode == 0, done.stderr
+    assert "motor" in called(extended, "-m", "isorig", "check", output).stdout

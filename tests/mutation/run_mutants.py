@@ -1,0 +1,245 @@
+"""Which changes of the scoring and decision code do the tests notice? Each mutant is one change; a test that fails kills it.
+
+    python tests/mutation/run_mutants.py --named      mutants that tests once let through, each by name
+    python tests/mutation/run_mutants.py [FILE ...]   every operator, number and bound of these modules, else of all below
+
+A mutant is run in a process of its own, forked after the libraries have been loaded; nothing on disk changes. Survivors that
+docs/mutants.md does not list with a reason make the run fail.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import io
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK = (
+    "tests/analysis/diagnose/test_thresholds.py",
+    "tests/analysis/diagnose/test_policy.py",
+    "tests/analysis/test_floors.py",
+    "tests/analysis/test_scores.py",
+)
+#: Modules that score and decide.
+MODULES = ("analysis/fitting/excess.py", "analysis/diagnose/policy.py", "analysis/fitting/score.py")
+#: Seconds after which a mutant counts as noticed: it runs for ever.
+TIMEOUT = 120
+#: Where survivors stand with the reason.
+LISTED = ROOT / "docs" / "mutants.md"
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of one module."""
+
+    file: str
+    name: str
+    source: str
+
+
+#: Changes that no test noticed once: what, where, the text and what it becomes.
+NAMED = (
+    ("'explained' from 0.4 of the excess", "analysis/diagnose/policy.py", "explained: float = 0.8", "explained: float = 0.4"),
+    ("adequate up to 2.5 floors", "analysis/fitting/excess.py", "ADEQUATE = 1.5", "ADEQUATE = 2.5"),
+    ("a step is worth it from 0.02", "analysis/diagnose/policy.py", "worth: float = 0.15", "worth: float = 0.02"),
+    ("certain from half of the draws", "analysis/diagnose/policy.py", "certain: float = 0.95", "certain: float = 0.5"),
+    ("two draws of noise always suffice", "analysis/fitting/score.py", "SENSITIVE = 8, 1.3", "SENSITIVE = 8, 1e9"),
+    ("blocks with ten times the noise", "analysis/fitting/score.py", "BLOCK_NOISE = 0.003", "BLOCK_NOISE = 0.03"),
+    (
+        "confidence is always 1", "analysis/fitting/score.py",
+        "return float(np.mean(margin[:, picks].mean(axis=2).min(axis=0) > 0.0))", "return 1.0",
+    ),
+    (
+        "the least simple of equals is carried", "analysis/diagnose/step.py",
+        "return min(entries, key=lambda entry", "return max(entries, key=lambda entry",
+    ),
+    (
+        "a sensor's fault need not explain its channel", "analysis/diagnose/policy.py",
+        "    return left[0] - left[1] >= policy.worth * left[0]", "    return True",
+    ),
+    ("Hann segments share a third", "analysis/spectra/leakage.py", "SHARED = 1.0 / 6.0", "SHARED = 1.0 / 3.0"),
+    (
+        "a sign in the required drive", "analysis/simulate/inverse.py",
+        "force = force + (1.0 if name == link.a else -1.0) * resistance",
+        "force = force - (1.0 if name == link.a else -1.0) * resistance",
+    ),
+    (
+        "a plainly larger error is no other answer", "analysis/diagnose/policy.py",
+        "    if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):\n        return False\n", "",
+    ),
+)  # fmt: skip
+
+COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
+    ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE), ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}  # fmt: skip
+OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,
+}  # fmt: skip
+#: Numbers below this keep a division from zero.
+GUARD = 1e-10
+#: Seeds, and defaults of keywords (numbers of draws), are left out: another one gives another sample of the same.
+CHANCE = "default_rng"
+NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any", "mean": "median"}
+
+
+def mutants_of(file: str) -> Iterator[Mutant]:
+    """Every mutant of a module, named by its function and what is changed."""
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    for where, node in _nodes(tree):
+        for changed in _changes(node):
+            if ast.unparse(changed) == ast.unparse(node):
+                continue
+            copy = deepcopy(tree)
+            _Swap(node, changed).visit(copy)
+            yield Mutant(file, f"{where}: `{ast.unparse(node)}` -> `{ast.unparse(changed)}`", ast.unparse(copy))
+
+
+def _nodes(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
+    # Expressions that are run, each with the name of what holds it; annotations and keyword names are left out.
+    def inside(node: ast.AST, where: str) -> Iterator[tuple[str, ast.expr]]:
+        for field, value in ast.iter_fields(node):
+            if field in ("annotation", "returns", "decorator_list", "slice"):
+                continue
+            if field == "kw_defaults" or (isinstance(node, ast.Call) and ast.unparse(node.func).endswith(CHANCE)):
+                continue
+            for child in value if isinstance(value, list) else [value]:
+                if isinstance(child, ast.FunctionDef | ast.ClassDef):
+                    yield from inside(child, child.name)
+                elif isinstance(child, ast.AST):
+                    if isinstance(child, ast.expr):
+                        yield where, child
+                    yield from inside(child, where)
+
+    yield from inside(tree, "module")
+
+
+def _changes(node: ast.expr) -> Iterator[ast.expr]:
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        # A bound itself is tried between whole numbers only: errors never lie on one.
+        whole = "len(" in ast.unparse(node) or any(isinstance(c, ast.Constant) and type(c.value) is int for c in node.comparators)
+        for kind in COMPARED.get(type(node.ops[0]), ())[0 if whole else -1 :]:
+            yield ast.Compare(left=node.left, ops=[kind()], comparators=node.comparators)
+    elif isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+        yield ast.BinOp(left=node.left, op=OPERATORS[type(node.op)](), right=node.right)
+    elif isinstance(node, ast.BoolOp):
+        yield ast.BoolOp(op=ast.And() if isinstance(node.op, ast.Or) else ast.Or(), values=node.values)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        yield node.operand
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield ast.Constant(not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not 0.0 < abs(node.value) < GUARD:
+        yield ast.Constant(node.value + 1 if isinstance(node.value, int) or node.value == 0.0 else 2.0 * node.value)
+    elif isinstance(node, ast.Name) and node.id in NAMES:
+        yield ast.Name(NAMES[node.id], ast.Load())
+    elif isinstance(node, ast.Attribute) and node.attr in NAMES:
+        yield ast.Attribute(value=node.value, attr=NAMES[node.attr], ctx=ast.Load())
+
+
+class _Swap(ast.NodeTransformer):
+    # Exchanges one expression, found by its place in the text.
+    def __init__(self, old: ast.expr, new: ast.expr) -> None:
+        self._at = (type(old), old.lineno, old.col_offset, old.end_lineno, old.end_col_offset)
+        self._new = new
+
+    def visit(self, node: ast.AST) -> ast.AST:
+        if isinstance(node, ast.expr) and self._at == (
+            type(node), node.lineno, node.col_offset, node.end_lineno, node.end_col_offset,
+        ):  # fmt: skip
+            return self._new
+        return self.generic_visit(node)
+
+
+class _Loader(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    # Gives the changed source in place of the file's.
+    def __init__(self, mutant: Mutant) -> None:
+        self._mutant, self._module = mutant, f"isorig.{mutant.file.removesuffix('.py').replace('/', '.')}"
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._module:
+            return None
+        return importlib.util.spec_from_loader(fullname, self, origin=str(ROOT / self._mutant.file))
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__file__ = str(ROOT / self._mutant.file)
+        exec(compile(self._mutant.source, module.__file__, "exec"), module.__dict__)
+
+
+def killer(mutant: Mutant) -> str:
+    """The first test that fails with the change; empty where none does."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        signal.alarm(TIMEOUT)
+        os.close(reading)
+        text = io.StringIO()
+        with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
+            import pytest
+
+            sys.meta_path.insert(0, _Loader(mutant))
+            code = pytest.main(["-x", "-q", "--no-header", "-p", "no:cacheprovider", *QUICK])
+        found = re.search(r"^(?:FAILED|ERROR) (\S+)", text.getvalue(), re.MULTILINE)
+        os.write(writing, (found[1] if found else "" if code == 0 else f"pytest ends with {int(code)}").encode())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as end:
+        said = end.read().decode()
+    _, status = os.waitpid(child, 0)
+    return said if status == 0 else f"no answer within {TIMEOUT} s"
+
+
+def _named() -> list[Mutant]:
+    found = []
+    for name, file, old, new in NAMED:
+        source = (ROOT / file).read_text(encoding="utf-8")
+        if source.count(old) != 1:
+            sys.exit(f"{file} has {source.count(old)} times the text {old!r}; correct the table NAMED")
+        found.append(Mutant(file, name, source.replace(old, new)))
+    return found
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the mutants; status 1 where one survives that is not listed."""
+    os.chdir(ROOT)
+    named = "--named" in arguments
+    files = [argument for argument in arguments if argument.endswith(".py")] or MODULES
+    chosen = _named() if named else [m for file in files for m in mutants_of(file)]
+    for library in ("hypothesis", "msgspec", "numba", "numpy", "pytest", "scipy.signal", "scipy.interpolate", "scipy.linalg"):
+        importlib.import_module(library)
+    listed = LISTED.read_text(encoding="utf-8") if LISTED.exists() else ""
+    survivors, unlisted = [], []
+    for k, mutant in enumerate(chosen):
+        began = time.monotonic()
+        by = killer(mutant)
+        print(
+            f"{k + 1}/{len(chosen)} {mutant.file} {mutant.name}: {by or 'SURVIVES'} ({time.monotonic() - began:.1f} s)",
+            flush=True,
+        )
+        if not by:
+            survivors.append(mutant)
+            if named or f"{mutant.file} {mutant.name}" not in listed:
+                unlisted.append(mutant)
+    print(f"{len(chosen) - len(survivors)} of {len(chosen)} mutants are noticed; {len(unlisted)} survivors are not listed")
+    for mutant in unlisted:
+        print(f"- {mutant.file} {mutant.name}")
+    return 1 if unlisted else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

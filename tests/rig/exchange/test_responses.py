@@ -1,0 +1,54 @@
+"""Transfer functions of other programs as they are fitted here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from isorig.rig.cli import main
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.responses import read_responses
+from isorig.rig.files.recording import open_recording
+from isorig.rig.transfer import transfer_functions
+
+F = np.arange(1, 66) * 4.0
+H = 1.0 / (100.0**2 - F**2 + 2j * 0.02 * 100.0 * F)
+
+
+def test_what_this_program_exports_comes_back(recording: Path, tmp_path: Path) -> None:
+    with open_recording(recording) as campaign:
+        wanted = {item.name: item.frf for item in transfer_functions(campaign, resolution=4.0)}
+    for ending in ("uff", "mat"):
+        words = ["export", str(recording), "-o", str(tmp_path / f"f.{ending}"), "--what", "frf", "--resolution", "4"]
+        assert main(words) == 0
+        found = read_responses(tmp_path / f"f.{ending}")
+        assert len(found) == len(wanted)
+        found, ours = (sorted(each, key=lambda f: abs(f.value[5])) for each in (found, wanted.values()))
+        for one, other in zip(found, ours, strict=True):
+            assert (one.response, one.reference) == (other.response, other.reference)
+            np.testing.assert_allclose(one.value, other.value, rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(one.frequency, other.frequency)
+            assert one.resolution == pytest.approx(4.0)
+
+
+def test_a_coherence_comes_along(shared: Path) -> None:
+    folder = shared / "peers" / "pydvma"
+    (one,) = read_responses(folder / "jw_tf_coh.mat")
+    assert one.coherence.max() <= 1.0
+    assert np.ptp(one.coherence) > 0.0
+    ruler = read_responses(folder / "ruler_grid_acc_3.mat")
+    assert len(ruler) == 10
+    assert ruler[0].resolution == pytest.approx(20000 / 32768)
+    assert {float(f.coherence.min()) for f in ruler} == {1.0}
+
+
+def test_uneven_lines_and_files_without_any(tmp_path: Path) -> None:
+    savemat(tmp_path / "log.mat", {"f": np.geomspace(1.0, 100.0, 65), "H": H})
+    savemat(tmp_path / "psd.mat", {"f": F, "Pxx": np.abs(H)})
+    savemat(tmp_path / "time.mat", {"fs": 100.0, "x": np.abs(H)})
+    for name, said in (("log", "unevenly spaced"), ("psd", "without a phase"), ("time", "import it")):
+        with pytest.raises(RecordingError, match=said):
+            read_responses(tmp_path / f"{name}.mat")

@@ -1,0 +1,44 @@
+"""The command line as a whole: version, help, completion."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from isorig.rig.cli import COMMANDS, main
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == version("isorig")
+
+
+def test_help_has_one_line_for_each_command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name, (_, purpose) in COMMANDS.items():
+        assert len([line for line in lines if line.split()[1:2] == [name] and purpose in line]) == 1, name
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="bash")
+def test_bash_completes_commands_and_options(tmp_path: Path) -> None:
+    assert main(["--install-completion", "--shell", "bash", "--output", str(tmp_path / "rig.bash")]) == 0
+    ask = (
+        "source $1; shift; f=$(complete -p rig | sed 's/.*-F \\([^ ]*\\).*/\\1/'); COMP_WORDS=(\"$@\"); COMP_CWORD=$(($#-1)); "
+        '$f rig "${@: -1}" "${@: -2:1}"; echo "${COMPREPLY[@]}"'
+    )
+
+    def offered(*words: str) -> set[str]:
+        call = ["bash", "-c", ask, "bash", str(tmp_path / "rig.bash"), "rig", *words]
+        done = subprocess.run(call, env=dict(os.environ), capture_output=True, text=True, timeout=30, check=True)
+        return set(done.stdout.split())
+
+    assert offered("ch") == {"check", "characterize"}
+    assert {"--reference", "--resolution"} <= offered("frf", "--re")
+    assert offered("frf", "--estimator", "") == {"H1", "H2", "Hv"}

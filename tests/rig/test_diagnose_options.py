@@ -1,0 +1,100 @@
+"""The time limit and the tolerance of a diagnosis, through the command line."""
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.rig.cli import main
+from isorig.rig.files.recording import write
+from isorig.rig.virtual.campaign import SESSION, virtual_campaign
+
+TAKES = [replace(take, seconds=10.0) for take in SESSION if take.id in ("u7", "l7")]
+#: On a clock that goes on by a second whenever it is read: over before the baseline is fitted, before the first cause is looked
+#: for, and after a look at all causes.
+AT_ONCE, BASELINE_ONLY, ONE_LOOK = 0.5, 1.5, 2.5
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of a rig with friction, alone in a folder."""
+    file = tmp_path_factory.mktemp("rubbing") / "rubbing.h5"
+    write(file, virtual_campaign(wire_bonder({**THESIS, "friction_force": 10.0}), TAKES, seed=3))
+    return file
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticks = itertools.count()
+    monkeypatch.setattr("isorig.rig.diagnose_many.time", SimpleNamespace(monotonic=lambda: float(next(ticks))))
+
+
+def diagnosed(given: Path, output: Path, *more: object) -> int:
+    return main(["diagnose", str(given), "--baseline", "linear", "-o", str(output), *map(str, more)])
+
+
+@pytest.mark.usefixtures("clock")
+@pytest.mark.parametrize("seconds", [BASELINE_ONLY, ONE_LOOK])
+def test_a_search_cut_short_leaves_a_partial_answer(
+    seconds: float, rubbing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert diagnosed(rubbing, tmp_path / "out", "--seconds", seconds) == 0
+    assert "was ended by the time limit and may have missed causes" in capsys.readouterr().out
+    found = json.loads((tmp_path / "out" / "findings.json").read_text())
+    assert found["cut_short"] is True
+    assert found["verdict"] == "unexplained"
+    assert found["baseline"]["parameters"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The search for causes was ended by the time limit and may have missed causes." in page
+    assert "no cause in the catalogue earns its name" not in page
+
+
+@pytest.mark.usefixtures("clock")
+def test_no_answer_before_the_baseline_is_fitted(rubbing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert diagnosed(rubbing, tmp_path / "out", "--seconds", AT_ONCE) == 2
+    assert "took longer than the 0.5 s it was given, before the baseline was fitted" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("clock")
+def test_what_counts_as_answered(rubbing: Path, tmp_path: Path) -> None:
+    """An answer counts for its tolerance; one cut short, for no more time than it had."""
+    findings = tmp_path / "out" / "rubbing" / "findings.json"
+
+    def stamp(*more: object) -> int:
+        assert diagnosed(rubbing.parent, tmp_path / "out", *more) == 0
+        return findings.stat().st_mtime_ns
+
+    first = stamp("--seconds", BASELINE_ONLY)
+    assert stamp("--seconds", BASELINE_ONLY) == first
+    longer = stamp("--seconds", ONE_LOOK)
+    assert longer != first
+    tolerant = stamp("--seconds", ONE_LOOK, "--tolerance", 10.0)
+    assert tolerant != longer
+    found = json.loads(findings.read_text())
+    assert (found["tolerance"], found["verdict"], found["cut_short"], found["steps"]) == (10.0, "adequate", False, [])
+    assert found["holdout"]["baseline"] < 10.0
+    assert stamp("--tolerance", 10.0) == tolerant  # a whole answer needs no more time
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--tolerance", "-0.1"), "--tolerance is -0.1; give a share of the signal that is not negative"),
+        (("--tolerance", "nan"), "--tolerance is nan"),
+        (("--seconds", "-1"), "--seconds is -1; give a positive time"),
+        (("--seconds", "nan"), "--seconds is nan"),
+    ],
+)
+def test_negative_options_are_refused(
+    words: tuple[str, str], says: str, rubbing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert diagnosed(rubbing, tmp_path / "out", *words) == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
