@@ -1,0 +1,25 @@
+"""Words that docs/writing.md asks to avoid stay out of the pages."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+#: The first bullet below "Avoid" in docs/writing.md, except words that also have a plain use ("look", "stands").
+AVOIDED = re.compile(r"\b(told|tells of|beside|a look|looked at|rider|riders|speaks? against|broken off|worked out)\b", re.IGNORECASE)
+#: writing.md quotes the words.
+PAGES = sorted({*(ROOT / "docs").glob("*.md"), ROOT / "README.md"} - {ROOT / "docs" / "writing.md", ROOT / "docs" / "thesis.md"})
+
+
+def prose(page: str) -> str:
+    """A page without code blocks and code words."""
+    return re.sub(r"`[^`\n]+`", "", re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pages_use_plain_words(page: Path) -> None:
+    found = {match.group() for match in AVOIDED.finditer(prose(page.read_text(encoding="utf-8")))}
+    assert not found, f"{page.name} uses {sorted(found)}; docs/writing.md has plain words for them"
