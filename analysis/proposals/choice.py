@@ -15,21 +15,8 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import Peaks, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun
+from isorig.analysis.proposals.policy import CANNOT, COMPARED, LOCK_PRICE, MOST_RUNS, OVERHEAD, SHOWN, WILL, WORTH
 from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn, left, refit
-
-#: Distances, in standard errors of a spectral line, below which a run cannot part two causes and from which it will. Chosen:
-#: at 3 the rival errs by three times what is allowed, twice the adequacy threshold; at 1 it errs by 1.4 times, within it.
-CANNOT, WILL = 1.0, 3.0
-#: Models drawn from what is known of each surviving cause: of those compared, and of those that must stay within the limits.
-COMPARED, KEPT = 3, 8
-#: What every run costs beside its own length, s: setting it up, and the diagnosis after it.
-OVERHEAD = 20.0
-#: Price of a change of the configuration where none is stated, s of measuring.
-LOCK_PRICE = 60.0
-#: Pairs of causes whose predictions are shown.
-SHOWN = 3
-#: Runs of a proposal at most, and the gain in probability below which a further one is not worth its time.
-MOST_RUNS, WORTH = 3, 0.02
 
 
 def parted(distances: float | FloatArray) -> FloatArray:

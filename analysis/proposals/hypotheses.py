@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from math import isclose, pi
 
 from isorig.analysis.diagnose.kinds import kind_of
@@ -16,71 +15,9 @@ from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.policy import HIDDEN_MODES, HUM, MAINS, SESSION, SMALLEST, TINY
 from isorig.analysis.proposals.prediction import Variant
 
-#: Frequencies at which a hidden oscillator is supposed, Hz.
-HIDDEN_MODES = (30.0, 110.0)
-#: Mains frequency that a hum is supposed to have, Hz, and its amplitude in the channel's unit.
-MAINS, HUM = 50.0, 0.01
-#: Seconds over which a drift is counted.
-SESSION = 720.0
-#: In place of what does not move at all.
-TINY = 1e-12
-
-
-@dataclass(frozen=True, kw_only=True)
-class Smallest:
-    """The smallest size of each cause that is worth finding: a third of the smallest that the study of the diagnosis hides.
-
-    Parameters
-    ----------
-    spring
-        Share of a spring's force at the largest deflection by which it departs from a straight line.
-    breakaway, stribeck_speed
-        Breakaway above sliding friction, as a share; speed of its fall as a share of the largest speed.
-    presliding, play
-        Share of the largest deflection before friction slides; half the play.
-    asymmetry
-        Share by which friction differs from its mean either way.
-    stop, stop_stiffness
-        Deflection of a stop as a share of the largest, and its stiffness as a multiple of the spring's.
-    drag
-        Force of quadratic damping at the largest speed over dry friction and viscous force there.
-    drift
-        Share of a stiffness over `SESSION`.
-    rider, arm
-        Mass of a hidden oscillator as a share of its body's; arm of the drive about the centre of gravity, m.
-    mass, gain
-        Shares.
-    lock
-        Stiffness of a lock over the spring's.
-    delay
-        Samples.
-    clipping, crosstalk
-        Limit as a share of the largest record; share of the largest record that comes from elsewhere.
-    """
-
-    spring: float = 0.1
-    breakaway: float = 0.17
-    stribeck_speed: float = 0.07
-    presliding: float = 0.01
-    play: float = 0.02
-    asymmetry: float = 0.08
-    stop: float = 0.75
-    stop_stiffness: float = 0.5
-    drag: float = 0.17
-    drift: float = 0.033
-    rider: float = 0.007
-    arm: float = 0.0033
-    mass: float = 0.02
-    lock: float = 1200.0
-    gain: float = 0.017
-    delay: float = 0.27
-    clipping: float = 0.88
-    crosstalk: float = 0.01
-
-
-SMALLEST = Smallest()
 Sized = Callable[[Candidate, RigModel, Evidence], Mapping[str, float]]
 
 
@@ -163,7 +100,7 @@ def _hardening(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
 
 
 def _softening(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
-    return {"softening": SMALLEST.spring, "scale": 0.25 * _link(c, m, e)[1]}
+    return {"softening": SMALLEST.spring, "scale": SMALLEST.softening_scale * _link(c, m, e)[1]}
 
 
 def _drag(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:

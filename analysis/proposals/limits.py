@@ -14,11 +14,9 @@ from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
 from isorig.analysis.parallel import side_by_side
+from isorig.analysis.proposals.policy import USABLE
 from isorig.analysis.simulate import Excitation, record, simulate, true_drive
 
-#: Share of a limit that a simulated run may use: a real rig differs from every model of it. Chosen: the peak of a random drive's
-#: response differs by about a tenth between models that agree with the same data.
-USABLE = 0.9
 #: What the channel of a link's gauge begins with.
 DEFLECTION = "deflection "
 

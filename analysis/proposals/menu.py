@@ -12,21 +12,23 @@ import numpy as np
 
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.proposals.policy import (
+    ABOUT,
+    BELOW,
+    BROAD,
+    DWELLS,
+    HELD,
+    HIGHEST,
+    LEVELS,
+    LONGER,
+    LOW,
+    LOWEST,
+    PERIOD,
+    REST,
+    SHORT,
+    WIDE,
+)  # fmt: skip
 from isorig.analysis.simulate.compiled import constraint_basis
-
-#: Seconds of a run that drives a band, of one that repeats something short (a sine, a move, a step), and of rest.
-BROAD, SHORT, REST = 20.0, 10.0, 5.0
-#: Levels of a drive as shares of the highest gain allowed.
-LEVELS = (1.0, 0.5, 0.2)
-#: The band about a natural frequency, as shares of it; how far above the slowest motion the low band reaches.
-ABOUT, LOW = (0.75, 1.3), 4.0
-#: Period of a multisine, s.
-PERIOD = 4.0
-#: Lowest frequency of a drive, Hz: some periods of it must fit into a run. Highest, as a share of the sample rate.
-LOWEST, HIGHEST = 0.2, 0.4
-#: Frequencies of a sine dwell, as shares of a natural frequency.
-DWELLS = (0.6, 1.0)
-
 
 Excited = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
 
@@ -78,7 +80,7 @@ def natural_frequencies(model: RigModel, configuration: str) -> tuple[float, ...
     basis = constraint_basis(model, rigid)
     mass, _, stiffness = (basis.T @ matrix @ basis for matrix in matrices(model))
     squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real
-    return tuple(sorted(sqrt(s) / (2.0 * pi) for s in squares.tolist() if s > 1e-9 * max(squares.max(), 1e-300)))
+    return tuple(sorted(sqrt(s) / (2.0 * pi) for s in squares.tolist() if s > HELD * max(squares.max(), 1e-300)))
 
 
 def menu(
@@ -124,7 +126,7 @@ def menu(
         for kind, gain in product(moved, gains[:2]):
             found.append(CandidateRun(configuration=name, excitation=kind, gain=gain, seconds=SHORT))
     found += [replace(run, repeat_of=earlier) for earlier, run in repeatable]
-    longest = [replace(run, seconds=2.0 * BROAD) for run in found if run.excitation == "random" and run.gain == highest]
+    longest = [replace(run, seconds=LONGER * BROAD) for run in found if run.excitation == "random" and run.gain == highest]
     allowed = (
         replace(run, gain=min(_three(run.gain), highest), seconds=min(run.seconds, limits.seconds or run.seconds))
         for run in (*found, *longest)
@@ -150,10 +152,10 @@ def _bands(modes: Sequence[float], low: float, high: float) -> list[tuple[float,
     # All that is allowed, the low band, what lies below the slowest mode, and the neighbourhood of each mode.
     found = [(low, high)]
     if modes:
-        found += [(low, LOW * modes[0]), (low, 0.6 * modes[0])]
+        found += [(low, LOW * modes[0]), (low, BELOW * modes[0])]
         found += [(ABOUT[0] * f, ABOUT[1] * f) for f in modes]
     clipped = [(max(_three(a), low), min(_three(b), high)) for a, b in found]
-    return list(dict.fromkeys((a, b) for a, b in clipped if b > 1.2 * a))
+    return list(dict.fromkeys((a, b) for a, b in clipped if b > WIDE * a))
 
 
 def _three(value: float) -> float:

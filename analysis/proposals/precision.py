@@ -19,19 +19,13 @@ from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, matrices
-from isorig.analysis.proposals.choice import LOCK_PRICE, OVERHEAD
 from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.policy import ALIKE, COHERENT, LOCK_PRICE, NO_BETTER, OVERHEAD, RESOLUTION, SHORTEST
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.spectra.welch import estimate
 
-#: Distance of a transfer function's lines, Hz, and how many neighbours of a Hann window say the same.
-RESOLUTION, ALIKE = 0.5, 1.5
-#: Lines whose coherence is less say nothing that an error bar describes: some 15 averages of noise alone have a fifth of it.
-COHERENT = 0.3
-#: Shortest run that is proposed, s: two thirds of it are fitted, and transients die in them.
-SHORTEST = 5.0
 #: Excitations that have transfer functions.
 BROAD = ("random", "multisine", "sweep")
 Figure = Callable[[RigModel], float]
@@ -264,7 +258,7 @@ def design(
             continue
         before = known.std(now)
         now = now + own
-        if known.std(now) > 0.99 * before:
+        if known.std(now) > NO_BETTER * before:
             break
         runs.append(Precise(prospect=prospect, std=known.std(now), peaks=peaks))
         configuration, budget = prospect.run.configuration, budget - prospect.run.seconds
@@ -283,11 +277,12 @@ def _ranked(
     seconds = longest
     reached = known.std(now + own * longest / whole) <= wish
     if reached and prospect.run.excitation != "sweep":
-        low, high = min(SHORTEST, longest), longest
-        for _ in range(20):
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if known.std(now + own * middle / whole) <= wish else (middle, high)
-        seconds = float(np.ceil(high))
+        # The fewest whole seconds that reach it.
+        short, high = int(np.ceil(min(SHORTEST, longest))), int(np.ceil(longest))
+        while short < high:
+            middle = (short + high) // 2
+            short, high = (short, middle) if known.std(now + own * middle / whole) <= wish else (middle + 1, high)
+        seconds = float(high)
     seconds = min(max(seconds, SHORTEST), longest)
     own = own * seconds / whole
     cut = prospect.shortened(seconds)

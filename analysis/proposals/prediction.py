@@ -21,16 +21,8 @@ from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
 from isorig.analysis.fitting.trials import FIT_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.menu import CandidateRun
+from isorig.analysis.proposals.policy import GRID, HORIZON, TRUSTED
 from isorig.analysis.simulate import Excitation
-
-#: Seconds of a run that are simulated to compare models: longer than any transient. A sweep is simulated whole.
-HORIZON = 6.0
-#: Fine steps per sample of these simulations: models that share the error of the grid are compared.
-GRID = 2
-#: Deviation of a fitted value on its logarithm, or in hundreds of its finite differences, that is taken as known beforehand: a
-#: linear step is not trusted any further.
-TRUSTED = 0.7
-
 
 #: A cause and its place.
 Key = tuple[str, str]

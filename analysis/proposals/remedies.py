@@ -11,16 +11,12 @@ from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, Sensor
-from isorig.analysis.proposals.choice import WILL, Apart, Comparison, Seen
+from isorig.analysis.proposals.choice import Apart, Comparison, Seen
 from isorig.analysis.proposals.limits import Peaks, gauged
+from isorig.analysis.proposals.policy import HIGHER, RAISED, RESOLVES, TRIED, WILL
 from isorig.analysis.proposals.prediction import Key, Prospect
 
-#: Factors by which gains are raised, one after another; the first leaves them and lifts all other limits.
-RAISED = (1.0, 1.5, 2.0, 3.0)
-#: What a displacement sensor across a link resolves, m, and how far above the first a second accelerometer sits, m.
-RESOLVES, HIGHER = 1e-6, 0.05
-#: Allowed candidates that are tried with another sensor: those that part the causes best without it.
-TRIED = 3
+#: What the channel of a second accelerometer begins with.
 SECOND = "second "
 
 

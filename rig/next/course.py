@@ -14,7 +14,8 @@ from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.precision import SHORTEST, named_figures, std_of
+from isorig.analysis.proposals.policy import SHORTEST
+from isorig.analysis.proposals.precision import named_figures, std_of
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.baseline import Baseline
 from isorig.rig.diagnose_many import diagnose_file
@@ -99,6 +100,8 @@ class Measured:
 
 #: Takes the runs of a plan that the recording does not hold yet.
 Measure = Callable[[Plan, Path], Measured]
+#: Chooses the next runs as `propose` does.
+Choose = Callable[..., Proposal]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +118,8 @@ class Terms:
         Seconds that a proposal may take.
     measure
         Takes the runs.
+    choose
+        Chooses the next runs.
     tell
         Called with a line for whoever watches.
     status
@@ -126,6 +131,7 @@ class Terms:
     limits: Limits
     work: float
     measure: Measure
+    choose: Choose = propose
     tell: Callable[[str], None] = lambda text: None
     status: Callable[[str], None] = field(default=lambda text: None)
 
@@ -202,7 +208,7 @@ def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Cours
     begun = read_rivals(folder / diagnosis_folder(known[-1])) if known else nothing_known(plan, terms.limits, course.baseline)
     plans = {run.id: run for run in course.runs}
     now = situation([begun], terms.limits, plans, frozenset(course.declined))
-    proposal = propose(now, budget=terms.seconds - course.seconds, work=terms.work, most=1, tell=terms.status)
+    proposal = terms.choose(now, budget=terms.seconds - course.seconds, work=terms.work, most=1, tell=terms.status)
     if not proposal.runs:
         return msgspec.structs.replace(course, ended=_nothing_left(course, proposal))
     names = run_names(len(proposal.runs), [run.id for run in course.runs])

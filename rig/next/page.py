@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from isorig.analysis.proposals.choice import CANNOT, WILL, Choice, Foreseen
+from isorig.analysis.proposals.choice import Choice, Foreseen
+from isorig.analysis.proposals.policy import CANNOT, WILL
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.runs import described
 from isorig.rig.next.sentences import cause, reasons, summary

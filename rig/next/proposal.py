@@ -15,10 +15,11 @@ from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.choice import CANNOT, KEPT, MOST_RUNS, Choice, Chosen, Comparison, Question, choose
+from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import Peaks, largest, reached_so_far, simulated_peaks
-from isorig.analysis.proposals.menu import BROAD, CandidateRun, covers, menu, rest
+from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
+from isorig.analysis.proposals.policy import BROAD, CANNOT, KEPT, MOST_RUNS
 from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn
 from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
 from isorig.analysis.simulate import simulate

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.proposals.choice import CANNOT, WILL, Apart, Choice
+from isorig.analysis.proposals.choice import Apart, Choice
 from isorig.analysis.proposals.limits import DEFLECTION, Peaks
+from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
 from isorig.analysis.proposals.prediction import Variant
-from isorig.analysis.proposals.remedies import HIGHER, RESOLVES, SECOND, Remedy
+from isorig.analysis.proposals.remedies import SECOND, Remedy
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
 from isorig.rig.report.sections import words

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 
 from isorig.analysis.errors import AnalysisError, OutOfTimeError
-from isorig.analysis.proposals.choice import KEPT, MOST_RUNS
+from isorig.analysis.proposals.policy import KEPT, MOST_RUNS
 from isorig.analysis.proposals.precision import Known, Precise, candidate_peaks, design, figure_of
 from isorig.analysis.proposals.prediction import drawn
 from isorig.rig.errors import PlanError

@@ -10,12 +10,13 @@ from isorig.analysis.errors import ModelError, OutOfTimeError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.proposals.choice import CANNOT, WILL, Comparison, Question, choose, parted
+from isorig.analysis.proposals.choice import Comparison, Question, choose, parted
 from isorig.analysis.proposals.hypotheses import hypotheses
-from isorig.analysis.proposals.limits import USABLE, largest, reached_so_far, simulated_peaks
+from isorig.analysis.proposals.limits import largest, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, natural_frequencies, rest
+from isorig.analysis.proposals.policy import CANNOT, TRUSTED, USABLE, WILL
 from isorig.analysis.proposals.precision import Known, design, figure_of, std_of, transfer
-from isorig.analysis.proposals.prediction import TRUSTED, Predicted, Prospect, distance, drawn, left, refit
+from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn, left, refit
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep
 

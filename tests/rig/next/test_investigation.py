@@ -84,14 +84,13 @@ def lab(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Lab]:
     def made(answers: list[Rivals], proposals: list[Proposal], **options: object) -> Lab:
         found = Lab(answers=answers, proposals=proposals, **options)
         monkeypatch.setattr(course_module, "diagnose_file", found.diagnose)
-        monkeypatch.setattr(course_module, "propose", found.propose)
         return found
 
     return made
 
 
 def go(lab: Lab, folder: Path, plan: Plan, *, runs: int = 12, seconds: float = 300.0) -> Course:
-    terms = Terms(most_runs=runs, seconds=seconds, limits=PLAN.limits, work=5.0, measure=lab.measure)
+    terms = Terms(most_runs=runs, seconds=seconds, limits=PLAN.limits, work=5.0, measure=lab.measure, choose=lab.propose)
     begun = read_course(folder) or Course(plan="plan.toml", baseline="coulomb", tolerance=0.0)
     return investigate(plan, folder, begun, terms)
 

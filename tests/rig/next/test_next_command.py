@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from open_questions import end_stop, hardening, rivals, two_springs, written
 
-from isorig.analysis.proposals.limits import USABLE, simulated_peaks
+from isorig.analysis.proposals.limits import simulated_peaks
+from isorig.analysis.proposals.policy import USABLE
 from isorig.analysis.simulate import Excitation
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan_check import read_plan

@@ -1,0 +1,393 @@
+"""Every threshold of a proposal at its boundary."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from small_rivals import DAMPER, RATE, STIFFNESS, one_mass, prospect, variant
+
+from isorig.analysis import laws
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import Body, Link, RigModel
+from isorig.analysis.proposals import policy
+from isorig.analysis.proposals.choice import Apart, Chosen, Comparison, Question, Seen, choose
+from isorig.analysis.proposals.hypotheses import hypotheses
+from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.menu import CandidateRun, menu, natural_frequencies, rest
+from isorig.analysis.proposals.precision import Known, design, figure_of
+from isorig.analysis.proposals.prediction import Prospect, Variant
+from isorig.analysis.proposals.remedies import another_sensor, further, watched
+
+NOTHING = Peaks(stroke={}, speed={}, drive=0.0, force=0.0, channels={})
+NOISE = {"body": 1e-3, "force": 1e-3}
+
+
+def quiet(text: str) -> None:
+    """Nobody watches."""
+
+
+def test_every_threshold_says_what_it_means() -> None:
+    """A number of policy.py has a comment above it, and one of `Smallest` a word in its docstring."""
+    lines = Path(policy.__file__).read_text(encoding="utf-8").splitlines()
+    for node in ast.parse("\n".join(lines)).body:
+        if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Call):
+            assert lines[node.lineno - 2].startswith("#: "), lines[node.lineno - 1]
+    assert policy.Smallest.__doc__ is not None
+    told = {word.strip(" ,") for line in policy.Smallest.__doc__.splitlines() for word in line.split(",")}
+    assert {field.name for field in fields(policy.Smallest)} <= told
+
+
+class Made(Comparison):
+    """A comparison whose gains in probability are given by the runs' seeds."""
+
+    def __init__(self, gains: Mapping[int, float]) -> None:
+        self._gains = gains
+
+    def probability(self, pairs: object) -> float:
+        return 0.1 + sum(self._gains[run["seed"]] for run in pairs)  # type: ignore[attr-defined]
+
+    def distances(self, pairs: object) -> list[Apart]:
+        return []
+
+    def foreseen(self, *_: object, **__: object) -> tuple[()]:
+        return ()
+
+
+def chosen(
+    gains: Mapping[int, float], limits: Limits | None = None, *, locked: int = 0, budget: float = 1e3, long: int = 0
+) -> Chosen:
+    """Which of some runs of 8 s, one of them locked and one of 16 s, are chosen by their gains."""
+    runs = []
+    for seed in gains:
+        one = prospect(1.0, seed=seed, seconds=16.0 if seed == long else 8.0)
+        setup = "locked" if seed == locked else "unlocked"
+        runs.append((replace(one, run=replace(one.run, configuration=setup)), {"seed": seed}))
+    seen = Seen(pairs=runs, refused={})  # type: ignore[arg-type]
+    return choose(Made(gains), seen, limits or Limits(), lambda _: NOTHING, configuration="unlocked", budget=budget)
+
+
+def first(found: Chosen) -> int:
+    return found.choices[0].prospect.run.seed
+
+
+@pytest.mark.parametrize(("gain", "taken"), [(0.99 * policy.WORTH, 0), (1.01 * policy.WORTH, 1)])
+def test_a_run_is_taken_from_a_gain_that_is_worth_it(gain: float, taken: int) -> None:
+    assert len(chosen({1: gain}).choices) == taken
+
+
+def test_a_proposal_has_so_many_runs_at_most() -> None:
+    assert len(chosen(dict.fromkeys(range(1, policy.MOST_RUNS + 2), 0.1)).choices) == policy.MOST_RUNS
+
+
+@pytest.mark.parametrize(("share", "best"), [(0.99, 2), (1.01, 1)])
+def test_a_run_costs_its_overhead_too(share: float, best: int) -> None:
+    """Run 1 is twice as long as run 2: it is taken where it gains as much more as it costs more, both with their overhead."""
+    worth = (16.0 + policy.OVERHEAD) / (8.0 + policy.OVERHEAD)
+    assert first(chosen({1: share * worth * 0.1, 2: 0.1}, long=1)) == best
+
+
+@pytest.mark.parametrize(("share", "best"), [(0.99, 2), (1.01, 1)])
+@pytest.mark.parametrize("price", [None, 5.0])
+def test_a_lock_costs_its_price(price: float | None, share: float, best: int) -> None:
+    own = 8.0 + policy.OVERHEAD
+    worth = (own + (policy.LOCK_PRICE if price is None else price)) / own
+    assert first(chosen({1: share * worth * 0.1, 2: 0.1}, Limits(lock_price=price), locked=1)) == best
+
+
+@pytest.mark.parametrize(("budget", "taken"), [(7.99, 0), (8.0, 1), (15.99, 1), (16.0, 2)])
+def test_the_seconds_of_a_proposal(budget: float, taken: int) -> None:
+    assert len(chosen({1: 0.1, 2: 0.1}, budget=budget).choices) == taken
+
+
+def test_models_drawn_of_every_truth() -> None:
+    """Of surviving causes some are drawn beside the fitted one, of supposed causes none."""
+    truth, rival = variant(one_mass(), "a"), variant(one_mass(), "b")
+    run = [prospect(1.0)]
+    for supposed, count in ((False, policy.COMPARED), (True, 1)):
+        comparison = Comparison(Question(truths=(truth,), rivals=(rival,), supposed=supposed), NOISE, [])
+        ((_, pairs),) = comparison.seen(run, Limits(), quiet).pairs
+        assert len(pairs) == count
+
+
+def test_pictures_of_the_nearest_pairs() -> None:
+    stiff = [one_mass().replace({"links.spring.damping": (1.0 + 0.5 * k) * DAMPER}) for k in range(5)]
+    models = tuple(variant(model, f"cause {k}") for k, model in enumerate(stiff))
+    # What the runs could absorb is held: only the stiffness is refitted.
+    models = tuple(replace(one, free=one.free[:1], covariance=one.covariance[:1, :1]) for one in models)
+    comparison = Comparison(Question(truths=models, rivals=models), NOISE, [])
+    ((one, pairs),) = comparison.seen([prospect(20.0)], Limits(), quiet).pairs
+    found = comparison.foreseen(one, pairs)
+    assert len(found) == policy.SHOWN
+    assert all(a.distance <= b.distance for a, b in pairwise(found))
+    assert all(pair.distance > policy.CANNOT for pair in found)
+
+
+def test_comparisons_simulate_so_many_seconds() -> None:
+    long = prospect(1.0, seconds=policy.HORIZON + 2.0)
+    assert len(long.excitation().recorded) == round(policy.HORIZON * RATE)
+    assert len(long.excitation(whole=True).recorded) == len(long.drive)
+    assert long.excitation().oversample == policy.GRID
+    sweep = replace(long, run=replace(long.run, excitation="sweep"))
+    assert len(sweep.excitation().recorded) == len(long.drive)
+
+
+def runs_of(low: float, high: float, rate: float = 1024.0, top: float = 50.0) -> tuple[CandidateRun, ...]:
+    return menu(wire_bonder(), Limits(gains=(0.0, top), band=(low, high)), rate)
+
+
+def test_lengths_and_levels_of_candidates() -> None:
+    runs = runs_of(0.5, 300.0)
+    broad = {run.seconds for run in runs if run.excitation == "random"}
+    assert broad == {policy.BROAD, policy.LONGER * policy.BROAD}
+    assert {run.seconds for run in runs if run.excitation in ("sine", "moves", "steps")} == {policy.SHORT}
+    assert {run.gain for run in runs if run.excitation == "random"} == {share * 50.0 for share in policy.LEVELS}
+    assert {run.period for run in runs if run.excitation == "multisine"} == {policy.PERIOD}
+    assert rest(wire_bonder(), Limits(gains=(0.0, 50.0))).seconds == policy.REST
+
+
+def test_levels_below_the_lowest_gain_are_no_candidates() -> None:
+    least = policy.LEVELS[1] * 50.0
+    for gain, levels in ((least, policy.LEVELS[:2]), (1.01 * least, policy.LEVELS[:1])):
+        runs = menu(wire_bonder(), Limits(gains=(gain, 50.0), band=(0.5, 300.0)), 1024.0)
+        assert {run.gain for run in runs if run.excitation == "random"} == {share * 50.0 for share in levels}
+
+
+def test_bands_of_candidates() -> None:
+    slowest, *_ = natural_frequencies(wire_bonder(), "unlocked")
+    bands = {run.band for run in runs_of(0.05, 1e3) if run.excitation == "random" and run.configuration == "unlocked"}
+    whole = (policy.LOWEST, policy.HIGHEST * 1024.0)
+    assert whole in bands
+    for low, high in ((None, policy.LOW), (None, policy.BELOW), policy.ABOUT):
+        want = policy.LOWEST if low is None else low * slowest
+        assert any(a == pytest.approx(want, rel=5e-3) and b == pytest.approx(high * slowest, rel=5e-3) for a, b in bands)
+    assert not menu(wire_bonder(), Limits(gains=(0.0, 50.0), band=(0.01, policy.LOWEST)), 1024.0)
+
+
+@pytest.mark.parametrize(("share", "there"), [(0.98, False), (1.02, True)])
+def test_a_band_is_wide_enough(share: float, there: bool) -> None:
+    """The band below the slowest mode, from a lowest frequency that leaves this much of it."""
+    slowest, *_ = natural_frequencies(wire_bonder(), "unlocked")
+    high = float(f"{policy.BELOW * slowest:.3g}")
+    bands = {run.band for run in runs_of(high / (share * policy.WIDE), 300.0) if run.configuration == "unlocked"}
+    assert any(band is not None and band[1] == high for band in bands) == there
+
+
+@pytest.mark.parametrize("share", policy.DWELLS)
+def test_sines_at_shares_of_a_natural_frequency(share: float) -> None:
+    slowest, *_ = natural_frequencies(wire_bonder(), "unlocked")
+    at = float(f"{share * slowest:.3g}")
+    for low, there in ((0.99 * share * slowest, True), (1.01 * share * slowest, False)):
+        assert (at in {run.frequency for run in runs_of(low, 300.0)}) == there
+
+
+@pytest.mark.parametrize(("share", "held"), [(0.5, 1), (2.0, 2)])
+def test_a_spring_that_holds_a_body(share: float, held: int) -> None:
+    """A second body on a spring whose square frequency is about `HELD` of the first one's."""
+    model = one_mass()
+    soft = Link(name="soft", a="other", stiffness=share * policy.HELD * STIFFNESS)
+    other = msgspec.structs.replace(
+        model, bodies=(*model.bodies, Body(name="other", mass=model.body("body").mass)), links=(*model.links, soft)
+    )  # fmt: skip
+    assert len(natural_frequencies(other, "unlocked")) == held
+
+
+def known(in_hand: Prospect) -> Known:
+    fitted = variant(one_mass(), std=0.02)
+    return Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
+
+
+def test_lines_without_coherence_tell_nothing() -> None:
+    """Noise that hides the response leaves an H1 estimate's coherence near what it is of noise alone."""
+    fitted = variant(one_mass(), std=0.02)
+    figure = figure_of(fitted.model, "body_damping")
+    for noise, told in ((1e-3, True), (1e4, False)):
+        one = Known(fitted, figure, {"body": noise, "force": 1e-3}, [])
+        assert bool(np.any(one.told(prospect(1.0)) > 1.0)) == told
+
+
+def designed(budget: float, wish: float, in_hand: float = 8.0) -> list[float]:
+    runs = [prospect(1.0, seconds=40.0, seed=3)]
+    found = design(
+        known(prospect(1.0, seconds=in_hand)), runs, Limits(), lambda _: NOTHING, wish=wish, configuration="unlocked",
+        budget=budget, most=3, progress=quiet,
+    )  # fmt: skip
+    return [run.prospect.run.seconds for run in found.runs]
+
+
+def test_the_shortest_run_for_a_parameter() -> None:
+    assert designed(policy.SHORTEST - 0.01, 1e-6) == []
+    assert designed(policy.SHORTEST, 1e-6) == [policy.SHORTEST]
+    now = known(prospect(1.0)).std(known(prospect(1.0)).now)
+    assert designed(60.0, 0.999 * now) == [policy.SHORTEST]
+
+
+class Informed(Known):
+    """What another one knows, and of every run that it says so large a share of it."""
+
+    def __init__(self, other: Known, share: float) -> None:
+        self.__dict__.update(other.__dict__)
+        self._share = share
+
+    def told(self, prospect: Prospect) -> FloatArray:
+        return np.asarray(self._share * self.now)
+
+
+@pytest.mark.parametrize(("share", "taken"), [(0.99, False), (1.01, True)])
+def test_a_run_that_hardly_helps_is_not_proposed(share: float, taken: bool) -> None:
+    """A run that says q of what is known leaves 1 / sqrt(1 + q) of the deviation."""
+    enough = 1.0 / policy.NO_BETTER**2 - 1.0
+    found = design(
+        Informed(known(prospect(1.0)), share * enough), [prospect(1.0, seed=2)], Limits(), lambda _: NOTHING, wish=1e-9,
+        configuration="unlocked", budget=60.0, most=1, progress=quiet,
+    )  # fmt: skip
+    assert bool(found.runs) == taken
+
+
+def two_springs() -> tuple[Comparison, tuple[tuple[str, str], tuple[str, str]], tuple[RigModel, RigModel]]:
+    """A stop and a hardening spring, which lie apart where the stroke is used only."""
+    stop = one_mass(link_laws=(laws.EndStop(stroke=0.004, contact_stiffness=0.5 * STIFFNESS),))
+    hard = one_mass(link_laws=(laws.Cubic(cubic_stiffness=0.3 * STIFFNESS / 0.01**2),))
+    fitted = (variant(stop, "end_stop"), variant(hard, "hardening_stiffness", "links.spring.laws.0.cubic_stiffness"))
+    return Comparison(Question(truths=fitted, rivals=fitted), NOISE, []), (fitted[0].key, fitted[1].key), (stop, hard)
+
+
+def test_gains_are_raised_step_by_step() -> None:
+    """Nothing parts the pair until the gain is raised as far as `WILL` asks; an end of the time is no answer."""
+    comparison, pair, models = two_springs()
+    asked: list[float] = []
+
+    def beyond(factor: float) -> list[Prospect]:
+        asked.append(factor)
+        return [prospect(12.0 * factor)]
+
+    def peaks(one: Prospect) -> Peaks:
+        return simulated_peaks(models, one.excitation(whole=True), "unlocked", 0.0)
+
+    found = further(comparison, pair, beyond, peaks, quiet)
+    assert tuple(asked) == policy.RAISED[: len(asked)]
+    assert found is not None
+    assert found.distance >= policy.WILL
+    assert further(comparison, pair, lambda _: [prospect(0.01)], peaks, quiet) is None
+
+    def over(text: str) -> None:
+        raise OutOfTimeError("over")
+
+    assert further(comparison, pair, beyond, peaks, over) is None
+
+
+def test_another_sensor_is_tried_with_the_best_candidates() -> None:
+    comparison, pair, _ = two_springs()
+    seen = comparison.seen([prospect(rms, seed=k) for k, rms in enumerate((0.1, 0.2, 0.3, 0.4, 0.5), 1)], Limits(), quiet)
+    tried: list[str] = []
+    another_sensor(comparison, seen, pair, tried.append)
+    assert len(tried) == policy.TRIED
+
+
+def test_where_a_second_sensor_sits() -> None:
+    model = wire_bonder()
+    above = {s.channel: s for s in watched("unlocked")(model).sensors}
+    assert "second motor" in above
+    assert "deflection isolation" in above
+    (sensor,) = (s for s in model.sensors if s.channel == "motor")
+    rocking = msgspec.structs.replace(
+        model, bodies=(*model.bodies, Body(name="rocking", mass=0.1)), links=(*model.links, Link(name="bearing", a="rocking")),
+        sensors=(msgspec.structs.replace(sensor, arms={"rocking": 0.02}),),
+    )  # fmt: skip
+    (second,) = (s for s in watched("locked")(rocking).sensors if s.channel == "second motor")
+    assert second.arms["rocking"] == pytest.approx(0.02 + policy.HIGHER)
+
+
+def supposed() -> dict[tuple[str, str], Variant]:
+    model = wire_bonder()
+    peaks = Peaks(
+        stroke={link.name: 0.01 for link in model.links}, speed={link.name: 0.5 for link in model.links}, drive=4.0, force=26.0,
+        channels={**{s.channel: 2.0 for s in model.sensors}, "head": 4.0},
+    )  # fmt: skip
+    return {found.key: found for found in hypotheses(model, peaks, peaks.speed, 1024.0)}
+
+
+def test_causes_are_supposed_at_their_smallest_size() -> None:
+    """Each in the quantity that its size is counted in, worked out by hand."""
+    found, small, model = supposed(), policy.SMALLEST, wire_bonder()
+
+    def value(cause: str, place: str, path: str) -> float:
+        return found[cause, place].model.get(path)
+
+    stiffness, friction = model.link("isolation").stiffness, model.get("contacts.isolation.law.friction_force")
+    spring, contact = "links.isolation.laws.0", "contacts.isolation.law"
+    sizes = {
+        value("hardening_stiffness", "isolation", f"{spring}.cubic_stiffness") * 0.01**2 / stiffness: small.spring,
+        value("softening_stiffness", "isolation", f"{spring}.softening"): small.spring,
+        value("softening_stiffness", "isolation", f"{spring}.scale") / 0.01: small.softening_scale,
+        value("stribeck_friction", "isolation", f"{contact}.static_force") / friction - 1.0: small.breakaway,
+        value("stribeck_friction", "isolation", f"{contact}.stribeck_velocity") / 0.5: small.stribeck_speed,
+        friction / value("presliding_friction", "isolation", f"{contact}.bristle_stiffness") / 0.01: small.presliding,
+        value("asymmetric_friction", "isolation", f"{contact}.forward_force") / friction - 1.0: small.asymmetry,
+        value("backlash", "isolation", f"{spring}.clearance") / 0.01: small.play,
+        value("end_stop", "isolation", f"{spring}.stroke") / 0.01: small.stop,
+        value("end_stop", "isolation", f"{spring}.contact_stiffness") / stiffness: small.stop_stiffness,
+        value("stiffness_drift", "isolation", f"{spring}.drift_rate") * policy.SESSION: small.drift,
+        value("wrong_mass", "motor", "bodies.motor.mass") / model.body("motor").mass - 1.0: small.mass,
+        value("sensor_gain", "motor", "sensors.motor.chain.gain") - 1.0: small.gain,
+        value("channel_delay", "motor", "sensors.motor.chain.delay") * 1024.0: small.delay,
+        value("clipping", "motor", "sensors.motor.chain.limit") / 2.0: small.clipping,
+    }  # fmt: skip
+    for got, want in sizes.items():
+        assert got == pytest.approx(want, rel=1e-6)
+    assert found["mains_hum", "motor"].hum == ("motor", policy.HUM, policy.MAINS)
+
+
+def test_what_does_not_move_has_a_size_all_the_same() -> None:
+    model = wire_bonder()
+    still = Peaks(stroke={}, speed={}, drive=0.0, force=0.0, channels={s.channel: 0.0 for s in model.sensors})
+    assert all(np.isfinite(found.model.link("isolation").stiffness) for found in hypotheses(model, still, {}, 1024.0))
+
+
+def test_a_displacement_sensor_resolves_so_much() -> None:
+    """A gauge sees a difference of many times what it resolves and none far below."""
+    comparison, pair, _ = two_springs()
+    for rms, sees in ((12.0, True), (1e-3, False)):
+        one = prospect(rms)
+        apart = comparison.with_sensors(one, watched("unlocked"), policy.RESOLVES)["deflection spring"]
+        best = max(a.distance for a in apart if {a.truth.key, a.rival.key} == set(pair))
+        assert (best > policy.CANNOT) == sees
+
+
+def test_resolution_of_transfer_functions() -> None:
+    """Lines lie `RESOLUTION` apart; a band of no line tells nothing."""
+    fitted = variant(one_mass(), std=0.02)
+    one = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
+    between = prospect(1.0, band=(10 * policy.RESOLUTION + 0.1, 11 * policy.RESOLUTION - 0.1))
+    at = prospect(1.0, band=(10 * policy.RESOLUTION - 0.1, 10 * policy.RESOLUTION + 0.1))
+    assert not one.told(between).any()
+    assert one.told(at).any()
+
+
+def test_neighbouring_lines_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted = variant(one_mass(), std=0.02)
+    one = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
+    told = one.told(prospect(1.0))
+    monkeypatch.setattr("isorig.analysis.proposals.precision.ALIKE", 2.0 * policy.ALIKE)
+    assert one.told(prospect(1.0)) == pytest.approx(0.5 * told)
+
+
+def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
+    model = wire_bonder()
+    peaks = Peaks(
+        stroke={}, speed={}, drive=4.0, force=26.0, channels={**{s.channel: 2.0 for s in model.sensors}, "head": 4.0}
+    )  # fmt: skip
+    found = [v.model for v in hypotheses(model, peaks, {}, 1024.0) if v.key == ("extra_mode", "motor")]
+    at = sorted(np.sqrt(m.link("motor_rider").stiffness / m.body("motor_rider").mass) / 2 / np.pi for m in found)
+    assert at == pytest.approx(sorted(policy.HIDDEN_MODES), rel=1e-6)
+    share = policy.SMALLEST.rider
+    assert [m.body("motor_rider").mass / m.body("motor").mass for m in found] == pytest.approx([share] * len(found), rel=1e-6)

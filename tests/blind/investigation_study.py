@@ -1,0 +1,236 @@
+"""The study of investigations: sealed rigs that play every run they are asked for, a row for each in a table that grows.
+
+`python tests/blind/investigation_study.py --minutes 20` goes on where the table ends; it can be stopped at any time. Every
+envelope is investigated from nothing (`proposed`). Where its cause was found after further runs, it is investigated again from
+its first stage on, with the last run repeated (`repeat`) and with allowed runs chosen at random (`random`) in place of the
+proposals, up to twice as many runs. `--standard` diagnoses the standard plan of seven runs on the same envelopes and adds them
+to the table of `study.py`. Envelopes come in a fixed random order, so that those counted by any time are a fair sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import study
+from envelopes import CAUSES, OUTSIDE, draw_envelope
+from investigated import Place, SealedRig, is_right, sealed
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.proposals.limits import simulated_peaks
+from isorig.analysis.proposals.policy import KEPT
+from isorig.analysis.proposals.prediction import drawn
+from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.errors import REFUSALS
+from isorig.rig.files.output import write_json
+from isorig.rig.files.recording import read, write
+from isorig.rig.next.course import RECORDING, STATE, Course, Stage, Terms, diagnosis_folder, investigate, read_course
+from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation, propose
+from isorig.rig.next.runs import candidate, prospect
+
+TABLE = study.TABLE.with_name("investigations.csv")
+COLUMNS = (
+    "kind", "size", "seed", "way", "truth", "verdict", "named", "open", "right", "runs", "further", "seconds", "proposal",
+    "broken", "ended",
+)  # fmt: skip
+#: Runs, and seconds of measuring, that an investigation may take.
+RUNS, SECONDS = 8, 240.0
+#: Sound rigs, and envelopes of every cause and foreign form and size, in a round.
+SOUND, SIZES = 6, (1.0, 0.33)
+Job = tuple[str, float, int]
+
+
+def jobs(rounds: range) -> list[Job]:
+    """Kind, size and seed of all envelopes of some rounds; each round in a random order."""
+    found: list[Job] = []
+    for number in rounds:
+        hidden = [(kind, size) for kind in (*CAUSES, *(f"outside: {name}" for name in OUTSIDE)) for size in SIZES]
+        whole = [*hidden, *[("none", 1.0)] * SOUND]
+        order = np.random.default_rng(number).permutation(len(whole))
+        found += [(*whole[k], 100_000 * number + int(k)) for k in order]
+    return found
+
+
+def repeated(now: Situation, **_: object) -> Proposal:
+    """The last driven run once more."""
+    last = next(plan for plan in reversed(now.plans.values()) if plan.played)
+    again = replace(candidate(last), repeat_of=last.repeat_of or last.id)
+    return Proposal(kind="rivals", runs=(Proposed(run=again),))
+
+
+def at_random(seed: int) -> Callable[..., Proposal]:
+    """Any allowed run, drawn anew each time."""
+    draw = np.random.default_rng(seed)
+
+    def chosen(now: Situation, **_: object) -> Proposal:
+        menu = [run for run in now.menu() if run.repeat_of is None]
+        models = drawn(now.explains, KEPT, 5)
+        for k in draw.permutation(len(menu)):
+            one = prospect(menu[k], now.rivals.sample_rate, now.start_time, now.scale)
+            peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
+            if not peaks.beyond(now.limits):
+                return Proposal(kind="rivals", runs=(Proposed(run=menu[k]),))
+        return Proposal(kind="rivals")
+
+    return chosen
+
+
+class Timed:
+    """A choice of runs, and the most seconds that one took."""
+
+    def __init__(self, choose: Callable[..., Proposal]) -> None:
+        self._choose, self.most = choose, 0.0
+
+    def __call__(self, now: Situation, **options: object) -> Proposal:
+        begun = time.monotonic()
+        found = self._choose(now, **options)
+        self.most = max(self.most, time.monotonic() - begun)
+        return found
+
+
+def answer(course: Course) -> Stage | None:
+    """The last stage that was diagnosed."""
+    return next((stage for stage in reversed(course.stages) if stage.verdict), None)
+
+
+def right(rig: SealedRig, kind: str, stage: Stage | None) -> bool:
+    """Whether a stage's answer is right."""
+    if stage is None:
+        return False
+    alike: dict[Place, set[Place]] = {}
+    for group in stage.open:
+        for key in group:
+            alike.setdefault(key, set()).update(group)
+    return is_right(rig.hidden.truth, kind, stage.verdict, list(stage.named), alike)
+
+
+def further(course: Course) -> int:
+    """Driven runs after the first stage."""
+    return sum(run.plan.excitation != "free" for stage in course.stages[1:] for run in stage.runs)
+
+
+def row(job: Job, way: str, rig: SealedRig, course: Course, choice: Timed) -> dict[str, object]:
+    """A line of the table."""
+    stage = answer(course)
+    return {
+        **dict(zip(("kind", "size", "seed"), job, strict=True)), "way": way, "truth": _places(rig.hidden.truth),
+        "verdict": stage.verdict if stage else "", "named": _places(stage.named) if stage else "",
+        "open": " | ".join(_places(group) for group in stage.open) if stage else "", "right": int(right(rig, job[0], stage)),
+        "runs": len(course.runs), "further": further(course), "seconds": f"{course.seconds:g}",
+        "proposal": f"{choice.most:.1f}", "broken": " | ".join(rig.broken), "ended": course.ended,
+    }  # fmt: skip
+
+
+def investigated(rig: SealedRig, folder: Path, begun: Course, choose: Callable[..., Proposal], runs: int) -> tuple[Course, Timed]:
+    """A whole investigation of a sealed rig; one that is refused ends with the refusal."""
+    choice = Timed(choose)
+    terms = Terms(
+        most_runs=runs, seconds=SECONDS, limits=rig.limits, work=WORK, measure=rig.measure, choose=choice,
+        tell=lambda text: print("   ", text.replace("\n", "\n    "), flush=True),
+    )  # fmt: skip
+    try:
+        return investigate(rig.plan, folder, begun, terms), choice
+    except REFUSALS as refusal:
+        return msgspec.structs.replace(read_course(folder) or begun, ended=f"refused: {refusal}"), choice
+
+
+def first_stage(course: Course, source: Path, folder: Path) -> Course:
+    """An investigation set back to its first stage, in a folder of its own."""
+    stage = course.stages[0]
+    names = {run.plan.id for run in stage.runs}
+    whole = read(source / RECORDING)
+    kept = tuple(run for run in whole.runs if run.id in names)
+    folder.mkdir()
+    write(folder / RECORDING, Campaign(runs=kept, known=whole.known, source=whole.source))
+    (folder / diagnosis_folder(stage)).symlink_to((source / diagnosis_folder(stage)).resolve())
+    begun = msgspec.structs.replace(course, stages=[stage], ended="")
+    write_json(folder / STATE, begun)
+    return begun
+
+
+def rows(job: Job, alone: bool) -> Iterator[dict[str, object]]:
+    """All rows of an envelope."""
+    kind, size, seed = job
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name) / "proposed"
+        place.mkdir()
+        rig = sealed(kind, size, seed)
+        course, choice = investigated(rig, place, Course(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
+        yield row(job, "proposed", rig, course, choice)
+        if alone or kind not in CAUSES or not right(rig, kind, answer(course)) or further(course) == 0:
+            return
+        for way, choose in (("repeat", repeated), ("random", at_random(seed))):
+            folder = Path(name) / way
+            begun = first_stage(course, place, folder)
+            other = sealed(kind, size, seed)
+            ended, choice = investigated(other, folder, begun, choose, len(begun.runs) + 2 * further(course))
+            yield row(job, way, other, ended, choice)
+
+
+def standard(job: Job) -> dict[str, object]:
+    """The standard plan of seven runs on an envelope, as a line of `study.py`."""
+    envelope = draw_envelope(*job)
+    with tempfile.TemporaryDirectory() as name:
+        recording, folder = Path(name) / "sealed.h5", Path(name) / "answer"
+        write(recording, envelope.campaign)
+        diagnose_file(recording, folder, "coulomb", page=False)
+        return study.scored(envelope, job[1], job[2], folder)
+
+
+def _places(pairs: object) -> str:
+    return "+".join(f"{cause} at {place}" for cause, place in pairs)  # type: ignore[attr-defined]
+
+
+def done(table: Path) -> set[Job]:
+    """Envelopes that a table holds."""
+    if not table.exists():
+        return set()
+    with table.open() as file:
+        return {(line["kind"], float(line["size"]), int(line["seed"])) for line in csv.DictReader(file)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=20.0, help="begin no envelope after this time")
+    parser.add_argument("--first", type=int, default=2, help="first round; the study was made with the envelopes of round 1")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--alone", action="store_true", help="proposals alone, neither repeated nor random runs beside them")
+    parser.add_argument("--standard", action="store_true", help="the standard plan on envelopes that the table holds")
+    parser.add_argument("--table", type=Path, default=TABLE)
+    parser.add_argument("--kinds", nargs="*", default=None, help="only these kinds")
+    args = parser.parse_args()
+    table, columns = (study.TABLE, study.COLUMNS) if args.standard else (args.table, COLUMNS)
+    known = done(table)
+    chosen = [job for job in jobs(range(args.first, args.first + args.rounds)) if not args.standard or job in done(args.table)]
+    todo = [job for job in chosen if job not in known and (args.kinds is None or job[0] in args.kinds)]
+    end = time.monotonic() + 60.0 * args.minutes
+    for job in todo:
+        if time.monotonic() > end:
+            break
+        begun = time.monotonic()
+        print(*job, flush=True)
+        found = [standard(job)] if args.standard else list(rows(job, args.alone))
+        fresh = not table.exists()
+        table.parent.mkdir(parents=True, exist_ok=True)
+        with table.open("a", newline="") as file:
+            writer = csv.DictWriter(file, columns, lineterminator="\n")
+            if fresh:
+                writer.writeheader()
+            writer.writerows(found)
+        for each in found:
+            print(f"{time.monotonic() - begun:5.0f} s:", ", ".join(str(each[name]) for name in columns), flush=True)
+
+
+if __name__ == "__main__":
+    main()
