@@ -25,6 +25,12 @@ SI_UNIT: Mapping[Quantity, str] = {
     "acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "force": "N", "voltage": "V", "current": "A", "gain": "1",
     "angle": "rad", "angular_velocity": "rad/s", "angular_acceleration": "rad/s^2", "torque": "N m",
 }  # fmt: skip
+#: Times that a motion was differentiated; other quantities are no motion.
+MOTION: Mapping[Quantity, int] = {
+    "displacement": 0, "angle": 0, "velocity": 1, "angular_velocity": 1, "acceleration": 2, "angular_acceleration": 2,
+}  # fmt: skip
+#: Of a rotation, its torque included.
+ROTARY: tuple[Quantity, ...] = ("angle", "angular_velocity", "angular_acceleration", "torque")
 Use = Literal["fit", "holdout"]
 
 #: Drives with power over a band: they show transfer functions line by line.

@@ -11,6 +11,7 @@ from isorig.rig.errors import REFUSALS
 
 #: Where each command is, and what it does in a line.
 COMMANDS = {
+    "describe": ("isorig.rig.commands.describe:describe", "Shows a rig's description, or writes one by questions."),
     "check": ("isorig.rig.commands.check:check", "Lists the runs of recordings and refuses damaged files."),
     "frf": ("isorig.rig.commands.frf:frf", "Transfer functions with coherence and error bars."),
     "characterize": ("isorig.rig.commands.characterize:characterize", "Masses, frequencies, damping ratios and friction."),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.simulate import Excitation, record, simulate, true_drive
@@ -229,7 +229,7 @@ def onset_of(drive: FloatArray) -> int:
 
 def _by_drive(campaign: Campaign, model: RigModel, run: Run, stop: int, noise: Mapping[str, float]) -> Trial:
     sensors = {sensor.body: sensor for sensor in model.sensors}
-    other = next((s for s in model.sensors if s.quantity != "displacement" or s.relative_to != GROUND), None)
+    other = next((s for s in model.sensors if MOTION[s.quantity] != 0 or s.relative_to != GROUND), None)
     if other is not None or len(sensors) != len(model.bodies):
         raise DataError(
             f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "

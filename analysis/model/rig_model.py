@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, Quantity
+from isorig.analysis.campaign import MOTION, ROTARY, FloatArray, Quantity
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 from isorig.analysis.model.limits import Limits
@@ -28,10 +28,11 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Body(Part, frozen=True, kw_only=True):
-    """A coordinate with its mass in kg (kg m^2 where the coordinate is an angle)."""
+    """A coordinate with its mass in kg; of a rotation an angle in rad with its moment of inertia in kg m^2."""
 
     name: str
     mass: float
+    motion: Literal["straight", "rotation"] = "straight"
 
 
 class Link(Part, frozen=True, kw_only=True):
@@ -114,6 +115,46 @@ class Configuration(Part, frozen=True, kw_only=True):
     lock_damping: float = 0.0
 
 
+class Usual(Part, frozen=True, kw_only=True):
+    """How the rig is usually measured; commands that make up a drive take it where nothing else is said.
+
+    Parameters
+    ----------
+    excitation
+        Kind of drive.
+    level
+        rms of noise and multisines, peak of all else, in the SI unit of the drive's channel; None where it is not stated.
+    band
+        Lowest and highest frequency of the drive, Hz.
+    seconds
+        Length of a run.
+    sample_rate
+        Hz.
+
+    Raises
+    ------
+    ModelError
+        Where a number cannot be used.
+    """
+
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] = "random"
+    level: float | None = None
+    band: tuple[float, float] | None = None
+    seconds: float = 30.0
+    sample_rate: float = 1024.0
+
+    def __post_init__(self) -> None:
+        for key in ("level", "seconds", "sample_rate"):
+            value = getattr(self, key)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise ModelError(f"usual.{key} is {value:g}; give a finite value above zero, or leave it out")
+        if self.band is not None and not 0.0 < self.band[0] < self.band[1] <= self.sample_rate / 2.0:
+            raise ModelError(
+                f"usual.band is {list(self.band)}; give [lowest, highest] in Hz, from above 0 to at most half of "
+                f"usual.sample_rate, which is {self.sample_rate / 2.0:g}"
+            )
+
+
 class RigModel(Part, frozen=True, kw_only=True):
     """A whole rig.
 
@@ -126,8 +167,12 @@ class RigModel(Part, frozen=True, kw_only=True):
     free
         Paths of the parameters that a fit may change, e.g. "bodies.table.mass",
         "links.isolation.stiffness", "contacts.isolation.law.friction_force".
+    note
+        Free text.
     limits
         What no proposed run may exceed.
+    usual
+        How it is usually measured.
 
     Raises
     ------
@@ -154,6 +199,7 @@ class RigModel(Part, frozen=True, kw_only=True):
     free: tuple[str, ...] = ()
     note: str = ""
     limits: Limits = Limits()
+    usual: Usual = Usual()
 
     def __post_init__(self) -> None:
         check(self)
@@ -305,6 +351,7 @@ def check(model: RigModel) -> None:
     _grounded(names, joints)
     for sensor in model.sensors:
         _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
+        _seen(model, sensor)
     _known(names, tuple(model.drive.pushes), "the drive")
     _finite(model)
     links = [link.name for link in model.links]
@@ -317,6 +364,20 @@ def check(model: RigModel) -> None:
     for name in model.limits.stroke:
         if name not in links:
             raise ModelError(f"limits.stroke names link {name!r}, which does not exist; the rig has {links}")
+
+
+def _seen(model: RigModel, sensor: Sensor) -> None:
+    if sensor.quantity not in MOTION:
+        raise ModelError(
+            f"sensor {sensor.channel!r} records a {sensor.quantity}, which is no motion of a body and is not simulated; "
+            f"give one of {', '.join(MOTION)}, or leave the sensor out"
+        )
+    body = next((body for body in model.bodies if body.name == sensor.body), None)
+    if sensor.quantity in ROTARY and not sensor.arms and body is not None and body.motion == "straight":
+        raise ModelError(
+            f"sensor {sensor.channel!r} records an {sensor.quantity} of body {body.name!r}, which moves straight; "
+            'give that body motion = "rotation", or correct the quantity'
+        )
 
 
 def _finite(model: RigModel) -> None:

@@ -14,16 +14,16 @@ from math import pi, sqrt
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Channel, ComplexArray, FloatArray, Run
+from isorig.analysis.campaign import MOTION, Campaign, Channel, ComplexArray, FloatArray, Run
 from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.proposals.limits import Peaks, simulated_peaks
 from isorig.analysis.proposals.policy import ALIKE, COHERENT, LOCK_PRICE, NO_BETTER, OVERHEAD, RESOLUTION, SHORTEST
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
 from isorig.analysis.simulate import simulate
-from isorig.analysis.simulate.compiled import constraint_basis
+from isorig.analysis.simulate.compiled import linear_part
 from isorig.analysis.spectra.welch import estimate
 
 #: Excitations that have transfer functions.
@@ -192,25 +192,16 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
 
     Friction and curved forces are left out; the drive's force is its factor times its channel.
     """
-    setup = model.configurations[configuration]
-    rigid = [model.link(name) for name in setup.rigid]
-    basis = constraint_basis(model, rigid if setup.lock_stiffness is None else [])
-    mass, damping, stiffness = matrices(model)
-    if setup.lock_stiffness is not None:
-        for link in rigid:
-            along = direction(model, link.a, link.b, {})
-            stiffness = stiffness + setup.lock_stiffness * np.outer(along, along)
-            damping = damping + setup.lock_damping * np.outer(along, along)
+    basis, mass, damping, stiffness = linear_part(model, configuration)
     mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
     push = sum((weight * direction(model, name, GROUND, {}) for name, weight in model.drive.pushes.items()), np.zeros(len(basis)))
     omega = 2.0 * np.pi * frequency
     whole = stiffness + 1j * omega[:, None, None] * damping - omega[:, None, None] ** 2 * mass
     motion = np.linalg.solve(whole, np.broadcast_to(model.drive.factor * (basis.T @ push), whole.shape[:2])[..., None])[..., 0]
-    power = {"displacement": 0, "velocity": 1, "acceleration": 2}
     rows = []
     for sensor in model.sensors:
         seen = motion @ (basis.T @ direction(model, sensor.body, sensor.relative_to, sensor.arms))
-        rows.append(seen * (1j * omega) ** power.get(sensor.quantity, 0))
+        rows.append(seen * (1j * omega) ** MOTION[sensor.quantity])
     return np.stack(rows)
 
 

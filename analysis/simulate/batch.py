@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.jit import fast_kernel
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
@@ -184,7 +184,7 @@ def _records(models: Sequence[RigModel], excitation: Excitation, configuration: 
     for k, sensor in enumerate(sensors):
         for lane in range(part.shape[2]):
             fine = part[k, :, lane].astype(np.float64)
-            out[k, :, lane] = sampled(fine, over, n, 1.0 / (rate * over), differentiate=sensor.quantity == "acceleration")
+            out[k, :, lane] = sampled(fine, over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
     return out
 
 
@@ -264,9 +264,9 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
     sense = np.zeros((len(first.sensors), 2 * order))
     central = np.zeros(len(first.sensors), dtype=np.bool_)
     for k, sensor in enumerate(first.sensors):
-        place = slice(0, order) if sensor.quantity == "displacement" else slice(order, None)
+        place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
         sense[k, place] = direction(first, sensor.body, sensor.relative_to, sensor.arms) @ basis
-        central[k] = sensor.quantity == "acceleration" and over == 1
+        central[k] = MOTION[sensor.quantity] == 2 and over == 1
     _step_many(
         _single(excitation.fine),
         np.float32(0.5 / h),

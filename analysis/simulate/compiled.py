@@ -132,26 +132,13 @@ class _Moving:
 @lru_cache(maxsize=32)
 def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Compiled:
     model = moving.model
-    if configuration not in model.configurations:
-        raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
-    setup = model.configurations[configuration]
-    mass, damping, stiffness = matrices(model)
-    rigid = []
-    for name in setup.rigid:
-        link = model.link(name)
-        if setup.lock_stiffness is None:
-            rigid.append(link)
-        else:
-            w = direction(model, link.a, link.b, {})
-            stiffness = stiffness + setup.lock_stiffness * np.outer(w, w)
-            damping = damping + setup.lock_damping * np.outer(w, w)
-    basis = constraint_basis(model, rigid)
+    basis, mass, damping, stiffness = linear_part(model, configuration)
     push = np.zeros(len(model.bodies))
     for name, factor in model.drive.pushes.items():
         push += factor * model.drive.factor * direction(model, name, GROUND, {})
     inverse: FloatArray = np.linalg.inv(basis.T @ mass @ basis).astype(np.float64)
     free = inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(push)), push])
-    elements = _elements(model, frozenset(setup.rigid), basis)
+    elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis)
     systems = _Systems(free, inverse, elements)
     quickest = float(np.abs(np.linalg.eigvals(systems.square())).max(initial=0.0))
     steepest = max((_steepness(element, inverse) for element in elements), default=0.0)
@@ -163,6 +150,29 @@ def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Comp
         )
     cuts *= finer
     return systems.compiled(basis, cuts, h / cuts, quickest * h / cuts)
+
+
+def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Basis of the coordinates that a configuration leaves free, (bodies, free), and mass, damping and stiffness on all bodies.
+
+    A lock with a stiffness adds to the last two; the links of a perfect lock take coordinates out of the basis.
+
+    Raises
+    ------
+    ModelError
+        Where the rig has no such configuration.
+    """
+    if configuration not in model.configurations:
+        raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
+    setup = model.configurations[configuration]
+    mass, damping, stiffness = matrices(model)
+    rigid = [model.link(name) for name in setup.rigid]
+    if setup.lock_stiffness is not None:
+        for link in rigid:
+            w = direction(model, link.a, link.b, {})
+            stiffness = stiffness + setup.lock_stiffness * np.outer(w, w)
+            damping = damping + setup.lock_damping * np.outer(w, w)
+    return constraint_basis(model, rigid if setup.lock_stiffness is None else []), mass, damping, stiffness
 
 
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.campaign import MOTION, FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.rig_model import RigModel, direction
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
@@ -123,7 +123,7 @@ def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
     order = compiled.basis.shape[1]
     sense = np.zeros((len(model.sensors), 2 * order))
     for k, sensor in enumerate(model.sensors):
-        place = slice(0, order) if sensor.quantity == "displacement" else slice(order, None)
+        place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
         sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ compiled.basis
     return sense
 
@@ -132,7 +132,7 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
     """Records of `n` samples from the sensors' values on the fine grid, see `sense_of`."""
     rate, over = excitation.sample_rate, excitation.oversample
     channels = {
-        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=sensor.quantity == "acceleration")
+        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
         for k, sensor in enumerate(model.sensors)
     }
     if as_recorded:

@@ -14,12 +14,14 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel
+from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, matrices
 
 #: Corner of the low-pass as a share of the sample rate, its order, and the decimation behind it.
 CORNER = 0.08
 ORDER = 4
 DECIMATION = 10
+#: A motion whose stiffness is this share of what its bodies have each by itself is held by no spring but rounding.
+SLACK = 1e-12
 #: Decimated samples at either end that are left out.
 EDGE = 20
 
@@ -35,14 +37,12 @@ class Motion:
 
 
 def floats(model: RigModel) -> bool:
-    """Whether some body is held by no spring, directly or through others."""
-    held = {GROUND}
-    springs = [(link.a, link.b) for link in model.links if link.stiffness > 0.0]
-    while True:
-        grown = held | {b for a, b in springs if a in held} | {a for a, b in springs if b in held}
-        if grown == held:
-            return any(body.name not in held for body in model.bodies)
-        held = grown
+    """Whether some body is held by no spring, directly or through others: some motion stretches none of them."""
+    _, _, stiffness = matrices(model)
+    size = np.sqrt(np.diag(stiffness))
+    if not size.all():
+        return True
+    return bool(np.linalg.eigvalsh(stiffness / np.outer(size, size))[0] < SLACK)
 
 
 def motion_from(positions: Mapping[str, FloatArray], rate: float) -> Motion:

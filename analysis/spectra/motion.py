@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, Quantity
+from isorig.analysis.campaign import MOTION, FloatArray, Quantity
 
 
 def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
@@ -21,10 +21,10 @@ def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] |
 def motion_of(
     values: FloatArray, quantity: Quantity, rate: float, band: tuple[float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement, each shape (n,)."""
-    if quantity == "displacement":
+    """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement (rad for angles), each shape (n,)."""
+    if MOTION.get(quantity) == 0:
         return np.gradient(values, 1.0 / rate), values
-    if quantity == "velocity":
+    if MOTION.get(quantity) == 1:
         _, displacement = integrals(np.gradient(values, 1.0 / rate), rate, band)
         return values, displacement
     return integrals(values, rate, band)

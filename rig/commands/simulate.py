@@ -15,13 +15,13 @@ def simulate(
     parameters: Path | None = None,
     method: Literal["joint", "half-power"] = "joint",
     drive: Path | None = None,
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] = "random",
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] | None = None,
     configuration: str = "unlocked",
     gain: float = 70.0,
     level: float | None = None,
     band: tuple[float, float] | None = None,
-    seconds: float = 30.0,
-    sample_rate: float = 1024.0,
+    seconds: float | None = None,
+    sample_rate: float | None = None,
     seed: int = 0,
     events: Path | None = None,
 ) -> None:
@@ -42,8 +42,8 @@ def simulate(
     output
         The recording to write.
     model
-        wire-bonder (as in the thesis; where nothing is given), one-mass, two-mass, three-mass, a description in .toml or a
-        model.json.
+        A description in .toml, a model.json, the name of a description that rig describe lists, or one-mass, two-mass,
+        three-mass; the wire bonder as in the thesis where nothing is given.
     parameters
         The parameters.json of rig characterize: the wire bonder with these values, driven as hard as was measured at that gain.
     method
@@ -52,7 +52,8 @@ def simulate(
         A recording whose drive channel is used; then the options of the made-up drive do not count.
     excitation
         What is made up: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s, or
-        consecutive moves.
+        consecutive moves; where nothing is said, what the description says in usual, as for level, band, seconds and
+        sample_rate.
     configuration
         How the rig is set up.
     gain
@@ -72,12 +73,14 @@ def simulate(
     events
         A table to write beside: the time of every stick and slip.
     """
+    from dataclasses import replace
+
     from isorig.rig.errors import PlanError
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_seed import read_seed
     from isorig.rig.files.recording import read, write
     from isorig.rig.files.rigfile import GivenRig, read_rig
-    from isorig.rig.virtual.simulated_recording import MadeUp, events_table, made_up, with_forces
+    from isorig.rig.virtual.simulated_recording import events_table, made_up, usual_run, with_forces
 
     if model is not None and parameters is not None:
         raise PlanError("--model and --parameters are both given, and each is a rig; give one of them")
@@ -87,12 +90,14 @@ def simulate(
         table = read_seed(parameters, method)
         given = GivenRig(model=table.model)
         if level is None and drive is None:
-            level = table.level(gain, excitation)
+            level = table.level(gain, excitation or given.model.usual.excitation)
         for sentence in table.told:
             print(sentence)
-    plan = MadeUp(
-        kind=excitation, gain=gain, level=level, band=band, seconds=seconds, sample_rate=sample_rate, seed=seed,
-        configuration=configuration,
+    usual = usual_run(given.model, configuration)
+    plan = replace(
+        usual, gain=gain, seed=seed, kind=excitation or usual.kind, level=usual.level if level is None else level,
+        band=band or usual.band, seconds=usual.seconds if seconds is None else seconds,
+        sample_rate=usual.sample_rate if sample_rate is None else sample_rate,
     )  # fmt: skip
     simulated, changes = with_forces(given, made_up(given, plan) if drive is None else read(drive))
     write(output, simulated)

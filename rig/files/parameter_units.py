@@ -1,16 +1,57 @@
-"""Units of a model's parameters by the last word of their path."""
+"""Units of a model's parameters by their path."""
 
 from __future__ import annotations
 
+from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.laws import LAWS
+from isorig.analysis.model.rig_model import GROUND, RigModel
 
 #: Of the parts of a rig that are no laws, and of every law's parameters.
 UNITS = {
     "mass": "kg", "factor": "kg", "stiffness": "N/m", "damping": "N s/m", "lock_stiffness": "N/m", "lock_damping": "N s/m",
     "delay": "s", "limit": "m/s^2", **{name: p.unit for law in LAWS for name, p in law.parameters.items()},
 }  # fmt: skip
+#: The same of a part that turns.
+TURNED = {
+    "kg": "kg m^2", "N": "N m", "N/m": "N m/rad", "N s/m": "N m s/rad", "N/m^3": "N m/rad^3", "N s^2/m^2": "N m s^2/rad^2",
+    "m": "rad", "m/s": "rad/s",
+}  # fmt: skip
 
 
-def unit_of(path: str) -> str:
-    """SI unit of the parameter at a dotted path; "1" where it has none."""
-    return UNITS.get(path.rsplit(".", maxsplit=1)[-1], "1")
+def unit_of(path: str, model: RigModel | None = None) -> str:
+    """SI unit of the parameter at a dotted path; "1" where it has none.
+
+    Of a model that is given, parts that turn have the units of a rotation, and the drive's factor that of its channel.
+    """
+    *way, last = path.split(".")
+    unit = UNITS.get(last, "1")
+    if model is None or not way:
+        return unit
+    if path == "drive.factor":
+        return factor_unit(model)
+    if last in ("offset", "limit", "gain") and "chain" in way:
+        channel = model.drive if way[0] == "drive" else model.sensor(way[1])
+        return "1" if last == "gain" else SI_UNIT[channel.quantity]
+    turns = {body.name for body in model.bodies if body.motion == "rotation"}
+    if way[0] in ("bodies", "links", "contacts"):
+        name = way[1]
+        if way[0] == "bodies":
+            part = name
+        else:
+            joint = model.link(name) if way[0] == "links" else model.contact(name)
+            part = joint.a if joint.a != GROUND else joint.b
+        if part in turns:
+            return TURNED.get(unit, unit)
+    return unit
+
+
+def factor_unit(model: RigModel) -> str:
+    """Unit of the drive's factor: force (or torque) per unit of its channel."""
+    drive = model.drive
+    turns = bool(drive.pushes) and all(model.body(name).motion == "rotation" for name in drive.pushes)
+    if drive.quantity == ("torque" if turns else "force"):
+        return "1"
+    if drive.quantity == "acceleration" and not turns:
+        return "kg"
+    per = SI_UNIT[drive.quantity]
+    return f"{'N m' if turns else 'N'}/{f'({per})' if ' ' in per or '/' in per else per}"

@@ -16,6 +16,10 @@ from isorig.rig.files.inputs import TOML_MOST, content_of
 from isorig.rig.files.models import read_model
 
 
+#: The worked descriptions that come with the package, by the names that commands take.
+SHIPPED = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "descriptions").glob("*.toml"))}
+
+
 @dataclass(frozen=True, kw_only=True)
 class GivenRig:
     """A rig with where it came from.
@@ -41,7 +45,8 @@ def read_rig(given: str | Path) -> GivenRig:
     Parameters
     ----------
     given
-        One of `isorig.analysis.model.built_in.BUILT_IN`, or the path of a .toml description or of a model.json.
+        One of `isorig.analysis.model.built_in.BUILT_IN` or of `SHIPPED`, or the path of a .toml description or of a
+        model.json.
 
     Raises
     ------
@@ -56,11 +61,11 @@ def read_rig(given: str | Path) -> GivenRig:
     """
     if str(given) in BUILT_IN:
         return GivenRig(model=BUILT_IN[str(given)]())
-    path = Path(given)
+    path = SHIPPED.get(str(given), Path(given))
     if path.suffix.lower() != ".toml":
         if path.suffix.lower() != ".json" and not path.exists():
             raise PlanError(
-                f"{path} is no rig: built in are {', '.join(BUILT_IN)}; name one of these, a .toml description or a model.json"
+                f"{path} is no rig: there are {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}; name one of these, a .toml description or a model.json"
             )
         model, origin = read_model(path)
         return GivenRig(model=model, origin=origin)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.rig.files.parameter_units import unit_of
 
 #: Pixels of the drawing: width, a body's height, the space for a link, and the margins.
 WIDTH, BODY, LINK, SIDE, TOP, FLOOR = 460, 46, 52, 14, 30, 26
@@ -35,15 +36,30 @@ def sketch(model: RigModel) -> str:
     )
 
 
+#: The colours of a picture that stands by itself, as the page's style gives them to one inside it.
+STYLE = (
+    "svg{background:#fff;color:#1c2733;font-family:system-ui,sans-serif}.body{fill:#e8f0f6}.sensor{fill:#1f6f9f;stroke:none}"
+    ".sensor-name{fill:#5a6672}.rubs,.drive{stroke:#c4481c}"
+)
+
+
+def picture(model: RigModel) -> str:
+    """The drawing as a file of its own, in SVG."""
+    head, body = sketch(model).split(">", 1)
+    return f'{head} xmlns="http://www.w3.org/2000/svg"><style>{STYLE}</style>{body}\n'
+
+
 def _levels(model: RigModel) -> list[list[str]]:
-    # Bodies by how many links lie between them and the ground; those that only an arm reaches are left out.
+    # Bodies by how many links lie between them and the ground.
     ends = [(link.a, link.b) for link in model.links] + [(contact.a, contact.b) for contact in model.contacts]
     placed = {GROUND}
     levels: list[list[str]] = []
     while True:
         above = [b.name for b in model.bodies if b.name not in placed and any(b.name in e and placed & {*e} for e in ends)]
         if not above:
-            return levels
+            # What no joint leads to from the ground stands by itself.
+            alone = [body.name for body in model.bodies if body.name not in placed]
+            return [*levels, alone] if alone else levels
         levels.append(above)
         placed |= set(above)
 
@@ -61,7 +77,7 @@ def _body(model: RigModel, name: str, place: tuple[float, float, float]) -> str:
         f"{_words(x + 23.0 + 90.0 * k, y + 38.0, channel, 'sensor-name')}"
         for k, channel in enumerate(sensors)
     )
-    mass = f"{name}, {model.body(name).mass:.3g} kg"
+    mass = f"{name}, {model.body(name).mass:.3g} {unit_of(f'bodies.{name}.mass', model)}"
     box = f'<rect x="{x:.0f}" y="{y:.0f}" width="{wide:.0f}" height="{BODY}" rx="4" class="body"/>'
     return f"{box}{_words(x + 10.0, y + 18.0, mass)}{seen}"
 
@@ -81,7 +97,7 @@ def _joints(model: RigModel, places: dict[str, tuple[float, float, float]]) -> l
         if contact.a in places and contact.b in places:
             top, bottom, x = _gap(places[contact.a], places[contact.b], 0.62)
             parts.append(f'<path d="M{x:.0f} {top:.0f}V{bottom:.0f}" class="rubs" stroke-width="5" stroke-dasharray="3 4"/>')
-            parts.append(_words(x + 8.0, 0.5 * (top + bottom) + 4.0, "friction"))
+            parts.append(_words(x + 8.0, 0.5 * (top + bottom) + 4.0, contact.law.__struct_config__.tag))
     return parts
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import Change, Excitation, excitation, trace
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import GivenRig
@@ -50,6 +51,15 @@ class MadeUp:
     sample_rate: float = 1024.0
     seed: int = 0
     configuration: str = "unlocked"
+
+
+def usual_run(model: RigModel, configuration: str = "unlocked") -> MadeUp:
+    """A run as the rig's description says that it is usually driven."""
+    usual = model.usual
+    return MadeUp(
+        kind=usual.excitation, level=usual.level, band=usual.band, seconds=usual.seconds, sample_rate=usual.sample_rate,
+        configuration=configuration,
+    )  # fmt: skip
 
 
 def made_up(given: GivenRig, plan: MadeUp) -> Campaign:

@@ -1,0 +1,59 @@
+"""The modes of a rig's linear part: frequency, damping and shape in a configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.compiled import linear_part
+
+#: Roots slower than this share of the fastest are motions that no spring holds.
+HELD = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class NaturalMode:
+    """A mode.
+
+    Parameters
+    ----------
+    frequency
+        Undamped natural frequency |root| / 2 pi, Hz.
+    damping
+        Damping ratio; 1 or more where it does not swing.
+    shape
+        How far each body moves, shape (bodies,), the largest 1.
+    """
+
+    frequency: float
+    damping: float
+    shape: FloatArray
+
+
+def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...]:
+    """The modes in ascending frequency, by the roots of the damped equations of motion; friction and laws are left out.
+
+    Motions that no spring holds are no modes, nor are those that creep back without swinging.
+    """
+    basis, mass, damping, stiffness = linear_part(model, configuration)
+    m, c, k = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
+    n = len(m)
+    if n == 0:
+        return ()
+    square = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+    roots, vectors = np.linalg.eig(square)
+    least = HELD * float(np.abs(roots).max(initial=0.0))
+    found = []
+    for root, vector in zip(roots, vectors.T, strict=True):
+        if root.imag > least:
+            shape = basis @ vector[:n]
+            # Turned so that most of it is real: bodies then move with or against each other.
+            turned = np.real(shape * np.exp(-0.5j * np.angle((shape**2).sum())))
+            largest = turned[int(np.argmax(np.abs(turned)))]
+            size = float(abs(root))
+            found.append(NaturalMode(frequency=size / (2.0 * pi), damping=float(-root.real) / size, shape=turned / largest))
+    return tuple(sorted(found, key=lambda mode: mode.frequency))

@@ -1,0 +1,70 @@
+"""rig describe: a rig's description, drawn and judged, or written by questions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def describe(
+    rig: str | None = None,
+    *,
+    output: Annotated[Path | None, Parameter(name=["-o", "--output"])] = None,
+    new: Annotated[bool, Parameter(negative=())] = False,
+    sensors: bool = True,
+) -> None:
+    """Show a rig's description: bodies, springs, contacts, drive and sensors, what is known, and what its sensors can tell.
+
+    Without a rig, list the descriptions that come with the package. With --new, ask for a rig and write its description.
+
+    Example: rig describe two-carts
+
+    Example: rig describe my-rig.toml -o my-rig.svg
+
+    Example: rig describe --new -o my-rig.toml
+
+    Parameters
+    ----------
+    rig
+        A description in .toml, the name of one that comes with the package, or a model.json.
+    output
+        Where to write: a picture (.svg), or the description itself (.toml) as a beginning for your own.
+    new
+        Ask a few questions and write the description that the answers make.
+    sensors
+        Whether to simulate a usual run and say which parameters the sensors cannot tell apart.
+    """
+    from isorig.rig.describe.show import listed, shown
+    from isorig.rig.errors import PlanError
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.rigfile import read_rig
+    from isorig.rig.files.rigtext import description_text
+    from isorig.rig.report.sketch import picture
+
+    if output is not None and output.suffix.lower() not in (".svg", ".toml"):
+        raise PlanError(f"{output} ends in {output.suffix or 'nothing'}; give .svg for a picture or .toml for the description")
+    if new:
+        from isorig.rig.describe.questions import asked
+
+        if rig is not None or output is None or output.suffix.lower() != ".toml":
+            raise PlanError("--new asks for a rig and writes its description; call rig describe --new -o FILE.toml")
+        if output.exists():
+            raise PlanError(f"{output} exists; choose another name with -o, or remove that file first")
+        model = asked(input)
+        write_text(output, description_text(model, {"": "Written by rig describe --new; every key is explained in docs/describe.md."}))
+        shown(model, sensors=sensors)
+        print(output)
+        return
+    if rig is None:
+        listed()
+        return
+    given = read_rig(rig)
+    if output is not None and output.suffix.lower() == ".toml":
+        write_text(output, given.description or description_text(given.model))
+    elif output is not None:
+        write_text(output, picture(given.model))
+    shown(given.model, sensors=sensors)
+    if output is not None:
+        print(output)

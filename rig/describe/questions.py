@@ -1,0 +1,219 @@
+"""A rig asked for: a few questions, and the model that the answers make."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar, get_args
+
+from isorig.analysis.campaign import MOTION, ROTARY, SI_UNIT, Quantity
+from isorig.analysis.errors import ModelError
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.built_in import spring
+from isorig.analysis.model.rig_model import GROUND, Body, Contact, Drive, Link, RigModel, Sensor
+from isorig.rig.errors import PlanError
+
+Ask = Callable[[str], str]
+T = TypeVar("T")
+#: Times that an answer may be unusable before the questions end: a script that answers wrongly must not go on for ever.
+TRIES = 5
+NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
+
+
+class _AnswerError(Exception):
+    """An answer that cannot be used; the sentence says why."""
+
+
+@dataclass
+class _Parts:
+    bodies: dict[str, Body] = field(default_factory=dict)
+    links: list[Link] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+    sensors: list[Sensor] = field(default_factory=list)
+
+
+def asked(ask: Ask) -> RigModel:
+    """The rig that the answers make.
+
+    Parameters
+    ----------
+    ask
+        Shows a question and gives the answer's line, as `input` does.
+
+    Raises
+    ------
+    PlanError
+        Where the answers end too early, or one question is answered unusably `TRIES` times.
+    """
+    print("An answer in [brackets] is taken where you only press Enter. SI units: kg, N/m, Hz, s.\n")
+    parts = _Parts()
+    name = _answer(ask, "What is the rig called? [rig] ", lambda text: text or "rig")
+    parts.bodies = _answer(
+        ask, "Its moving bodies, each with its mass in kg, or its moment of inertia in kg m2 if it turns\n"
+        "  (e.g.: frame 40 kg, stage 2 kg, rotor 0.02 kg m2): ", _bodies,
+    )  # fmt: skip
+    for body in parts.bodies.values():
+        _joints(ask, parts, body)
+    drive = _answer(
+        ask, "What drives it: channel, quantity, body pushed, and force per unit where it is not a force itself\n"
+        "  (e.g.: hammer force frame / u voltage stage 4): ", lambda text: _drive(text, parts.bodies),
+    )  # fmt: skip
+    while True:
+        more = "" if not parts.sensors else " (Enter: no more)"
+        sensor = _answer(
+            ask, f"A sensor: channel, body, quantity (e.g.: a1 frame acceleration){more}: ", lambda text: _sensor(text, parts)
+        )
+        if sensor is None:
+            break
+        parts.sensors.append(sensor)
+    masses = _answer(
+        ask, "Bodies whose mass is not known and is to be fitted [none]: ", lambda text: _names(text, parts.bodies)
+    )  # fmt: skip
+    known_factor = drive.quantity in ("force", "torque") or _answer(
+        ask, "Is the drive's factor known? y/n [n] ", lambda text: text.lower().startswith("y")
+    )
+    free = [f"links.{link.name}.{key}" for link in parts.links for key in ("stiffness", "damping") if getattr(link, key)]
+    free += [f"contacts.{contact.name}.law.friction_force" for contact in parts.contacts]
+    free += [f"bodies.{body}.mass" for body in masses] + ([] if known_factor else ["drive.factor"])
+    try:
+        return RigModel(
+            name=name, bodies=tuple(parts.bodies.values()), links=tuple(parts.links), contacts=tuple(parts.contacts),
+            drive=drive, sensors=tuple(parts.sensors), free=tuple(free),
+        )  # fmt: skip
+    except ModelError as error:
+        raise PlanError(f"these answers make no rig: {error}; call rig describe --new again") from None
+
+
+def _answer(ask: Ask, question: str, use: Callable[[str], T]) -> T:
+    for _ in range(TRIES):
+        try:
+            return use(ask(question).strip())
+        except EOFError:
+            raise PlanError(f"the answers end before the question {question.strip()!r}; answer all of them") from None
+        except (_AnswerError, ModelError) as error:
+            print(f"  {error}")
+    raise PlanError(f"the question {question.strip()!r} has no usable answer after {TRIES} tries; nothing was written")
+
+
+def _bodies(text: str) -> dict[str, Body]:
+    found: dict[str, Body] = {}
+    for part in text.split(","):
+        match = re.fullmatch(rf"\s*(\w+)\s+({NUMBER})\s*(kg)?\s*(m\^?2|m²)?\s*", part)
+        if match is None:
+            raise _AnswerError(f"{part.strip()!r} is no body with its mass; write e.g. frame 40 kg, stage 2 kg")
+        if match[1] in found or match[1] == GROUND:
+            raise _AnswerError(f"the name {match[1]!r} is taken; give each body its own")
+        body = Body(name=match[1], mass=float(match[2]), motion="rotation" if match[4] else "straight")
+        if not body.mass > 0.0:
+            raise _AnswerError(f"{body.name} has mass {body.mass:g}; give one above zero")
+        found[body.name] = body
+    return found
+
+
+def _joints(ask: Ask, parts: _Parts, body: Body) -> None:
+    earlier = [GROUND, *(name for name in parts.bodies if name != body.name)]
+    first = True
+    while True:
+        more = "[ground]" if first else "[nothing more]"
+        base = _answer(
+            ask, f"What is {body.name} joined to ({', '.join(earlier)})? {more} ",
+            lambda text, first=first: _one_of(text, earlier, GROUND if first else ""),  # type: ignore[misc]
+        )  # fmt: skip
+        if not base:
+            return
+        first = False
+        name = body.name if base == GROUND else f"{body.name}_{base}"
+        while any(link.name == name for link in parts.links):
+            name += "_2"
+        turns = body.motion == "rotation"
+        stiff = "N m/rad" if turns else "N/m"
+        link = _answer(
+            ask, f"The spring between {body.name} and {base}: its stiffness in {stiff}, or the frequency of {body.name} on it "
+            f"(e.g.: {'12' if turns else '25000'} / 5.1 Hz / none): ",
+            lambda text: _spring(text, name, body, base),
+        )  # fmt: skip
+        usual = "0" if link.stiffness == 0.0 else "0.02"
+        what = "Its damper in N s/m" if link.stiffness == 0.0 else "Its damping ratio, or its damper in N s/m (e.g.: 0.02 / 30 N s/m)"
+        link = _answer(
+            ask, f"{what.replace('N s/m', 'N m s/rad') if turns else what} [{usual}] ",
+            lambda text, link=link, usual=usual: _damped(text or usual, link, body),  # type: ignore[misc]
+        )  # fmt: skip
+        if link.stiffness or link.damping:
+            parts.links.append(link)
+        force = _answer(ask, f"Dry friction there, in {'N m' if turns else 'N'} [0] ", lambda text: _number(text or "0"))
+        if force > 0.0:
+            parts.contacts.append(Contact(name=name, a=body.name, b=base, law=Coulomb(friction_force=force)))
+        if not (link.stiffness or link.damping or force):
+            print(f"  Nothing joins {body.name} to {base} then.")
+
+
+def _one_of(text: str, names: list[str], usual: str) -> str:
+    name = text or usual
+    if name and name not in names:
+        raise _AnswerError(f"{name!r} is none of {', '.join(names)}; name one of these")
+    return name
+
+
+def _number(text: str) -> float:
+    match = re.match(NUMBER, text)
+    if match is None or float(match[0]) < 0.0:
+        raise _AnswerError(f"{text!r} is no number of zero or more; write e.g. 25000")
+    return float(match[0])
+
+
+def _spring(text: str, name: str, body: Body, base: str) -> Link:
+    if text.lower() in ("none", "no", "0"):
+        return Link(name=name, a=body.name, b=base)
+    value = _number(text)
+    if text.lower().rstrip().endswith("hz"):
+        return spring(name, body.name, base, mass=body.mass, frequency=value, damping_ratio=0.0)
+    return Link(name=name, a=body.name, b=base, stiffness=value)
+
+
+def _damped(text: str, link: Link, body: Body) -> Link:
+    value = _number(text)
+    per = re.fullmatch(NUMBER, text.strip())
+    if per and value < 1.0 and link.stiffness:
+        value = 2.0 * value * (link.stiffness * body.mass) ** 0.5
+    return Link(name=link.name, a=link.a, b=link.b, stiffness=link.stiffness, damping=value)
+
+
+def _quantity(text: str) -> Quantity:
+    allowed = get_args(Quantity)
+    if text not in allowed:
+        raise _AnswerError(f"{text!r} is no quantity; give one of {', '.join(name for name in allowed if name != 'gain')}")
+    return text  # type: ignore[return-value]
+
+
+def _drive(text: str, bodies: Mapping[str, Body]) -> Drive:
+    words = text.split()
+    if len(words) not in (3, 4):
+        raise _AnswerError("give channel, quantity and body, and where it is no force the newtons per unit: u voltage stage 4")
+    channel, quantity, body = words[0], _quantity(words[1]), _one_of(words[2], list(bodies), "")
+    own = quantity in ("force", "torque")
+    if not own and len(words) == 3:
+        raise _AnswerError(f"a {quantity} is no force: add how many newtons one {SI_UNIT[quantity]} pushes with, if only a guess")
+    factor = _number(words[3]) if len(words) == 4 else 1.0
+    return Drive(channel=channel, quantity=quantity, factor=factor, pushes={body: 1.0})
+
+
+def _sensor(text: str, parts: _Parts) -> Sensor | None:
+    if not text and parts.sensors:
+        return None
+    words = text.split()
+    if len(words) != 3:
+        raise _AnswerError("give channel, body and quantity, e.g. x1 stage displacement")
+    if any(sensor.channel == words[0] for sensor in parts.sensors):
+        raise _AnswerError(f"the channel {words[0]!r} is there already; give each sensor its own")
+    quantity, body = _quantity(words[2]), _one_of(words[1], list(parts.bodies), "")
+    if quantity not in MOTION:
+        raise _AnswerError(f"a {quantity} is no motion of a body; give one of {', '.join(MOTION)}")
+    if quantity in ROTARY and parts.bodies[body].motion == "straight":
+        raise _AnswerError(f"{body} moves straight and has no {quantity}; give displacement, velocity or acceleration")
+    return Sensor(channel=words[0], body=body, quantity=quantity)
+
+
+def _names(text: str, bodies: Mapping[str, Body]) -> list[str]:
+    names = [] if text.lower() in ("", "none") else re.split(r"[\s,]+", text)
+    return [_one_of(name, list(bodies), "") for name in names]

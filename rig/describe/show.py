@@ -1,0 +1,79 @@
+"""What `rig describe` prints."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+from isorig.analysis.errors import AnalysisError
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.natural import natural_modes
+from isorig.rig.describe.sensors import from_usual_runs, rows, sentences
+from isorig.rig.describe.tree import drawn, numbers
+from isorig.rig.errors import PlanError
+from isorig.rig.files.parameter_units import unit_of
+from isorig.rig.files.rigfile import SHIPPED, read_rig
+from isorig.rig.terminal import show_table
+
+#: Letters of a line of the drawing.
+WIDEST = 1 << 10
+
+
+def listed() -> None:
+    """The descriptions that come with the package."""
+    models = {name: read_rig(path).model for name, path in SHIPPED.items()}
+    show_table(
+        "Descriptions that come with the package",
+        ("name", "bodies", "drive", "what it is"),
+        [
+            (name, str(len(model.bodies)), f"{model.drive.channel} ({model.drive.quantity})", model.note)
+            for name, model in models.items()
+        ],
+    )
+    print("rig describe NAME shows one, rig describe NAME -o my-rig.toml copies it, rig describe --new asks for another.")
+
+
+def shown(model: RigModel, *, sensors: bool) -> None:
+    """The drawing, the parameters, the modes, and what the sensors can tell."""
+    print(f"{model.name}{f': {model.note}' if model.note else ''}\n")
+    # Lines as long as they are: a number is never cut.
+    wide = Console(width=WIDEST)
+    with wide.capture() as drawing:
+        wide.print(drawn(model))
+    print("\n".join(line.rstrip() for line in drawing.get().splitlines()))
+    print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? is fitted; the rest is taken as known\n")
+    free = bool(model.free)
+    paths = model.free or tuple(path for path in numbers(model) if model.get(path) != 0.0)
+    told: dict[str, str] = {}
+    said: list[str] = []
+    if sensors:
+        try:
+            found = from_usual_runs(model, paths)
+            told, said = rows(model, found), sentences(found, free)
+        except (AnalysisError, PlanError) as error:
+            said = [f"What the sensors can tell is not known: {error}."]
+    title = "Fitted" if free else "Nothing is marked as free, so nothing would be fitted; all numbers"
+    columns = ("parameter", "value", "unit", *(("known to",) if told else ()))
+    show_table(
+        title,
+        columns,
+        [(path, f"{model.get(path):.6g}", unit_of(path, model), *((told[path],) if told else ())) for path in paths],
+    )
+    if told:
+        print("(known to: relative deviation after a usual run with noise of a hundredth of its rms on every channel)")
+    for sentence in said:
+        print(sentence)
+    print()
+    show_modes(model)
+
+
+def show_modes(model: RigModel) -> None:
+    """The modes of every configuration."""
+    found = [
+        (name, f"{mode.frequency:.4g}", f"{mode.damping:.3g}", ", ".join(
+            f"{body.name} {part:+.2f}" for body, part in zip(model.bodies, mode.shape.tolist(), strict=True) if abs(part) > 0.02
+        ))
+        for name in model.configurations
+        for mode in natural_modes(model, name)
+    ]  # fmt: skip
+    if found:
+        show_table("Modes of the springs and dampers", ("configuration", "Hz", "damping ratio", "shape"), found)

@@ -1,0 +1,102 @@
+"""A rig drawn in the terminal: what hangs on what, what pushes, what is measured, what is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.tree import Tree
+
+from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
+from isorig.rig.files.parameter_units import factor_unit, unit_of
+from isorig.rig.files.rigtext import plain
+
+
+def drawn(model: RigModel) -> Tree:
+    """The rig as a tree from the ground up: springs, dampers and contacts with their values, bodies with drive and sensors.
+
+    A joint of two bodies that both hang elsewhere already is shown at one of them, with an arrow to the other.
+    """
+    tree = Tree("ground (fixed)", highlight=False)
+    places = {GROUND: tree}
+    left: list[Link | Contact] = [*model.links, *model.contacts]
+    waiting = [body.name for body in model.bodies]
+    while left:
+        joint = next((one for one in left if one.a in places or one.b in places), None)
+        if joint is None:  # bodies that no joint leads to from the ground
+            name = next(name for name in waiting if name not in places)
+            places[name] = Tree(_body(model, name), highlight=False)
+            tree.add(places[name])
+            continue
+        left.remove(joint)
+        near, far = (joint.b, joint.a) if joint.b in places else (joint.a, joint.b)
+        branch = places[near].add(_joint(model, joint))
+        if far in places:
+            branch.label = f"{branch.label} → {far}"
+        else:
+            places[far] = branch.add(_body(model, far))
+    for name in waiting:
+        if name not in places:
+            tree.add(_body(model, name))
+    return tree
+
+
+def _body(model: RigModel, name: str) -> str:
+    lines = [f"[{name}] {_number(model, f'bodies.{name}.mass')}"]
+    drive = model.drive
+    if name in drive.pushes:
+        weight, unit = drive.pushes[name], factor_unit(model)
+        factor = f"{drive.factor:.4g}{'' if unit == '1' else f' {unit}'}{' ?' if 'drive.factor' in model.free else ''}"
+        lines.append(f"  ◄ pushed by {weight:g} × {factor} × {drive.channel} ({SI_UNIT[drive.quantity]})")
+    for sensor in model.sensors:
+        if sensor.body == name:
+            base = "" if sensor.relative_to == GROUND else f" relative to {sensor.relative_to}"
+            lines.append(f"  ● {sensor.channel}: {sensor.quantity.replace('_', ' ')}{base}, {SI_UNIT[sensor.quantity]}")
+    return "\n".join(lines).replace("[", r"\[")
+
+
+def _joint(model: RigModel, joint: Link | Contact) -> str:
+    if isinstance(joint, Contact):
+        said = [_law(model, joint.law, f"contacts.{joint.name}.law")]
+        sign = "≈"
+    else:
+        keys = {"stiffness": "spring", "damping": "damper"}
+        said = [
+            f"{word} {_number(model, f'links.{joint.name}.{key}')}" for key, word in keys.items() if getattr(joint, key)
+        ]  # fmt: skip
+        said += [_law(model, law, f"links.{joint.name}.laws.{k}") for k, law in enumerate(joint.laws)]
+        sign = "⌇"
+    arms = [f"{factor:+g} × {name}" for name, factor in joint.arms.items()]
+    acts = f" (on {joint.a} − {joint.b} {' '.join(arms)})" if arms else ""
+    return f"{sign} {joint.name}: {', '.join(said) or 'nothing'}{acts}".replace("[", r"\[")
+
+
+def _law(model: RigModel, law: object, path: str) -> str:
+    tree = plain(law)  # type: ignore[arg-type]
+    name = str(tree.pop("law"))
+    values = [
+        f"{key.replace('_', ' ')} {_number(model, f'{path}.{key}')}" if isinstance(value, float) else key
+        for key, value in tree.items()
+    ]
+    return f"{name.replace('_', ' ')} ({', '.join(values)})"
+
+
+def _number(model: RigModel, path: str) -> str:
+    unit = unit_of(path, model)
+    return f"{model.get(path):.4g}{'' if unit == '1' else f' {unit}'}{' ?' if path in model.free else ''}"
+
+
+def numbers(model: RigModel) -> Sequence[str]:
+    """Paths of the numbers that physics has in a rig: masses, springs, dampers, laws, the drive's factor."""
+    paths = [f"bodies.{body.name}.mass" for body in model.bodies]
+    for link in model.links:
+        paths += [f"links.{link.name}.{key}" for key in ("stiffness", "damping") if getattr(link, key)]
+        for k, law in enumerate(link.laws):
+            paths += _numbers_of(law, f"links.{link.name}.laws.{k}")
+    for contact in model.contacts:
+        paths += _numbers_of(contact.law, f"contacts.{contact.name}.law")
+    return [*paths, "drive.factor"]
+
+
+def _numbers_of(law: object, path: str) -> list[str]:
+    return [f"{path}.{key}" for key, value in plain(law).items() if isinstance(value, float)]  # type: ignore[arg-type]
