@@ -64,7 +64,8 @@ def _followed(tree: Any, steps: Sequence[str], kind: type | None) -> tuple[list[
 def _allowed(way: Sequence[str]) -> list[str]:
     kinds = {
         "quantity": list(get_args(Quantity)),
-        "shape": ["exponential", "rational"], "motion": ["straight", "rotation"],
+        "shape": ["exponential", "rational"],
+        "motion": ["straight", "rotation"],
         "excitation": ["random", "multisine", "sweep", "half-sine", "moves"],
         "law": [str(kind.__struct_config__.tag) for kind in get_args(FrictionLaw if "contacts" in way else LinkLaw)],
     }

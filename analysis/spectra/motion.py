@@ -21,7 +21,10 @@ def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] |
 def motion_of(
     values: FloatArray, quantity: Quantity, rate: float, band: tuple[float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement (rad for angles), each shape (n,)."""
+    """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement, each shape (n,).
+
+    Of a rotation all are in rad.
+    """
     if MOTION.get(quantity) == 0:
         return np.gradient(values, 1.0 / rate), values
     if MOTION.get(quantity) == 1:

@@ -53,7 +53,9 @@ def describe(
         if output.exists():
             raise PlanError(f"{output} exists; choose another name with -o, or remove that file first")
         model = asked(input)
-        write_text(output, description_text(model, {"": "Written by rig describe --new; every key is explained in docs/describe.md."}))
+        write_text(
+            output, description_text(model, {"": "Written by rig describe --new; every key is explained in docs/describe.md."})
+        )
         shown(model, sensors=sensors)
         print(output)
         return

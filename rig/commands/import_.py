@@ -19,7 +19,8 @@ def import_(
     """Import files of other programs after a mapping, as one recording.
 
     They are MATLAB, CSV and other text, LVM, universal (UFF 58 and 58b), TDMS, WAV, HDF5, JSON, NPY and NPZ files. Propose
-    the mapping with --draft from the files, correct it, then import it.
+    the mapping with --draft from the files, correct it, then import it. Of a rig other than the wire bonder a description is
+    proposed beside it, which rig describe shows.
 
     Example: rig import --draft run1.mat run2.mat -o mapping.toml, then: rig import mapping.toml -o campaign.h5
 
@@ -41,7 +42,14 @@ def import_(
     from isorig.rig.files.output import write_text
 
     if draft:
-        write_text(output, draft_mapping([read_foreign(path) for path in files], output.parent))
+        beside = output.with_name(f"{output.stem}-rig.toml")
+        proposed = draft_mapping([read_foreign(path) for path in files], output.parent, beside.name)
+        write_text(output, proposed.mapping)
+        if proposed.description and beside.exists():
+            print(f"{beside} exists and is kept as the rig's description.")
+        elif proposed.description:
+            write_text(beside, proposed.description)
+            print(f"{beside} is proposed as the rig's description; correct it, or let rig describe --new ask for one.")
     elif len(files) > 1 or files[0].suffix.lower() != ".toml":
         raise PlanError(f"{files[0]} is not a mapping; propose one with rig import --draft, then import that")
     else:

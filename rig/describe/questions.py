@@ -131,10 +131,14 @@ def _joints(ask: Ask, parts: _Parts, body: Body) -> None:
         link = _answer(
             ask, f"The spring between {body.name} and {base}: its stiffness in {stiff}, or the frequency of {body.name} on it "
             f"(e.g.: {'12' if turns else '25000'} / 5.1 Hz / none): ",
-            lambda text: _spring(text, name, body, base),
+            lambda text, name=name, base=base: _spring(text, name, body, base),  # type: ignore[misc]
         )  # fmt: skip
         usual = "0" if link.stiffness == 0.0 else "0.02"
-        what = "Its damper in N s/m" if link.stiffness == 0.0 else "Its damping ratio, or its damper in N s/m (e.g.: 0.02 / 30 N s/m)"
+        what = (
+            "Its damper in N s/m"
+            if link.stiffness == 0.0
+            else "Its damping ratio, or its damper in N s/m (e.g.: 0.02 / 30 N s/m)"
+        )
         link = _answer(
             ask, f"{what.replace('N s/m', 'N m s/rad') if turns else what} [{usual}] ",
             lambda text, link=link, usual=usual: _damped(text or usual, link, body),  # type: ignore[misc]

@@ -48,7 +48,11 @@ def sentences(found: Apart, free: bool) -> list[str]:
     if found.silent:
         said.append(
             f"No sensor notices: {', '.join(found.silent)}. "
-            + ("Take them from free, or state in usual a drive that makes them act." if free else "A usual run does not use them.")
+            + (
+                "Take them from free, or state in usual a drive that makes them act."
+                if free
+                else "A usual run does not use them."
+            )
         )
     if found.blurred:
         said.append(f"Hardly told from the rest: {', '.join(found.blurred)}. A longer run, another band or a sensor more helps.")

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from isorig.analysis.campaign import MOTION, ROTARY
+from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
 from isorig.rig.exchange.mapping import RESERVED
@@ -19,6 +21,7 @@ from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.recording import GAIN
+from isorig.rig.files.rigtext import description_text
 
 #: Words in a column's name, and the wire bonder's channel that they stand for.
 WORDS = (("heatblock", "heatblock"), ("heat", "heatblock"), ("prey", "heatblock"), ("table", "table"), ("head", "head"),
@@ -43,8 +46,18 @@ class _Part:
     time: str | None
 
 
-def draft_mapping(tables: Sequence[ForeignTable], folder: Path) -> str:
-    """A mapping in TOML: one run for each part of a file that was sampled together, with the channels that it has.
+@dataclass(frozen=True)
+class Draft:
+    """A mapping in TOML, and of a rig other than the wire bonder a description in TOML that goes with it; "" where none does."""
+
+    mapping: str
+    description: str = ""
+
+
+def draft_mapping(tables: Sequence[ForeignTable], folder: Path, beside: str = "rig.toml") -> Draft:
+    """A mapping: one run for each part of a file that was sampled together, with the channels that it has.
+
+    Where the columns are not those of the wire bonder, a description of a rig is proposed too.
 
     Parameters
     ----------
@@ -52,6 +65,8 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path) -> str:
         What the files hold.
     folder
         Where the mapping will stand.
+    beside
+        Name of the file that the description will have there.
 
     Raises
     ------
@@ -63,24 +78,67 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path) -> str:
         raise RecordingError(_no_records(tables))
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
     lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
-    lines += [
-        "[rig]",
-        "# What is known beforehand, SI: head_mass, motor_mass, heatblock_mass, table_mass, friction_force ...",
-        "",
-    ]
     # A column is one channel in all parts that have it; where parts hold different columns each lists its own.
     places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
     first = {place: next(part.columns[place] for part in parts if place in part.columns) for place in places}
+    bonder = _is_bonder(place for place in places)
     for place in places:
-        names[place] = _name(place, first[place][1], set(names.values()))
+        names[place] = _name(place, first[place][1], set(names.values()), WORDS if bonder else ())
+    if bonder:
+        known = "# What is known beforehand, SI: head_mass, motor_mass, heatblock_mass, table_mass, friction_force ..."
+        lines += ["[rig]", known, ""]
+    else:
+        lines += [
+            "# The rig's description: masses, springs, drive, sensors. See docs/describe.md; rig describe --new asks for one.",
+            f"description = {_quoted(beside)}    # ?", "",
+        ]  # fmt: skip
+    for place in places:
         lines += _channel(names[place], *first[place])
     ids: set[str] = set()
     for part in parts:
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
         lines += _run(part, own, other, folder, ids)
-    return "\n".join(lines)
+    if bonder:
+        return Draft("\n".join(lines))
+    setups = {_configuration(part) for part in parts}
+    return Draft("\n".join(lines), _rig({names[place]: first[place] for place in places}, setups))
+
+
+def _is_bonder(places: Iterable[str]) -> bool:
+    # Two of its channels by name, and none that says it is something else than an acceleration.
+    plain = [re.sub(r"\W+", "_", place).strip("_").lower() for place in places]
+    found = {channel for name in plain for channel in [next((c for word, c in WORDS if word in name), None)] if channel}
+    other = any(word in name for name in plain for word, _ in QUANTITIES if any(w in name for w, _ in WORDS))
+    return len(found) >= 2 and not other
+
+
+def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
+    # One body a motion sensor, in a row from the ground; the first channel that is no motion drives the last of them.
+    kinds = {name: UNITS[_unit_of(name, column)].quantity for name, (_, column) in channels.items() if name != GAIN}
+    drive = next((name for name, kind in kinds.items() if kind not in MOTION), next(iter(kinds), "drive"))
+    sensed = [name for name, kind in kinds.items() if name != drive and kind in MOTION] or ["first"]
+    bodies = tuple(
+        Body(name=f"body_{name}", mass=1.0, motion="rotation" if kinds.get(name) in ROTARY else "straight") for name in sensed
+    )
+    links = tuple(
+        Link(name=f"link_{name}", a=f"body_{name}", b=f"body_{sensed[k - 1]}" if k else GROUND, stiffness=1000.0, damping=1.0)
+        for k, name in enumerate(sensed)
+    )
+    model = RigModel(
+        name="rig", bodies=bodies, links=links,
+        drive=Drive(channel=drive, quantity=kinds.get(drive, "force"), factor=1.0, pushes={f"body_{sensed[-1]}": 1.0}),
+        sensors=tuple(Sensor(channel=name, body=f"body_{name}", quantity=kinds[name]) for name in sensed if name in kinds),
+        configurations={name: Configuration() for name in sorted(setups, reverse=True)},
+        free=tuple(f"links.{link.name}.{key}" for link in links for key in ("stiffness", "damping")),
+    )  # fmt: skip
+    return description_text(model, {
+        "": "Proposed from the columns of the files: how many bodies there are and how they are joined is a guess,\n"
+        "and so is every number. Correct it after docs/describe.md, then call rig describe with this file.",
+        "bodies": "? kg, or kg m^2 of a rotation", "links": "? N/m and N s/m",
+        "drive": "? factor: force per unit of the channel",
+    })  # fmt: skip
 
 
 def _no_records(tables: Sequence[ForeignTable]) -> str:
@@ -138,7 +196,6 @@ def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Col
 
 def _channel(name: str, source: str, column: Column) -> list[str]:
     found = known_unit(column.unit)
-    guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
     values = np.asarray(column.values, dtype=np.float64)
     finite = values[np.isfinite(values)]
     extent = f" from {finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""
@@ -149,18 +206,23 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     return [
         f"[channels.{name}]    # {len(values)} values{extent}",
         f"source = {_quoted(source)}",
-        f"unit = {_quoted(found or ('1' if name == GAIN else guess))}{note}",
+        f"unit = {_quoted(_unit_of(name, column))}{note}",
         f"sensitivity = {sensitivity}",
         'place = ""',
         "",
     ]
 
 
-def _name(source: str, column: Column, taken: set[str]) -> str:
+def _unit_of(name: str, column: Column) -> str:
+    guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
+    return known_unit(column.unit) or ("1" if name == GAIN else guess)
+
+
+def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[str, str]]) -> str:
     plain = re.sub(r"\W+", "_", source).strip("_").lower() or "channel"
     if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:
         return GAIN
-    name = next((channel for word, channel in WORDS if word in plain and channel not in taken), plain)
+    name = next((channel for word, channel in words if word in plain and channel not in taken), plain)
     if name in (*RESERVED, GAIN) or not name.isidentifier():
         name = f"channel_{name}"
     while name in taken:
@@ -168,12 +230,20 @@ def _name(source: str, column: Column, taken: set[str]) -> str:
     return name
 
 
+def _told(part: _Part) -> str:
+    return re.split(r"[./]", part.group)[-1] or part.table.path.stem
+
+
+def _configuration(part: _Part) -> str:
+    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", _told(part), re.IGNORECASE)
+    return "unlocked" if locked is None else "locked"
+
+
 def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str]) -> list[str]:
     table, group = part.table, part.group
-    told = re.split(r"[./]", group)[-1] or table.path.stem
+    told = _told(part)
     name = told if told not in ids else f"{told}_{len(ids)}"
     ids.add(name)
-    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", told, re.IGNORECASE) is not None
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", told, re.IGNORECASE)
     gain = _number(table, group, ("gain",)) or (float(guess[1]) if guess else 1.0)
     rate = next(column.sample_rate for _, column in part.columns.values())
@@ -181,7 +251,7 @@ def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path
         "[[runs]]",
         f"id = {_quoted(name)}",
         f"file = {_quoted(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
-        f'configuration = "{"locked" if locked else "unlocked"}"    # ?',
+        f'configuration = "{_configuration(part)}"    # ?',
         f"gain = {gain}    # ?",
         'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
     ]

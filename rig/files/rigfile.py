@@ -15,7 +15,6 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
 from isorig.rig.files.models import read_model
 
-
 #: The worked descriptions that come with the package, by the names that commands take.
 SHIPPED = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "descriptions").glob("*.toml"))}
 
@@ -65,7 +64,8 @@ def read_rig(given: str | Path) -> GivenRig:
     if path.suffix.lower() != ".toml":
         if path.suffix.lower() != ".json" and not path.exists():
             raise PlanError(
-                f"{path} is no rig: there are {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}; name one of these, a .toml description or a model.json"
+                f"{path} is no rig: there are {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}; name one of these, a .toml "
+                "description or a model.json"
             )
         model, origin = read_model(path)
         return GivenRig(model=model, origin=origin)

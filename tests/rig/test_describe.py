@@ -124,7 +124,11 @@ def test_the_text_of_a_model_is_the_model(name: str, tmp_path: Path) -> None:
 
 
 def test_masses_and_springs_that_scale_together_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = SHIPPED["two-carts"].read_text(encoding="utf-8").replace('"bodies.second.mass"', '"bodies.second.mass", "bodies.first.mass"')
+    text = (
+        SHIPPED["two-carts"]
+        .read_text(encoding="utf-8")
+        .replace('"bodies.second.mass"', '"bodies.second.mass", "bodies.first.mass"')
+    )
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     assert main(["describe", str(tmp_path / "rig.toml")]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "cannot tell apart" in line]
@@ -213,7 +217,9 @@ n
 def test_questions_make_a_description(tmp_path: Path) -> None:
     output = tmp_path / "rig.toml"
     call = [sys.executable, "-m", "isorig", "describe", "--new", "-o", str(output)]
-    done = subprocess.run(call, input=ANSWERS.replace("\n\nnonsense", "\n0\n\nnonsense"), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        call, input=ANSWERS.replace("\n\nnonsense", "\n0\n\nnonsense"), capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     model = read_rig(output).model
     assert model.link("frame").stiffness == pytest.approx((2 * np.pi * 9) ** 2 * 40)
@@ -232,3 +238,22 @@ def test_questions_make_a_description(tmp_path: Path) -> None:
 def test_answers_that_are_never_usable_end_the_questions() -> None:
     with pytest.raises(PlanError, match="no usable answer after 5 tries"):
         asked(lambda question: "rig" if "called" in question else "?")
+
+
+def test_a_draft_of_another_rigs_file_proposes_its_description(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = "\n".join(f"{k / 200},{np.sin(k)},{k % 7},{k % 5}" for k in range(600))
+    (tmp_path / "carts.csv").write_text(f"time [s],u [V],x1 [mm],motor_angle [deg]\n{rows}\n", encoding="utf-8")
+    draft = tmp_path / "map.toml"
+    assert main(["import", "--draft", str(tmp_path / "carts.csv"), "-o", str(draft)]) == 0
+    assert "map-rig.toml is proposed as the rig's description" in capsys.readouterr().out
+    model = read_rig(tmp_path / "map-rig.toml").model
+    assert (model.drive.channel, model.drive.quantity) == ("u", "voltage")
+    assert {(s.channel, s.quantity) for s in model.sensors} == {("x1", "displacement"), ("motor_angle", "angle")}
+    assert main(["import", str(draft), "-o", str(tmp_path / "a.h5")]) == 0
+    campaign = read(tmp_path / "a.h5")
+    assert campaign.description is not None
+    assert "head_mass" not in draft.read_text(encoding="utf-8")
+    # A description that was corrected is not written over.
+    (tmp_path / "map-rig.toml").write_text("mine", encoding="utf-8")
+    assert main(["import", "--draft", str(tmp_path / "carts.csv"), "-o", str(draft)]) == 0
+    assert (tmp_path / "map-rig.toml").read_text(encoding="utf-8") == "mine"

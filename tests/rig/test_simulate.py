@@ -153,7 +153,7 @@ def test_a_file_that_is_no_description(text: str, said: str, tmp_path: Path) -> 
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(PlanError, match="built in are wire-bonder"):
+    with pytest.raises(PlanError, match="there are wire-bonder"):
         read_rig("three-masses")
     with pytest.raises(PlanError, match="cannot be read"):
         read_rig(tmp_path / "none.toml")
