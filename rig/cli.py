@@ -11,7 +11,7 @@ from isorig.rig.errors import REFUSALS
 
 #: Where each command is, and what it does in a line.
 COMMANDS = {
-    "describe": ("isorig.rig.commands.describe:describe", "Shows a rig's description, or writes one by questions."),
+    "describe": ("isorig.rig.commands.describe:describe", "Draws and checks a rig's description, or writes one."),
     "check": ("isorig.rig.commands.check:check", "Lists the runs of recordings and refuses damaged files."),
     "frf": ("isorig.rig.commands.frf:frf", "Transfer functions with coherence and error bars."),
     "characterize": ("isorig.rig.commands.characterize:characterize", "Masses, frequencies, damping ratios and friction."),

@@ -1,4 +1,4 @@
-"""rig describe: a rig's description, drawn and judged, or written by questions."""
+"""rig describe: a rig's description, drawn and checked, or written from answers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def describe(
     new: Annotated[bool, Parameter(negative=())] = False,
     sensors: bool = True,
 ) -> None:
-    """Show a rig's description: bodies, springs, contacts, drive and sensors, what is known, and what its sensors can tell.
+    """Show a rig's description: bodies, springs, contacts, drive and sensors, what is known, and what its sensors determine.
 
     Without a rig, list the descriptions that come with the package. With --new, ask for a rig and write its description.
 
@@ -30,11 +30,11 @@ def describe(
     rig
         A description in .toml, the name of one that comes with the package, or a model.json.
     output
-        Where to write: a picture (.svg), or the description itself (.toml) as a beginning for your own.
+        Where to write: a picture (.svg), or the description itself (.toml) to edit.
     new
-        Ask a few questions and write the description that the answers make.
+        Ask a few questions and write the description.
     sensors
-        Whether to simulate a usual run and say which parameters the sensors cannot tell apart.
+        Whether to simulate a usual run and report which parameters the sensors cannot distinguish.
     """
     from isorig.rig.describe.show import listed, shown
     from isorig.rig.errors import PlanError

@@ -1,1 +1,1 @@
-"""A rig's description: in the terminal, as a picture, by questions, and what its sensors can tell."""
+"""A rig's description: drawn in the terminal, written from answers, and what its sensors determine."""

@@ -7,7 +7,7 @@ from rich.console import Console
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
-from isorig.rig.describe.sensors import from_usual_runs, rows, sentences
+from isorig.rig.describe.identifiable import from_usual_runs, sentences, uncertainties
 from isorig.rig.describe.tree import drawn, numbers
 from isorig.rig.errors import PlanError
 from isorig.rig.files.parameter_units import unit_of
@@ -33,7 +33,7 @@ def listed() -> None:
 
 
 def shown(model: RigModel, *, sensors: bool) -> None:
-    """The drawing, the parameters, the modes, and what the sensors can tell."""
+    """The drawing, the parameters, the modes, and what the sensors determine."""
     print(f"{model.name}{f': {model.note}' if model.note else ''}\n")
     # Lines as long as they are: a number is never cut.
     wide = Console(width=WIDEST)
@@ -43,23 +43,23 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? is fitted; the rest is taken as known\n")
     free = bool(model.free)
     paths = model.free or tuple(path for path in numbers(model) if model.get(path) != 0.0)
-    told: dict[str, str] = {}
+    known: dict[str, str] = {}
     said: list[str] = []
     if sensors:
         try:
             found = from_usual_runs(model, paths)
-            told, said = rows(model, found), sentences(found, free)
+            known, said = uncertainties(found), sentences(found, free)
         except (AnalysisError, PlanError) as error:
-            said = [f"What the sensors can tell is not known: {error}."]
+            said = [f"What the sensors determine is not available: {error}."]
     title = "Fitted" if free else "Nothing is marked as free, so nothing would be fitted; all numbers"
-    columns = ("parameter", "value", "unit", *(("known to",) if told else ()))
+    columns = ("parameter", "value", "unit", *(("uncertainty",) if known else ()))
     show_table(
         title,
         columns,
-        [(path, f"{model.get(path):.6g}", unit_of(path, model), *((told[path],) if told else ())) for path in paths],
+        [(path, f"{model.get(path):.6g}", unit_of(path, model), *((known[path],) if known else ())) for path in paths],
     )
-    if told:
-        print("(known to: relative deviation after a usual run with noise of a hundredth of its rms on every channel)")
+    if known:
+        print("(uncertainty: relative standard uncertainty after a usual run, for noise of 1 % of its rms on every channel)")
     for sentence in said:
         print(sentence)
     print()

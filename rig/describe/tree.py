@@ -15,7 +15,7 @@ from isorig.rig.files.rigtext import plain
 def drawn(model: RigModel) -> Tree:
     """The rig as a tree from the ground up: springs, dampers and contacts with their values, bodies with drive and sensors.
 
-    A joint of two bodies that both hang elsewhere already is shown at one of them, with an arrow to the other.
+    A joint between two bodies that are in the tree already is shown at one of them, with an arrow to the other.
     """
     tree = Tree("ground (fixed)", highlight=False)
     places = {GROUND: tree}

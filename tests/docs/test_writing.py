@@ -9,7 +9,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The first bullet below "Avoid" in docs/writing.md, except words that also have a plain use ("look", "stands").
-AVOIDED = re.compile(r"\b(told|tells of|beside|a look|looked at|rider|riders|speaks? against|broken off|worked out)\b", re.IGNORECASE)
+AVOIDED = re.compile(
+    r"\b(told|tells of|beside|a look|looked at|rider|riders|speaks? against|broken off|worked out)\b", re.IGNORECASE
+)
 #: writing.md quotes the words.
 PAGES = sorted({*(ROOT / "docs").glob("*.md"), ROOT / "README.md"} - {ROOT / "docs" / "writing.md", ROOT / "docs" / "thesis.md"})
 

@@ -1,4 +1,4 @@
-"""Descriptions of rigs: the page has every field, those that ship simulate, and what sensors cannot tell apart is said."""
+"""Descriptions of rigs: the page has every field, those that ship simulate, indistinguishable parameters are reported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import SI_UNIT
-from isorig.analysis.fitting.apart import ALIKE, BLURRED, apart_by
+from isorig.analysis.fitting.identifiability import INFLATED, NO_EFFECT, from_sensitivity
 from isorig.analysis.laws import CONTACT_LAWS, SPRING_LAWS
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
@@ -94,7 +94,7 @@ def test_a_shipped_description_is_shown_and_simulated(name: str, tmp_path: Path,
         assert part.name in said
     for sensor in model.sensors:
         assert f"● {sensor.channel}: {sensor.quantity.replace('_', ' ')}" in said
-    assert "The sensors tell all of them apart." in said
+    assert "The sensors determine all of them." in said
     assert all(path in said for path in model.free)
     picture = (tmp_path / "rig.svg").read_text(encoding="utf-8")
     assert picture.startswith("<svg")
@@ -131,28 +131,28 @@ def test_masses_and_springs_that_scale_together_are_named(tmp_path: Path, capsys
     )
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     assert main(["describe", str(tmp_path / "rig.toml")]) == 0
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if "cannot tell apart" in line]
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "cannot distinguish" in line]
     # A force in volts alone fixes no scale: all masses, springs and dampers may grow together with the factor.
     for path in (*read_rig(tmp_path / "rig.toml").model.free,):
         assert path in line
     assert "give its value" in line
 
 
-def test_what_is_alike_and_what_is_blurred_at_the_boundary() -> None:
+def test_indistinguishable_and_correlated_at_the_boundary() -> None:
     def two(angle: float) -> np.ndarray:
         # Two columns of length 1e4 with this angle between them.
         return 1e4 * np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)], [0.0, 0.0]])
 
     # The smaller singular value over the larger of two unit columns is tan(angle / 2).
-    angle = 2.0 * np.arctan(ALIKE)
-    assert apart_by(two(0.9 * angle), ("a", "b")).alike == (("a", "b"),)
-    assert apart_by(two(1.1 * angle), ("a", "b")).alike == ()
+    angle = 2.0 * np.arctan(NO_EFFECT)
+    assert from_sensitivity(two(0.9 * angle), ("a", "b")).indistinguishable == (("a", "b"),)
+    assert from_sensitivity(two(1.1 * angle), ("a", "b")).indistinguishable == ()
     # Known to 1/sin(angle) times what it is alone; said where that is poor too.
-    angle = float(np.arcsin(1.0 / BLURRED))
-    assert apart_by(two(0.9 * angle) / 500.0, ("a", "b")).blurred == ("a", "b")
-    assert apart_by(two(1.1 * angle) / 500.0, ("a", "b")).blurred == ()
-    assert apart_by(two(0.9 * angle), ("a", "b")).blurred == ()
-    assert apart_by(np.array([[1.0, 0.0], [0.0, 100.0]]), ("a", "b")).silent == ("a",)
+    angle = float(np.arcsin(1.0 / INFLATED))
+    assert from_sensitivity(two(0.9 * angle) / 500.0, ("a", "b")).correlated == ("a", "b")
+    assert from_sensitivity(two(1.1 * angle) / 500.0, ("a", "b")).correlated == ()
+    assert from_sensitivity(two(0.9 * angle), ("a", "b")).correlated == ()
+    assert from_sensitivity(np.array([[1.0, 0.0], [0.0, 100.0]]), ("a", "b")).without_effect == ("a",)
 
 
 def test_angles_are_simulated_as_angles() -> None:
