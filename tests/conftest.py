@@ -1,5 +1,6 @@
 """What tests share."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,10 @@ from hypothesis import settings
 #: The same examples on every machine and in every run.
 settings.register_profile("fixed", derandomize=True)
 settings.load_profile("fixed")
+
+# A shell ignores SIGINT for what it starts in the background, and processes that tests start would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 

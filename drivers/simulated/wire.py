@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import select
 import sys
+import tempfile
+from pathlib import Path
 from typing import Protocol
 
 from isorig.drivers.errors import SettingError
@@ -27,7 +29,11 @@ class Wire(Protocol):
 
 
 class PtyWire:
-    """The instrument's end of a pseudo-terminal; `port` is the path of the other end, which pyserial opens."""
+    """The instrument's end of a pseudo-terminal; `port` is a link to the other end, which pyserial opens.
+
+    The system gives the number of a closed pseudo-terminal to the next one that is opened. The link goes first, so a driver that
+    opens its port again after an unplug never reaches somebody else's terminal.
+    """
 
     def __init__(self) -> None:
         if sys.platform == "win32":
@@ -38,7 +44,10 @@ class PtyWire:
         self._own, self._other = pty.openpty()
         tty.setraw(self._other)
         os.set_blocking(self._own, False)
-        self.port = os.ttyname(self._other)
+        self._folder = tempfile.TemporaryDirectory(prefix="rig-pty-")
+        link = Path(self._folder.name) / "port"
+        link.symlink_to(os.ttyname(self._other))
+        self.port = str(link)
 
     def read(self, timeout: float) -> bytes:
         """What arrived within `timeout` seconds, empty where nothing did."""
@@ -62,6 +71,7 @@ class PtyWire:
 
     def close(self) -> None:
         """Unplug."""
+        self._folder.cleanup()
         for end in (self._own, self._other):
             if end >= 0:
                 os.close(end)

@@ -54,7 +54,7 @@ def port_locked(port: str) -> Iterator[None]:
     PlanError
         Where another session holds it.
     """
-    name = port.lower().replace("localhost", "127.0.0.1") if "://" in port else os.path.realpath(port)
+    name = port.lower().replace("localhost", "127.0.0.1") if "://" in port else _device(port)
     lock = Path(tempfile.gettempdir()) / f"rig-port-{hashlib.sha256(name.encode()).hexdigest()[:20]}.lock"
     try:
         handle, holder = _taken(lock)
@@ -66,6 +66,15 @@ def port_locked(port: str) -> Iterator[None]:
         raise PlanError(f"the port {port} is in use by another session{holder}; wait for its end, or end it")
     with _held(lock, handle):
         yield
+
+
+def _device(port: str) -> str:
+    # The number of a pseudo-terminal that was closed is given to the next one: the time it was made parts the two.
+    path = os.path.realpath(port)
+    if path.startswith("/dev/pts/"):
+        with suppress(OSError):
+            return f"{path} {Path(path).stat().st_ctime_ns}"
+    return path
 
 
 def _taken(lock: Path) -> tuple[int | None, str]:

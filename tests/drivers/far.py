@@ -8,12 +8,14 @@ from __future__ import annotations
 import os
 import select
 import struct
+import tempfile
 import threading
 import time
 import tty
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 
@@ -25,7 +27,11 @@ class Far:
         self._own, self._other = os.openpty()
         tty.setraw(self._other)
         os.set_blocking(self._own, False)
-        self.port = os.ttyname(self._other)
+        # A link that goes before the terminal does: its number is given to the next that is opened, in whichever process.
+        self._folder = tempfile.TemporaryDirectory(prefix="far-")
+        link = Path(self._folder.name) / "port"
+        link.symlink_to(os.ttyname(self._other))
+        self.port = str(link)
         self.heard = b""
         self.over = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -35,10 +41,16 @@ class Far:
         return self
 
     def __exit__(self, *ended: object) -> None:
+        self.unplug()
+
+    def unplug(self) -> None:
+        """The terminal goes; a second call does nothing, for its descriptors may be somebody else's by then."""
         self.over.set()
         self._thread.join(5.0)
-        for end in (self._own, self._other):
-            with suppress(OSError):
+        self._folder.cleanup()
+        ends, self._own, self._other = (self._own, self._other), -1, -1
+        for end in ends:
+            if end >= 0:
                 os.close(end)
 
     def _serve(self) -> None:

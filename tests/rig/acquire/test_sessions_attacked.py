@@ -223,8 +223,7 @@ def test_a_cable_that_comes_back_is_taken_up_again_and_the_gap_is_counted(
             # The same instrument at another port, under the same name: it has gone on measuring meanwhile.
             wait_for(lambda: first.sent >= 30)
             link.unlink()
-            os.close(first._own)
-            first.over.set()
+            first.unplug()
             second._began, second.sent, second.running = first._began, 60, True
             wait_for(lambda: time.monotonic() - first._began > 60 * 50 / 2000.0)
             link.symlink_to(second.port)
