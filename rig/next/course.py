@@ -25,7 +25,7 @@ from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
 from isorig.rig.next.page import Picture, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
-from isorig.rig.next.proposal import Proposal, propose, situation
+from isorig.rig.next.proposal import UNNAMED, Proposal, propose, situation, twins_of
 from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins
 from isorig.rig.report.sections import words
@@ -206,6 +206,9 @@ def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Cours
     terms.status("comparing candidate runs")
     known = [stage for stage in course.stages if stage.verdict]
     begun = read_rivals(folder / diagnosis_folder(known[-1])) if known else nothing_known(plan, terms.limits, course.baseline)
+    if begun.named and begun.open and all(one.why == "indistinguishable" and len(one.models) < 2 for one in begun.open):
+        same = Proposal(kind="rivals", twins=twins_of(begun))
+        return msgspec.structs.replace(course, ended=" ".join([f"{_names(begun.named).capitalize()}.", *twins(same)]))
     plans = {run.id: run for run in course.runs}
     now = situation([begun], terms.limits, plans, frozenset(course.declined))
     proposal = terms.choose(now, budget=terms.seconds - course.seconds, work=terms.work, most=1, tell=terms.status)
@@ -325,6 +328,9 @@ def _nothing_left(course: Course, proposal: Proposal) -> str:
     pairs = inseparable(proposal) + twins(proposal)
     if pairs:
         return " ".join(pairs)
+    known = next((stage.verdict for stage in reversed(course.stages) if stage.verdict), "")
+    if known in UNNAMED:
+        return "The model errs, no cause of the catalogue explains it, and no allowed run is left that would be likely to."
     if proposal.kind == "untested":
         return "No cause of the catalogue is left that a further allowed run would be likely to show."
     return "No allowed run gains anything."

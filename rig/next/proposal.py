@@ -26,13 +26,16 @@ from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.inverse import floats
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError
-from isorig.rig.files.rivals import OpenSet, Rivals
+from isorig.rig.files.rivals import Rivals
 from isorig.rig.next.runs import PAUSE, candidate, described, drive_scale, in_hand, prospect
 
 #: Seconds that a proposal may take to compare candidates; those that were not reached by then are left out, and this is said.
 WORK = 20.0
 #: Longest run where no limit is stated, s.
 LONGEST = 60.0
+#: Verdicts with an error that no named cause explains, and the question where no candidate cause came near.
+UNNAMED = ("unexplained", "partly explained")
+NO_CAUSE = "No candidate cause explains the error. Does another excitation show its cause?"
 #: Share of a channel's noise level that the rig's own motion may make up before the level is no longer taken as noise.
 OWN_MOTION = 0.5
 
@@ -242,27 +245,31 @@ def propose(
             raise OutOfTimeError("the time for comparing candidates is over")
         tell(text)
 
+    kind: Kind
     lead = _noise_first(now)
-    twins = tuple((key, _fitted(one)) for one in now.rivals.open for key in one.twins)
+    twins = twins_of(now.rivals)
     for one in now.rivals.open:
         variants = tuple(model.variant() for model in one.models)
         if len(variants) < 2:
             continue
-        if one.why == "undecided" and (again := _again(now)) is not None:
+        if one.why == "undecided" and (again := _again(now, budget)) is not None:
             return Proposal(kind="reproducible", runs=(*lead, again), twins=twins)
-        kind: Kind = "rivals" if one.why == "indistinguishable" else "undecided"
+        kind = "rivals" if one.why == "indistinguishable" else "undecided"
         found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), budget, most, progress)
         runs = (*lead, *_proposed(found))
         return Proposal(kind=kind, runs=runs, chosen=found, twins=twins, unreached=unreached, remedies=cures)
+    if now.rivals.verdict in UNNAMED and (run := _again(now, budget) or _broadest(now, budget)) is not None:
+        kind, asked = ("reproducible", "") if run.run.repeat_of else ("undecided", NO_CAUSE)
+        return Proposal(kind=kind, runs=(*lead, run), twins=twins, asked=asked)
     supposed = _supposed(now)
     question = Question(truths=supposed, rivals=(now.explains,), supposed=True)
     found, unreached, _ = _compared(now, question, budget, most, progress)
     return Proposal(kind="untested", runs=(*lead, *_proposed(found)), chosen=found, twins=twins, unreached=unreached)
 
 
-def _fitted(one: OpenSet) -> Key:
-    # The model that stands for a cause of the same equations.
-    return (one.models[0].cause, one.models[0].location)
+def twins_of(rivals: Rivals) -> tuple[tuple[Key, Key], ...]:
+    """Pairs of causes with the same equations of motion, the second one fitted."""
+    return tuple((key, (one.models[0].cause, one.models[0].location)) for one in rivals.open for key in one.twins)
 
 
 def _proposed(found: Chosen) -> tuple[Proposed, ...]:
@@ -318,16 +325,38 @@ def _supposed(now: Situation) -> tuple[Variant, ...]:
     return hypotheses(model, reached, reached.speed, rate)
 
 
-def _again(now: Situation) -> Proposed | None:
+def _again(now: Situation, budget: float) -> Proposed | None:
     # The drive of the run that misfits most, where no drive was played twice yet: is what remains reproducible?
     if any(run.repeat_of is not None for run in now.rivals.runs):
         return None
     names = [now.rivals.worst, *(run.id for run in now.rivals.runs)]
     name = next((each for each in names if each in now.plans), "")
     plan = now.plans.get(name)
-    if plan is None or not plan.played:
+    if plan is None or not plan.played or plan.seconds > budget:
         return None
     return Proposed(run=replace(candidate(plan), repeat_of=name))
+
+
+def _broadest(now: Situation, budget: float) -> Proposed | None:
+    # Where no candidate cause explains the error: the strongest broad-band run that was not measured yet, first in the
+    # configuration with the largest misfit. It excites most of what any cause depends on.
+    known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
+    worst = next((run.configuration for run in now.rivals.runs if run.id == now.rivals.worst), now.configuration)
+    runs = [
+        run for run in now.menu() if run.excitation == "random" and run.repeat_of is None and run.seconds <= min(BROAD, budget)
+    ]
+    runs = [run for run in runs if (run.configuration, run.excitation, run.gain, run.band) not in known]
+    models = drawn(now.explains, KEPT, 5)
+    for run in sorted(runs, key=lambda run: (run.configuration != worst, -run.gain, -_width(run))):
+        one = prospect(run, now.rivals.sample_rate, now.start_time, now.scale)
+        peaks = simulated_peaks(models, one.excitation(whole=True), run.configuration, one.start_time)
+        if not peaks.beyond(now.limits):
+            return Proposed(run=run, peaks=peaks, told=("It excites the rig more, or over another band, than the runs so far.",))
+    return None
+
+
+def _width(run: CandidateRun) -> float:
+    return 0.0 if run.band is None else run.band[1] - run.band[0]
 
 
 def _noise_first(now: Situation) -> tuple[Proposed, ...]:

@@ -18,10 +18,11 @@ from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
-from isorig.rig.files.rivals import Rivals
+from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import course as course_module
 from isorig.rig.next.course import PAGE, SESSION, STATE, Course, Measured, Terms, investigate, nothing_known, read_course
-from isorig.rig.next.proposal import Proposal, Proposed, situation
+from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
+from isorig.rig.next.sentences import summary
 
 NAMES = ("head", "motor", "table", "heatblock")
 PLAN = Plan(
@@ -167,6 +168,30 @@ def test_an_undecided_remainder_is_left_after_two_runs_without_news(lab: Callabl
     course = go(lab([answer], again), tmp_path, WITH_FIRST)
     assert course.ended == "What remains has no name in the catalogue: further runs brought nothing new."
     assert len(course.stages) == 3
+
+
+def test_an_error_without_a_candidate_cause_is_repeated_and_then_excited_otherwise() -> None:
+    """First the drive that misfits most again, then the strongest broad run not measured yet, within limits and budget."""
+    found = rivals(verdict="unexplained", worst="u35")
+    first = propose(situation([found], PLAN.limits, {"u35": FIRST}), work=1.0)
+    assert first.kind == "reproducible"
+    assert [item.run.repeat_of for item in first.runs if not item.run.rests] == ["u35"]
+    again = msgspec.structs.replace(found.runs[0], id="next-1", repeat_of="u35", start_time=100.0)
+    now = situation([msgspec.structs.replace(found, runs=[*found.runs, again])], PLAN.limits, {"u35": FIRST})
+    second = propose(now, work=1.0)
+    (item,) = (item for item in second.runs if not item.run.rests)
+    assert (second.kind, item.run.excitation, item.run.configuration) == ("undecided", "random", "unlocked")
+    assert "Does another excitation show its cause?" in summary(second)[0]
+    assert item.peaks is not None
+    assert not item.peaks.beyond(PLAN.limits)
+    assert propose(now, work=1.0, budget=5.0).kind == "untested"
+
+
+def test_causes_of_the_same_equations_end_it(lab: Callable[..., Lab], tmp_path: Path) -> None:
+    same = OpenSet(why="indistinguishable", models=[fitted(wire_bonder(), "wrong_mass")], twins=[("sensor_gain", "head")])
+    course = go(lab([rivals(same, named=[("wrong_mass", "head")])], []), tmp_path, WITH_FIRST)
+    assert course.ended.startswith("Wrong mass at head. Sensor gain at head and wrong mass at")
+    assert len(course.stages) == 1
 
 
 def test_nothing_known_is_the_rig_as_it_is_described() -> None:
