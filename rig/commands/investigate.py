@@ -54,6 +54,7 @@ def investigate(
     from isorig.rig.acquire.plan_check import read_plan
     from isorig.rig.acquire.session import Operator
     from isorig.rig.acquire.terminal import Terminal
+    from isorig.rig.commands.diagnose import LIMIT
     from isorig.rig.errors import PlanError, RigError
     from isorig.rig.next.course import PAGE, Course, Terms, described_rig, read_course
     from isorig.rig.next.course import investigate as go_on
@@ -86,7 +87,7 @@ def investigate(
         measure = measuring(wire, operator, None if yes else terminal.consent, force=force)
         terms = Terms(
             most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits), work=WORK,
-            measure=measure, tell=terminal.say,
+            measure=measure, limit=LIMIT, tell=terminal.say,
         )  # fmt: skip
         course = go_on(own, output, begun, terms)
     print(course.ended or "Stopped by the operator; the same call goes on where it was.")

@@ -36,6 +36,8 @@ STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session
 NOISE_GUESS = 3e-4
 #: Relative deviation of a parameter of which only the description's first guess is known.
 FIRST_GUESS = 0.3
+#: Added to the answer of a diagnosis that its time limit ended.
+CUT_SHORT = "The search for causes was ended by its time limit and may have missed causes."
 #: Stages in a row that may leave verdict and names as they were before an undecided remainder is left as it is.
 WITHOUT_NEWS = 2
 
@@ -120,6 +122,8 @@ class Terms:
         Takes the runs.
     choose
         Chooses the next runs.
+    limit
+        Seconds after which the search for causes of a diagnosis ends; None for no limit.
     tell
         Called with a line for whoever watches.
     status
@@ -132,6 +136,7 @@ class Terms:
     work: float
     measure: Measure
     choose: Choose = propose
+    limit: float | None = None
     tell: Callable[[str], None] = lambda text: None
     status: Callable[[str], None] = field(default=lambda text: None)
 
@@ -259,13 +264,16 @@ def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
         stage = msgspec.structs.replace(stage, step="diagnosed", answer=answer)
         return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
     place = folder / diagnosis_folder(stage)
-    diagnose_file(folder / RECORDING, place, course.baseline, terms.status, tolerance=course.tolerance)
+    outcome = diagnose_file(
+        folder / RECORDING, place, course.baseline, terms.status, tolerance=course.tolerance, limit=terms.limit
+    )  # fmt: skip
     found = read_rivals(place)
+    answer = [*answered(found), *([CUT_SHORT] if outcome.cut_short else [])]
     stage = msgspec.structs.replace(
         stage, step="diagnosed", verdict=found.verdict, named=found.named,
-        open=[[(m.cause, m.location) for m in one.models] + one.twins for one in found.open], answer=answered(found),
+        open=[[(m.cause, m.location) for m in one.models] + one.twins for one in found.open], answer=answer,
     )  # fmt: skip
-    terms.tell("\n  ".join([f"After stage {stage.number}:", *stage.answer]))
+    terms.tell("\n  ".join([f"After stage {stage.number}:", *answer]))
     return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
 
 

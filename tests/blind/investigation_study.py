@@ -48,6 +48,8 @@ COLUMNS = (
 RUNS, SECONDS = 8, 240.0
 #: Sound rigs, and envelopes of every cause and foreign form and size, in a round.
 SOUND, SIZES = 6, (1.0, 0.33)
+#: Seconds after which a diagnosis ends: the default of `rig diagnose` on a free computer, doubled for one that is shared.
+LIMIT = 600.0
 Job = tuple[str, float, int]
 
 
@@ -136,7 +138,7 @@ def investigated(rig: SealedRig, folder: Path, begun: Course, choose: Callable[.
     """A whole investigation of a sealed rig; one that is refused ends with the refusal."""
     choice = Timed(choose)
     terms = Terms(
-        most_runs=runs, seconds=SECONDS, limits=rig.limits, work=WORK, measure=rig.measure, choose=choice,
+        most_runs=runs, seconds=SECONDS, limits=rig.limits, work=WORK, measure=rig.measure, choose=choice, limit=LIMIT,
         tell=lambda text: print("   ", text.replace("\n", "\n    "), flush=True),
     )  # fmt: skip
     try:
@@ -184,7 +186,7 @@ def standard(job: Job) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as name:
         recording, folder = Path(name) / "sealed.h5", Path(name) / "answer"
         write(recording, envelope.campaign)
-        diagnose_file(recording, folder, "coulomb", page=False)
+        diagnose_file(recording, folder, "coulomb", limit=LIMIT, page=False)
         return study.scored(envelope, job[1], job[2], folder)
 
 

@@ -17,6 +17,7 @@ from isorig.analysis.proposals.menu import CandidateRun
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
+from isorig.rig.diagnose_many import Outcome
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import course as course_module
@@ -47,6 +48,7 @@ class Lab:
     proposals: list[Proposal]
     breaks: str = ""
     declines: str = ""
+    cut_short: bool = False
     stops: bool = False
     measured: list[str] = field(default_factory=list)
     diagnosed: list[str] = field(default_factory=list)
@@ -64,11 +66,12 @@ class Lab:
             recording.write_text(json.dumps(held))
         return Measured(names=held)
 
-    def diagnose(self, recording: Path, folder: Path, *rest: object, **options: object) -> None:
+    def diagnose(self, recording: Path, folder: Path, *rest: object, **options: object) -> Outcome:
         self._break(f"diagnose {folder.name}")
         self.diagnosed.append(folder.name)
         number = int(folder.name.removeprefix("diagnosis-"))
         written(folder, self.answers[min(number, len(self.answers)) - 1])
+        return Outcome(campaign="lab", cut_short=self.cut_short)
 
     def propose(self, now: object, **options: object) -> Proposal:
         self._break(f"propose {len(self.diagnosed)}")
@@ -192,6 +195,12 @@ def test_causes_of_the_same_equations_end_it(lab: Callable[..., Lab], tmp_path: 
     course = go(lab([rivals(same, named=[("wrong_mass", "head")])], []), tmp_path, WITH_FIRST)
     assert course.ended.startswith("Wrong mass at head. Sensor gain at head and wrong mass at")
     assert len(course.stages) == 1
+
+
+@pytest.mark.parametrize("cut_short", [False, True])
+def test_a_diagnosis_that_was_cut_short_says_so(cut_short: bool, lab: Callable[..., Lab], tmp_path: Path) -> None:
+    course = go(lab([STANDS], [], cut_short=cut_short), tmp_path, WITH_FIRST)
+    assert (course_module.CUT_SHORT in course.stages[0].answer) == cut_short
 
 
 def test_nothing_known_is_the_rig_as_it_is_described() -> None:
