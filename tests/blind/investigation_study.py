@@ -41,8 +41,8 @@ from isorig.rig.next.runs import candidate, prospect
 
 TABLE = study.TABLE.with_name("investigations.csv")
 COLUMNS = (
-    "kind", "size", "seed", "way", "truth", "verdict", "named", "open", "right", "runs", "further", "seconds", "proposal",
-    "broken", "ended",
+    "kind", "size", "seed", "way", "truth", "verdict", "named", "open", "first_open", "right", "runs", "further", "seconds",
+    "proposal", "broken", "ended",
 )  # fmt: skip
 #: Runs, and seconds of measuring, that an investigation may take.
 RUNS, SECONDS = 8, 240.0
@@ -128,7 +128,8 @@ def row(job: Job, way: str, rig: SealedRig, course: Course, choice: Timed) -> di
     return {
         **dict(zip(("kind", "size", "seed"), job, strict=True)), "way": way, "truth": _places(rig.hidden.truth),
         "verdict": stage.verdict if stage else "", "named": _places(stage.named) if stage else "",
-        "open": " | ".join(_places(group) for group in stage.open) if stage else "", "right": int(right(rig, job[0], stage)),
+        "open": _groups(stage), "first_open": _groups(next((stage for stage in course.stages if stage.verdict), None)),
+        "right": int(right(rig, job[0], stage)),
         "runs": len(course.runs), "further": further(course), "seconds": f"{course.seconds:g}",
         "proposal": f"{choice.most:.1f}", "broken": " | ".join(rig.broken), "ended": course.ended,
     }  # fmt: skip
@@ -188,6 +189,10 @@ def standard(job: Job) -> dict[str, object]:
         write(recording, envelope.campaign)
         diagnose_file(recording, folder, "coulomb", limit=LIMIT, page=False)
         return study.scored(envelope, job[1], job[2], folder)
+
+
+def _groups(stage: Stage | None) -> str:
+    return " | ".join(_places(group) for group in stage.open) if stage else ""
 
 
 def _places(pairs: object) -> str:

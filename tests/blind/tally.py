@@ -19,8 +19,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from envelopes import CAUSES, OUTSIDE
 from study import TABLE
 
+from isorig.rig.virtual.campaign import SESSION
+
 DOCS = Path(__file__).parents[2] / "docs"
 OTHER = DOCS / "study" / "other-rigs.csv"
+INVESTIGATIONS = DOCS / "study" / "investigations.csv"
+#: Seconds of measuring of the standard plan of seven runs.
+STANDARD = sum(take.seconds for take in SESSION)
 PAGE, PICTURE = DOCS / "study.md", DOCS / "pictures" / "study-confusion.png"
 #: What the diagnosis came to that knew catalogued forms alone.
 EARLIER = DOCS / "study" / "results-forms-only.csv"
@@ -146,6 +151,103 @@ def other_rigs(table: pd.DataFrame) -> list[tuple[str, ...]]:
     return rows
 
 
+ENVELOPE = ["kind", "size", "seed"]
+
+
+def investigation_groups(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """The envelopes of investigations by what is hidden."""
+    caused = table["kind"].isin(CAUSES)
+    return [
+        ("catalogued cause, full size", table[caused & (table["size"] == 1.0)]),
+        ("catalogued cause, a third of it", table[caused & (table["size"] < 1.0)]),
+        ("a form of no catalogue (right: no name given)", table[table["kind"].str.startswith("outside")]),
+        ("no effect", table[table["kind"] == "none"]),
+    ]
+
+
+def investigations(found: pd.DataFrame, standard: pd.DataFrame) -> list[tuple[str, ...]]:
+    """Investigations and the standard plan on the same envelopes, by what was hidden."""
+    proposed = found[found["way"] == "proposed"]
+    both = proposed.merge(standard, on=ENVELOPE, suffixes=("", "_standard"))
+    rows = []
+    for (name, own), (_, shared) in zip(investigation_groups(proposed), investigation_groups(both), strict=True):
+        if len(own):
+            seconds = own["seconds"].astype(float)
+            rows.append(
+                (
+                    name, rate(int(own["right"].sum()), len(own)),
+                    f"{int(shared['right'].sum())} and {int(shared['right_standard'].sum())} of {len(shared)}",
+                    f"{seconds.median():g} s ({seconds.min():g} to {seconds.max():g} s)",
+                )
+            )  # fmt: skip
+    return rows
+
+
+def further_runs(found: pd.DataFrame) -> list[tuple[str, ...]]:
+    """Further runs to a right answer, for causes that were found after some: proposals, and other ways to choose."""
+    shared = set.intersection(*(set(found[found["way"] == way]["seed"]) for way in ("proposed", "repeat", "random")))
+    rows = []
+    words = {"proposed": "proposed by the program", "repeat": "the last run repeated", "random": "an allowed run at random"}
+    for way, text in words.items():
+        part = found[(found["way"] == way) & found["seed"].isin(shared)]
+        needed = np.where(part["right"] == 1, part["further"], np.inf)
+        middle = float(np.median(needed)) if len(needed) else np.nan
+        most = "more than twice those proposed" if np.isinf(middle) else f"{middle:g}"
+        rows.append((text, f"{int(part['right'].sum())} of {len(part)}", most, f"{int(part['further'].sum())}"))
+    return rows
+
+
+def pairs_parted(found: pd.DataFrame, standard: pd.DataFrame) -> str:
+    """What became of causes that the standard plan could not distinguish."""
+    proposed = found[found["way"] == "proposed"]
+    both = proposed.merge(standard, on=ENVELOPE, suffixes=("", "_standard"))
+    alike = both[both["alike"] != ""]
+    parted = int((alike["open"] == "").sum())
+    said = int(alike["ended"].str.contains("No allowed run|same equations").sum())
+    begun = proposed[proposed["first_open"] != ""]
+    ended, named = begun[begun["open"] == ""], begun["ended"].str.contains("No allowed run|same equations")
+    return (
+        f"The standard plan left indistinguishable causes in {len(alike)} of {len(both)} envelopes; investigations distinguished "
+        f"{parted} of these and said of {said} that no allowed run does.\nAfter their own first stage {len(begun)} of "
+        f"{len(proposed)} investigations had several causes left: {len(ended)} ended with one, {int(named.sum())} with the\n"
+        "statement that no allowed run distinguishes them."
+    )
+
+
+def investigation_section(found: pd.DataFrame, standard: pd.DataFrame) -> str:
+    """The part of the page on investigations."""
+    proposed = found[found["way"] == "proposed"]
+    times = proposed["proposal"].astype(float)
+    head = (
+        "hidden",
+        "right (95 % interval)",
+        "right on the same envelopes, and standard plan",
+        "median of measuring",
+    )
+    share = proposed["seconds"].astype(float).median() / STANDARD
+    return f"""
+## Investigations
+
+{len(proposed)} sealed rigs ({seeds_of(proposed)}) were investigated from nothing by `tests/blind/investigation_study.py`, as
+`rig investigate` does it: the rig plays the proposed runs, and what is hidden is disclosed after the last answer. The standard
+plan is the session of seven runs, {STANDARD:g} s of measuring. Every investigation has a line in
+`docs/study/investigations.csv`, the standard plan on the same rigs one in `docs/study/results.csv`. The study shared its
+computer with other work: a proposal compares candidates for 20 s at most, so that a free computer compares more of them.
+
+{markdown(investigations(found, standard), head)}
+
+The median of measuring over all investigations is {100 * share:.0f} % of the standard plan's. The limit of the stroke was
+exceeded in {int((found["broken"] != "").sum())} of {len(found)} investigations. A proposal took {times.median():.0f} s in the
+median and {times.max():.0f} s at most.
+
+Causes that were found after further runs were looked for again from the first stage on, in up to twice as many runs:
+
+{markdown(further_runs(found), ("next run", "right", "median of further runs", "further runs in all"))}
+
+{pairs_parted(found, standard)}
+"""
+
+
 def seeds_of(table: pd.DataFrame) -> str:
     """First and last seed."""
     return f"seeds {table['seed'].min()} to {table['seed'].max()}"
@@ -171,6 +273,8 @@ line in `docs/study/other-rigs.csv`.
 
 {markdown(other_rigs(others), head)}
 """
+    if INVESTIGATIONS.exists():
+        section += investigation_section(pd.read_csv(INVESTIGATIONS, keep_default_na=False), table)
     text = f"""# How often it is right
 
 {len(table)} campaigns{seeds} were drawn blind, each with a rig of its own, an effect of a drawn size or none, or one
