@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from threading import Lock
 
 import msgspec
 import numpy as np
@@ -151,6 +152,8 @@ class Problem:
             raise FitError("every run is held out, so nothing is left to fit; mark at least one run for fitting")
         self.trials = tuple(fitted)
         self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
+        # Models are simulated in several threads, and any of them may drop the oldest entry.
+        self._lock = Lock()
         # A body that friction holds still leaves a record without any noise.
         sizes = np.max([trial.measured.std(axis=1) for trial in trials], axis=0)
         least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
@@ -169,12 +172,14 @@ class Problem:
             model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors), free=()
         )
         key = (index, msgspec.json.encode(sound))
-        if key in self._cache:
-            return self._cache[key]
-        motion = true_motion(sound, trial, trial.fitted)
-        if len(self._cache) >= CACHED * len(self.trials):
-            self._cache.pop(next(iter(self._cache)), None)
-        self._cache[key] = motion
+        with self._lock:
+            motion = self._cache.get(key)
+        if motion is None:
+            motion = true_motion(sound, trial, trial.fitted)
+            with self._lock:
+                while len(self._cache) >= CACHED * len(self.trials):
+                    del self._cache[next(iter(self._cache))]
+                self._cache[key] = motion
         return motion
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:

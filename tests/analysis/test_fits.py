@@ -1,12 +1,16 @@
 """Fits of causes: what they are kept from, where they start, and narrow valleys that they must run along."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.mechanisms.modes import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
+from isorig.analysis.fitting import solve
 from isorig.analysis.fitting.division import BEGINNING, beginnings, ends
 from isorig.analysis.fitting.solve import Problem, base_parameters, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
@@ -71,6 +75,21 @@ def test_a_mode_shows_beside_a_louder_misfit() -> None:
     found = misfit_frequencies(low, prepare(virtual_campaign(hidden, TAKES, seed=4), RIG))
     omega = np.sqrt(hidden.link("table_rider").stiffness / hidden.bodies[-1].mass)
     assert min(abs(np.log2(2.0 * np.pi * f / omega)) for f in found) < 0.15
+
+
+def test_threads_share_the_stored_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models are simulated in several threads at once, and each may drop what another one is about to read."""
+    problem = Problem(prepare(CAMPAIGN, RIG))
+    monkeypatch.setattr(solve, "true_motion", lambda *_: {})
+    models = [RIG.replace({"bodies.table.mass": 80.0 + 0.01 * k}) for k in range(400)]
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            assert all(pool.map(lambda model: problem._motion(model, 0) == {}, 5 * models))
+    finally:
+        sys.setswitchinterval(before)
+    assert len(problem._cache) == solve.CACHED * len(problem.trials)
 
 
 def test_derivatives_hold_along_a_narrow_valley() -> None:
