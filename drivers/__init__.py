@@ -1,1 +1,1 @@
-"""Instruments: bytes on a wire in, blocks of samples out. Knows nothing of the rig or of analysis."""
+"""Instruments: they read bytes from a port and return blocks of samples. Independent of the rig and of analysis."""

@@ -1,8 +1,8 @@
-"""Finds the scans in a stream of words that has no frames, by the bits that are always zero.
+"""Aligns scans in an unframed stream of words, using bits that are always zero.
 
-A converter of 12 bits leaves the four lowest bits of a word at zero; in the first word of a scan the two lowest are the digital
-inputs. Where a byte or a word is lost or comes twice, the bits that must be zero are not, and the stream is aligned anew. What
-fits both the old and the new alignment is left out, so that no value is ever put together from two.
+A 12-bit converter leaves the four lowest bits of a word at zero; in the first word of a scan the two lowest bits are the digital
+inputs. If a byte or a word is lost or doubled, bits that must be zero are not, and the stream is realigned. Data that fit both
+the old and the new alignment are discarded, so that no value ever combines bytes of two samples.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from isorig.drivers.block import Raw, Status
 from isorig.drivers.errors import ProtocolError
 
-#: Scans that must fit behind a place where the stream is aligned anew; scans that are held back until so many have come behind.
+#: Scans that must fit after a realignment; scans held back until that many have arrived after them.
 PROOF = 16
 HOLD = 64
-#: Bits that must be zero in the scans at either side of a damaged place that are left out with it: bytes that were never sent
-#: fit by chance, one in 2 to the power of that.
+#: Number of always-zero bits in the scans on either side of a damaged place that are discarded with it: bytes of a wrong
+#: alignment fit by chance with a probability of 2 to the power of minus this number.
 EVIDENCE = 24
-#: Scans without any alignment after which the stream is no stream of scans.
+#: Scans without any valid alignment after which the stream is rejected.
 GARBAGE = 1024
 DIGITAL = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
-    """Consecutive scans, int16, shape (n, inputs), digital inputs included; how many were lost before; when they arrived (s)."""
+    """Consecutive scans, int16, shape (n, inputs), including digital inputs; number of scans lost before; arrival time (s)."""
 
     scans: Raw
     lost: int
@@ -40,16 +40,16 @@ class Stretch:
 
 
 class Alignment:
-    """Cuts bytes into scans.
+    """Splits bytes into scans.
 
     Parameters
     ----------
     inputs
-        Words of a scan.
+        Words in a scan.
     bits
-        Of the converter: 12, 14, or 16, which leave nothing to align by.
+        Resolution of the converter: 12, 14, or 16; with 16 there are no zero bits to align by.
     who
-        The port, for messages.
+        Name of the port, for messages.
     """
 
     def __init__(self, inputs: int, bits: int, who: str) -> None:
@@ -64,7 +64,7 @@ class Alignment:
         self._guard = math.ceil(EVIDENCE / zeros) if zeros else 0
         self._who = who
         self._buffer = bytearray()
-        # Where in the buffer what came at once ends, and when it came, seconds.
+        # Buffer position at which the bytes of each arrival end, and the arrival time in seconds.
         self._marks: deque[tuple[int, float]] = deque()
         self._lost = 0
         self._resynced = False
@@ -72,23 +72,23 @@ class Alignment:
 
     @property
     def held(self) -> int:
-        """Scans that have come and are not handed out."""
+        """Number of scans received but not returned yet."""
         return len(self._buffer) // self._width
 
     def feed(self, data: bytes, now: float) -> Iterator[Stretch]:
-        """The scans that are sure by now; `data` arrived at `now`, seconds.
+        """Scans whose alignment is certain so far; `data` arrived at `now`, seconds.
 
         Raises
         ------
         ProtocolError
-            Where nothing fits for long.
+            No alignment fits for a long stretch.
         """
         self._buffer += data
         self._marks.append((len(self._buffer), now))
         yield from self._cut(HOLD if self._checked else 0)
 
     def finish(self) -> Iterator[Stretch]:
-        """The rest, as far as it fits."""
+        """The remaining scans, as far as they fit."""
         yield from self._cut(0)
 
     def _cut(self, hold: int) -> Iterator[Stretch]:
@@ -98,43 +98,44 @@ class Alignment:
             if bad == count:
                 yield from self._release(count - hold)
                 return
-            # Whether scans behind it fit must be known.
+            # The scans after it must be known to decide whether it fits.
             if count - bad <= HOLD and hold:
                 yield from self._release(max(bad - HOLD, 0))
                 return
             start = self._anew(bad)
             if start is None:
-                # Behind the damage is not enough left to tell.
+                # Too few bytes after the damage to realign yet.
                 if not hold:
                     yield from self._release(max(bad - self._guard, 0))
                     self._drop(len(self._buffer))
                     return
                 if count - bad > GARBAGE:
                     raise ProtocolError(
-                        f"{self._who} sends bytes that are no scans of {self._width // 2} inputs; check that the plan names the "
+                        f"{self._who} sends bytes that are not scans of {self._width // 2} inputs; check that the plan names the "
                         "right instrument and the bits of its converter, then resume"
                     )
                 return
             sure = max(self._certain(bad, start) - self._guard, 0)
             yield from self._release(sure)
             skipped = start - sure * self._width
-            # A byte more or less than whole scans is one that was doubled or lost; halves are taken for a loss.
+            # An extra or missing single byte was doubled or lost; half scans are counted as lost.
             self._lost += (skipped + self._width // 2) // self._width
             self._resynced = True
             self._drop(skipped)
 
     def _anew(self, bad: int) -> int | None:
-        # The first byte at or behind a scan that does not fit from which enough scans do; the next scan where only one was hurt.
+        # Position of the first byte, at or after a scan that does not fit, from which enough scans fit; the next scan if only one
+        # is damaged.
         origin = bad * self._width
         room = len(self._buffer) - origin
         skips = (self._width, *range(1, room - PROOF * self._width + 1))
         fitting = (skip for skip in skips if skip + PROOF * self._width <= room and self._fits(origin + skip, PROOF).all())
         skip = next(fitting, None)
-        # The first of those that fit may do so by chance as well.
+        # The first of the matching scans may match by chance as well.
         return None if skip is None else origin + skip + self._guard * self._width
 
     def _certain(self, bad: int, start: int) -> int:
-        # Scans before the damage that fit the old alignment and not the new one: those behind them may be of either.
+        # Scans before the damage that fit only the old alignment: later ones are ambiguous.
         if (start - bad * self._width) % self._width == 0:
             return bad
         first = start % self._width
@@ -147,13 +148,13 @@ class Alignment:
             return
         whole = len(self._buffer) // self._width
         if whole >= HOLD:
-            # Whether every other alignment would have been seen.
+            # Whether every other alignment would have been detected.
             self._sure = all(not self._fits(shift, whole - 1).all() for shift in range(1, self._width))
         status = (Status.RESYNCED if self._resynced else Status.GOOD) | (Status.GOOD if self._sure else Status.UNSURE)
         scans = np.frombuffer(bytes(self._buffer[: count * self._width]), "<i2").reshape(count, -1)
         done = 0
         for end, arrived in tuple(self._marks):
-            # What came at once is a stretch; a scan that came in two parts is of the second.
+            # Each arrival becomes one stretch; a scan that arrived in two parts belongs to the second.
             upto = min(end // self._width, count)
             if upto > done:
                 yield Stretch(scans=scans[done:upto], lost=self._lost, arrived=arrived, status=status)

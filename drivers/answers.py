@@ -1,4 +1,4 @@
-"""What an instrument may answer: for each word of an answer its kind and limits, so that nothing else gets past."""
+"""Validation of instruments' answers: type and limits of each word."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from isorig.drivers.errors import ProtocolError
 
 _WHOLE = re.compile(r"[+-]?\d{1,20}")
 _NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})?")
-#: Characters of an answer that a message shows.
+#: Characters of an answer quoted in a message.
 SHOWN = 60
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What one word of an answer may be.
+    """Valid values of one word of an answer.
 
     Parameters
     ----------
     allowed
-        In words, for the message.
+        Description of the valid values, for the message.
     read
-        The value of a word; None where it is not allowed.
+        Converts a word to its value; None if it is not valid.
     """
 
     allowed: str
@@ -33,7 +33,7 @@ class Kind:
 
 
 def whole(low: int, high: int) -> Kind:
-    """A whole number within limits."""
+    """An integer within limits."""
 
     def read(word: str) -> int | None:
         if not _WHOLE.fullmatch(word):
@@ -68,21 +68,21 @@ def text(longest: int) -> Kind:
 
 
 def parse(words: Sequence[str], kinds: Sequence[Kind], *, who: str, command: str) -> tuple[Any, ...]:
-    """The values of an answer's words.
+    """The values of the words of an answer.
 
     Parameters
     ----------
     words
-        As they came.
+        The words as received.
     kinds
-        What each may be; an answer has as many words.
+        Valid values for each word; an answer must have the same number of words.
     who, command
-        The port and what was asked, for the message.
+        The port and the command, for the message.
 
     Raises
     ------
     ProtocolError
-        Where a word is missing, one too many or not allowed.
+        A word is missing, superfluous or invalid.
     """
     values = tuple(kind.read(word) for kind, word in zip(kinds, words, strict=False))
     if len(words) != len(kinds) or any(value is None for value in values):

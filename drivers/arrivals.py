@@ -1,4 +1,4 @@
-"""Loss seen against this machine's clock, for instruments that number nothing."""
+"""Detects lost samples with the host's clock, for instruments that do not number their samples."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import Generic, TypeVar
 import numpy as np
 
 T = TypeVar("T")
-#: Seconds of a bin, and bins before and behind a place at which loss is looked for: two seconds are longer than the host stalls.
+#: Width of a bin in seconds, and bins before and after the place that is tested for loss: two seconds exceed the host's delays.
 BIN, BEFORE, BEHIND = 0.1, 20, 20
-#: Bins before a place that must be there, and bins that tell how fast the clocks run against each other.
+#: Minimum number of bins before a tested place, and number of bins used to estimate the drift between the clocks.
 LEAST, SLOPE = 3, 10
-#: Seconds, and how many times the scatter of the arrivals, by which they must be late from one moment on to be loss.
+#: Thresholds for a loss: minimum step of the delay in seconds, and in multiples of the scatter of the arrivals.
 JUMP, SCATTER = 0.01, 8.0
-#: Bins that must be behind a place at the end of the run, where no more come, and bins for which the limit above is meant.
+#: Minimum number of bins after a place at the end of the run, and number of bins for which the limit above is derived.
 LAST, SURE = 2, 5
 
 
 @dataclass
 class _Bin(Generic[T]):
-    """What arrived within a bin: items with their counts and delays, and the least delay and when that was."""
+    """Items that arrived within a bin, with counts and delays; the smallest delay and its time."""
 
     begin: float
     items: list[tuple[T, int, float]] = field(default_factory=list)
@@ -30,24 +30,24 @@ class _Bin(Generic[T]):
     at: float = 0.0
 
     def earlier(self, seconds: float) -> None:
-        """Take seconds off all delays."""
+        """Subtract seconds from all delays."""
         self.items = [(item, count, delay - seconds) for item, count, delay in self.items]
         self.least -= seconds
 
 
 class Arrivals(Generic[T]):
-    """Compares samples that arrived with the time that passed, and says before which of them some are missing.
+    """Compares the number of samples received with the elapsed time, and locates missing samples.
 
-    Samples arrive late, never early, so the least delay of each tenth of a second says how far count and clock lie apart. A least
-    delay that jumps and stays is loss, and the jump's place is the loss's; one that grows evenly is two clocks that run
-    differently. To see what stays, items are handed out two seconds late.
+    Samples arrive late, never early, so the smallest delay in each tenth of a second measures the difference between sample count
+    and clock. A smallest delay that steps up and remains there is a loss at that place; one that grows steadily is clock drift.
+    To detect steps that remain, items are returned two seconds late.
 
     Parameters
     ----------
     rate
-        Samples a second that the instrument takes, Hz.
+        Sample rate of the instrument, Hz.
     least
-        Seconds of loss that are looked for at least, where something else sees shorter ones.
+        Smallest loss to search for, in seconds, if shorter losses are detected by other means.
     """
 
     def __init__(self, rate: float, *, least: float = 0.0) -> None:
@@ -61,16 +61,16 @@ class Arrivals(Generic[T]):
 
     @property
     def held(self) -> int:
-        """Samples that have come and are not handed out."""
+        """Number of samples received but not returned yet."""
         return sum(count for one in self._bins for _, count, _ in one.items)
 
     @property
     def unseen(self) -> float:
-        """Seconds of loss that would not be seen."""
+        """The longest undetectable loss, in seconds."""
         return max(JUMP, self._least, SCATTER * self._scatter)
 
     def add(self, item: T, count: int, now: float) -> Iterator[tuple[T, int]]:
-        """Take an item of `count` samples that arrived at `now` (s); what can be handed out, with the samples missing before."""
+        """Add an item of `count` samples that arrived at `now` (s); returns released items with the samples missing before."""
         self._began = now - count / self._rate if self._began is None else self._began
         if not self._bins or now >= self._bins[-1].begin + BIN:
             while len(self._bins) > BEHIND:
@@ -80,7 +80,7 @@ class Arrivals(Generic[T]):
         self._put(self._bins[-1], item, count, now)
 
     def finish(self) -> Iterator[tuple[T, int]]:
-        """All the rest, at the end of the run."""
+        """The remaining items, at the end of the run."""
         while self._bins:
             yield from self._release(LAST)
 
@@ -92,7 +92,7 @@ class Arrivals(Generic[T]):
             one.least, one.at = delay, now
 
     def _release(self, behind: int) -> Iterator[tuple[T, int]]:
-        # The first bin goes; before it goes, whether what arrives from somewhere in it on is later than what came before.
+        # Before the first bin is released: is everything from some place within it on later than what came before?
         one = self._bins[0]
         missing, first = 0, 0
         jump, height = self._jump() if len(self._bins) > behind else (0.0, 0.0)
@@ -108,12 +108,12 @@ class Arrivals(Generic[T]):
             self._owed += missing if k == first else 0
             yield item, self._owed
             self._owed = 0
-        # Where the last of its items had still come in time, the loss stands before the next bin's first.
+        # If even its last item arrived in time, the loss is before the first item of the next bin.
         self._owed += missing if first == len(one.items) else 0
 
     def _jump(self) -> tuple[float, float]:
-        # Seconds by which the least delay jumps behind the first bin and stays, 0 where that is not more than scatter; and the
-        # delay halfway.
+        # Permanent step of the smallest delay after the first bin in seconds, 0 if it is within the scatter; and the delay
+        # halfway.
         left = np.array([*self._before, (self._bins[0].at, self._bins[0].least)])
         right = np.array([(one.at, one.least) for one in self._bins[1 : BEHIND + 1]])
         if len(left) < LEAST:
@@ -122,13 +122,13 @@ class Arrivals(Generic[T]):
         left, right = (side[:, 1] - slope * (side[:, 0] - self._bins[0].at) for side in (left, right))
         self._scatter = float(np.median(left) - left.min())
         jump = float(right.min() - left.min())
-        # What stays for a few bins only, at the end of a run, must be the larger.
+        # At the end of a run, a step confirmed by a few bins only must be larger.
         least = max(self.unseen, 2.0 / self._rate) * max(1.0, SURE / len(right))
         return (jump if jump > least else 0.0), float(left.min()) + jump / 2.0
 
 
 def _slope(side: np.ndarray) -> float:
-    # Seconds a second along the lower edge: from the least of the first half to the least of the second.
+    # Slope of the lower envelope in seconds per second: from the minimum of the first half to the minimum of the second half.
     steepest = np.polyfit(side[:, 0], side[:, 1], 1)[0]
     flat = side[:, 1] - steepest * side[:, 0]
     half = len(side) // 2

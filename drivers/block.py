@@ -1,4 +1,4 @@
-"""What instruments hand out: blocks of a stream, and finished records."""
+"""Data returned by instruments: blocks of a stream, and finished records."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ FloatArray = NDArray[np.float64]
 
 
 class Status(IntFlag):
-    """What is to be told of a block, or a record, beside its samples.
+    """Flags of a block or a record.
 
-    The first three are the instrument's own words, the others the driver's. DISAGREES: counter, sequence and clock did not agree,
-    and the block stands where most of them, or this machine's clock, put it. CLOCKED: this machine's clock alone told how many
-    samples were lost before it. RESYNCED: bytes were lost before it, and the stream was aligned anew. UNSURE: its bytes could be
-    aligned otherwise, and nothing in them tells.
+    The first three are reported by the instrument, the others are set by the driver. DISAGREES: counter, sequence number and
+    clock did not agree, and the block was placed by the majority or by the host's clock. CLOCKED: only the host's clock showed
+    how many samples were lost before it. RESYNCED: bytes were lost before it, and the stream was realigned. UNSURE: its bytes
+    also fit another alignment.
     """
 
     GOOD = 0
@@ -50,17 +50,17 @@ class Block:
     Parameters
     ----------
     first_tick
-        The instrument's own count at the first sample, 0 at the start, never wrapping.
+        The instrument's sample count at the first sample, 0 at the start, without wrapping.
     samples
         Raw values, shape (n, inputs).
     host_time
-        Seconds of the host's monotonic clock when the last sample had arrived.
+        Time of the host's monotonic clock when the last sample had arrived, seconds.
     device_time
-        Seconds of the instrument's clock at the first sample; None where it has none.
+        Time of the instrument's clock at the first sample, seconds; None if it has none.
     gain
-        Drive gain that the instrument streams; None where it does not.
+        Drive gain streamed by the instrument; None if it streams none.
     status
-        What the instrument says of these samples.
+        Status that the instrument reports for these samples.
     """
 
     first_tick: int
@@ -78,7 +78,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """A finished record that an instrument measured by itself.
+    """A finished record, measured by the instrument.
 
     Parameters
     ----------
@@ -89,15 +89,15 @@ class Record:
     values
         Values in `unit`, shape (n,), real or complex.
     unit
-        Unit of the values as the instrument or the plan says.
+        Unit of the values according to the instrument or the plan.
     source
-        The instrument's own name for it: a display, a trace.
+        The instrument's name for the source: a display, a trace.
     averages
-        Averages taken; None where the instrument does not tell.
+        Number of averages; None if the instrument does not report it.
     window
-        Window of a spectrum; None where unknown.
+        Window of a spectrum; None if unknown.
     status
-        What the instrument says of it.
+        Status that the instrument reports for it.
     """
 
     kind: Literal["time", "spectrum"]

@@ -1,9 +1,9 @@
 """DATAQ DI-1100 family: a stream over a serial port, without header, counter or checksum.
 
-Commands end in CR and are echoed while it does not scan. The stream is int16, little-endian, the inputs in turn; the two lowest
-bits of the first input are the digital inputs, and a converter of 12 bits leaves the next ones at zero. Those bits show where
-bytes were lost (`alignment`); whole scans are numbered by nothing, so that their loss shows against this machine's clock
-(`isorig.drivers.arrivals`), or where a counter is wired to the digital inputs (`isorig.drivers.marks`).
+Commands end in CR and are echoed while the instrument is not scanning. The stream is int16, little-endian, inputs in turn; the
+two lowest bits of the first input are the digital inputs, and a 12-bit converter leaves the next bits at zero. These bits show
+where bytes were lost (`alignment`). Whole scans are not numbered, so their loss is detected with the host's clock
+(`isorig.drivers.arrivals`), or with a counter wired to the digital inputs (`isorig.drivers.marks`).
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 CLOCK = 60e6
 END = b"\r"
 DIVIDER = 65535
-#: Inputs that a member of the family can scan at most.
+#: Largest number of inputs in the family.
 MOST = 16
-#: Bits of the converters of the family.
+#: Converter resolutions in the family, bits.
 BITS = (12, 14, 16)
-#: Lines that may stand before the echo of a command.
+#: Maximum number of lines before the echo of a command.
 STALE = 50
 
 
@@ -44,7 +44,7 @@ class DataqInstrument:
     port
         Path or URL.
     settings
-        What is known of it.
+        Settings from the plan.
     """
 
     def __init__(self, port: str, settings: DataqSettings) -> None:
@@ -66,31 +66,33 @@ class DataqInstrument:
 
     @property
     def held(self) -> int:
-        """Scans that have come and wait for those behind them to show whether any was lost."""
+        """Number of scans received but held until later scans show whether any was lost."""
         return self._alignment.held + self._arrivals.held if self._scanning else 0
 
     @property
     def unseen(self) -> float:
-        """Seconds of loss that nothing would show: scans have no numbers, and their bits show lost bytes only."""
+        """The longest undetectable loss in seconds: scans are not numbered, and their zero bits show lost bytes only."""
         if self._marks is not None:
             return 0.0
         return self._arrivals.unseen
 
     @property
     def noticed(self) -> Sequence[str]:
-        """What was odd since the last start, each in a clause."""
+        """Anomalies since the last start, one clause each."""
         return tuple(self._warnings)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
-        """Set the rate to the nearest 60 MHz / n and scan the inputs from 0 to the last one wanted; the rate it really has."""
+        """Set the nearest rate 60 MHz / n and scan the inputs from 0 to the last requested one; returns the actual rate."""
         divider = round(CLOCK / sample_rate)
         if not 1 <= divider <= DIVIDER:
             raise SettingError(
-                f"{sample_rate:g} Hz is no rate of this instrument; give {CLOCK / DIVIDER:.0f} Hz or more in the plan"
+                f"{sample_rate:g} Hz is not a rate of this instrument; give {CLOCK / DIVIDER:.0f} Hz or more in the plan"
             )
         count = max(channels) + 1
         if count > MOST:
-            raise SettingError(f"input {count - 1} is none of this instrument; it has 0 to {MOST - 1} at most, correct the plan")
+            raise SettingError(
+                f"this instrument has no input {count - 1}; it has inputs 0 to {MOST - 1} at most, correct the plan"
+            )
         self._asked = [f"slist {place} {place}" for place in range(count)]
         self._asked += [f"srate {divider}", "dec 1", "deca 1", "ps 0"]
         self._configure()
@@ -100,14 +102,14 @@ class DataqInstrument:
         return self._rate
 
     def start(self) -> None:
-        """Begin to scan; the first scan has tick 0."""
+        """Start scanning; the first scan has tick 0."""
         self._ready.clear()
         self._tick, self._warnings = 0, []
         self._began = time.monotonic()
         self._begin()
 
     def read(self, timeout: float) -> Block | None:
-        """The scans that are sure by now, two seconds late, or None."""
+        """The confirmed scans, two seconds late, or None."""
         end = time.monotonic() + timeout
         while not self._ready and self._scanning:
             data = self._port.read()
@@ -119,30 +121,30 @@ class DataqInstrument:
         return self._ready.popleft() if self._ready else None
 
     def stop(self) -> int | None:
-        """End the stream; this instrument does not count."""
+        """Stop the stream; this instrument does not count its samples."""
         self._port.write(b"stop" + END)
         self._port.drop_input()
         self._end()
         return None
 
     def rejoin(self) -> None:
-        """Open the port again after it was lost and scan anew; this machine's clock tells how many scans were lost.
+        """Reopen the port after a lost connection and restart the scan; the host's clock shows how many scans were lost.
 
         Raises
         ------
         ConnectionLostError
-            Where it is still away.
+            The port is still not available.
         """
         self._port.reopen()
         self._quiet()
         self._configure()
         self._end()
         self._begin()
-        # It does not play the drive, so that it may begin anew; both times are taken when the command is sent.
+        # The instrument does not play the drive, so it may be restarted; both times are taken when the command is sent.
         self._owed = max(round((time.monotonic() - self._began) * self._rate) - self._tick, 0)
 
     def close(self) -> None:
-        """Let go of the wire."""
+        """Close the port."""
         self._port.close()
 
     def _begin(self) -> None:
@@ -170,7 +172,7 @@ class DataqInstrument:
 
     def _place(self, stretch: Stretch, missing: int) -> None:
         if missing and self._marks is not None:
-            # What this machine's clock leaves away the counter finds to the scan.
+            # The counter resolves to the scan what the host's clock leaves uncertain.
             missing = max(missing - round(self._arrivals.unseen * self._rate), 0)
         status = stretch.status | (Status.CLOCKED if missing or self._owed else Status.GOOD)
         lost, self._owed = stretch.lost + missing + self._owed, 0
@@ -194,7 +196,7 @@ class DataqInstrument:
 
     def _command(self, command: str) -> None:
         self._port.write(command.encode() + END)
-        # What was still on its way when the scan was stopped comes first.
+        # Data that were still in transit when the scan was stopped arrive first.
         for _ in range(STALE):
             echo = self._port.line(END)
             if command.encode() in echo:
@@ -203,7 +205,7 @@ class DataqInstrument:
 
 
 class DataqSettings(Settings, frozen=True):
-    """The inputs' range in V, the bits of the converter, the steps a second of a counter that is wired to the digital inputs."""
+    """Range of the inputs in V, resolution of the converter in bits, counting rate of a counter at the digital inputs in Hz."""
 
     full_scale: float
     bits: int = 12
@@ -213,9 +215,9 @@ class DataqSettings(Settings, frozen=True):
         if not 0.0 < self.full_scale < math.inf:
             raise ValueError(f"full_scale is {self.full_scale:g}; give the inputs' range in V, e.g. 10.0")
         if self.bits not in BITS:
-            raise ValueError(f"bits is {self.bits}; give the converter's, {', '.join(map(str, BITS))}")
+            raise ValueError(f"bits is {self.bits}; give the resolution of the converter, {', '.join(map(str, BITS))}")
         if self.counter is not None and not 0.0 < self.counter < math.inf:
-            raise ValueError(f"counter is {self.counter:g}; give the steps a second of the counter at the digital inputs, Hz")
+            raise ValueError(f"counter is {self.counter:g}; give the counting rate of the counter at the digital inputs, Hz")
 
 
 def _far_end(shaken: Shaken, asked: Simulation) -> Peer:

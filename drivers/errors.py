@@ -3,9 +3,9 @@
 ::
 
     DriverError
-    ├── ConnectionLostError  (ConnectionError)  the far end is gone: unplugged, powered off, closed
-    ├── ProtocolError        (ValueError)       the far end said something that its protocol does not allow
-    ├── InstrumentError      (RuntimeError)     the instrument reports a fault of its own
+    ├── ConnectionLostError  (ConnectionError)  the instrument is gone: unplugged, powered off, closed
+    ├── ProtocolError        (ValueError)       the instrument sent something that its protocol does not allow
+    ├── InstrumentError      (RuntimeError)     the instrument reports a fault
     └── SettingError         (ValueError)       a setting that the instrument does not have
 
 Every message is one sentence: what was found, what is allowed, what to do.
@@ -13,19 +13,19 @@ Every message is one sentence: what was found, what is allowed, what to do.
 
 
 class DriverError(Exception):
-    """Anything that the instrument layer refuses."""
+    """Any error of the instrument layer."""
 
 
 class ConnectionLostError(DriverError, ConnectionError):
-    """The far end is gone: unplugged, powered off or closed."""
+    """The instrument is gone: unplugged, powered off or closed."""
 
 
 class ProtocolError(DriverError, ValueError):
-    """The far end said something that its protocol does not allow."""
+    """The instrument sent something that its protocol does not allow."""
 
 
 class InstrumentError(DriverError, RuntimeError):
-    """The instrument reports a fault of its own."""
+    """The instrument reports a fault."""
 
 
 class SettingError(DriverError, ValueError):

@@ -1,4 +1,4 @@
-"""The driver of instruments that speak the framed serial protocol of `isorig.drivers.frames`."""
+"""Driver for instruments with the framed serial protocol of `isorig.drivers.frames`."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from isorig.drivers.order import Order, Reading
 from isorig.drivers.port import Port
 
 PROTOCOL = "isorig-framed/1"
-#: How often a command is repeated, and seconds that the instrument may need before it starts.
+#: Number of attempts for a command, and seconds that the instrument may need before it starts.
 TRIES = 3
 START_PATIENCE = 60.0
-#: Seconds of silence after which the rest of a frame will not come.
+#: Seconds of silence after which the rest of a frame is no longer expected.
 HALF = 0.5
-#: A gain that the instrument answers may differ from the one that was asked for by its own steps: a share.
+#: Relative difference allowed between requested and answered gain, because of the instrument's gain steps.
 GAIN_STEP = 1e-3
-#: Answers that may wait to be read: far more than commands.
+#: Maximum number of unread answers: far more than commands.
 TEXTS = 64
-#: Values of a drive that are sent at a time.
+#: Values of a drive sent at a time.
 PART = 65536
-#: What each answer is made of behind its first word. GAIN, CONF and DRIVE answer what was asked for, or that they cannot.
+#: The words of each answer after the first. GAIN, CONF and DRIVE repeat the request, or state that it is not possible.
 ANSWERS: Mapping[str, tuple[Kind, ...]] = {
     "INPUTS": (whole(1, 255), one_of("int16", "int32"), text(16), number(1e-30, 1e30), number(1e-30, 1e30)),
     "RATE": (number(1e-3, 1e9),),
@@ -42,26 +42,26 @@ ANSWERS: Mapping[str, tuple[Kind, ...]] = {
     "START": (whole(0, 2**32 - 1),),
     "COUNT": (whole(0, 2**62),),
 }
-#: Characters of an instrument's name.
+#: Maximum length of an instrument's name.
 NAME = 200
 
 
 class FramedInstrument:
-    """An instrument at the end of a serial line or of whatever pyserial can open (a path, `socket://127.0.0.1:port`).
+    """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`).
 
     Parameters
     ----------
     port
         Path or URL.
     baud_rate
-        Of a real serial line.
+        Baud rate of a real serial line.
 
     Raises
     ------
     ConnectionLostError
-        Where the port cannot be opened, or nothing answers there.
+        The port cannot be opened, or there is no answer.
     ProtocolError
-        Where what answers speaks otherwise.
+        The answer is from another protocol.
     """
 
     def __init__(self, port: str, *, baud_rate: int = 921600) -> None:
@@ -74,14 +74,16 @@ class FramedInstrument:
         self._order = Order(who=port, began=time.monotonic())
         self._heard = time.monotonic()
         self._warnings: list[str] = []
-        # What it counted in all; None until it stopped, or where that cannot be.
+        # Total count of the instrument; None before it stopped, or if the count is impossible.
         self._counted: int | None = None
         try:
             self._ask("STOP")
             words = self._told("ID?")
             (protocol,) = parse(words[:1], (text(40),), who=port, command="ID")
             if protocol != PROTOCOL:
-                raise ProtocolError(f"{port} speaks {protocol!r} and this program {PROTOCOL!r}; update the older of the two")
+                raise ProtocolError(
+                    f"{port} uses the protocol {protocol!r} and this program {PROTOCOL!r}; update the older of the two"
+                )
             (self.identity,) = parse((" ".join(words[1:]),), (text(NAME),), who=port, command="ID")
             self.inputs: Sequence[Input] = self._inputs()
         except BaseException:
@@ -96,57 +98,55 @@ class FramedInstrument:
 
     @property
     def damaged(self) -> int:
-        """Frames that arrived damaged so far."""
+        """Number of damaged frames so far."""
         return self._decoder.damaged
 
     @property
     def noticed(self) -> Sequence[str]:
-        """What was odd since the last start, each in a clause."""
+        """Anomalies since the last start, one clause each."""
         return (*self._order.noticed, *self._warnings)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
-        """Set the rate (Hz); the rate that the instrument really has. It scans all of its inputs."""
+        """Set the rate (Hz); returns the actual rate. The instrument scans all of its inputs."""
         if max(channels, default=0) >= len(self.inputs):
-            raise SettingError(
-                f"{self._name} has {len(self.inputs)} inputs; input {max(channels)} is not there, correct the plan"
-            )
+            raise SettingError(f"{self._name} has {len(self.inputs)} inputs; there is no input {max(channels)}, correct the plan")
         (rate,) = self._ask(f"RATE {sample_rate:.9g}")
         self._rate = float(rate)
         return self._rate
 
     def set_gain(self, gain: float) -> None:
-        """Drive gain of the next run.
+        """Set the drive gain of the next run.
 
         Raises
         ------
         SettingError
-            Where the instrument answers with another.
+            The instrument answers with another gain.
         """
         (told,) = self._ask(f"GAIN {gain:.9g}")
         if abs(told - gain) > GAIN_STEP * abs(gain):
-            raise SettingError(f"{self._name} was told gain {gain:g} and answers {told:g}; give a gain in the plan that it has")
+            raise SettingError(f"{self._name} was set to gain {gain:g} and answers {told:g}; give a gain that it has in the plan")
 
     def set_configuration(self, name: str) -> bool:
-        """Lock or unlock the rig; False where that is the operator's work."""
+        """Lock or unlock the rig; False if the operator has to do it."""
         words = self._told(f"CONF {name}")
         (told,) = parse((" ".join(words),), (one_of(name, "manual"),), who=self._name, command="CONF")
         return bool(told != "manual")
 
     def load_drive(self, drive: Values) -> bool:
-        """Load the drive at gain 1 (m/s^2 of the head), one value per tick; False where the instrument plays none."""
+        """Load the drive at gain 1 (m/s^2 of the head), one value per tick; False if the instrument has no drive output."""
         words = self._told(f"DRIVE {len(drive)}", drive=drive)
         (told,) = parse(words, (one_of(str(len(drive)), "none"),), who=self._name, command="DRIVE")
         return bool(told != "none")
 
     def start(self) -> None:
-        """Begin to stream; the first sample has tick 0."""
+        """Start streaming; the first sample has tick 0."""
         self._frames.clear()
         self._warnings, self._counted = [], None
         (first,) = self._ask("START", patience=START_PATIENCE, tries=1)
         self._order = Order(who=self._name, began=time.monotonic(), first=first, rate=self._rate)
 
     def read(self, timeout: float) -> Block | None:
-        """The next block, or None where none came within `timeout` seconds."""
+        """The next block, or None if none arrives within `timeout` seconds."""
         end = time.monotonic() + timeout
         while True:
             while not self._frames:
@@ -160,37 +160,37 @@ class FramedInstrument:
                 return None
 
     def stop(self) -> int | None:
-        """End the stream; the number of ticks that the instrument counted, None where that cannot be."""
+        """Stop the stream; returns the number of ticks that the instrument counted, None if that number is impossible."""
         (counted,) = self._ask("STOP")
         self._counted = self._possible(counted)
         return self._counted
 
     def count(self) -> int | None:
-        """Ticks that it has counted so far, None where that cannot be."""
+        """Ticks counted by the instrument so far, None if that number is impossible."""
         (counted,) = self._ask("COUNT?", tries=1)
         return self._possible(counted)
 
     def rejoin(self) -> None:
-        """Open the port again after it was lost and go on with the run that is still measured.
+        """Reopen the port after a lost connection and continue the current run.
 
         Raises
         ------
         ConnectionLostError
-            Where the port is still away, or nothing answers.
+            The port is still not available, or there is no answer.
         InstrumentError
-            Where the instrument has begun anew meanwhile.
+            The instrument was restarted in the meantime.
         """
         self._port.reopen()
         self._decoder.forget()
         (counted,) = self._ask("COUNT?", tries=1)
         if counted < self._order.end:
             raise InstrumentError(
-                f"{self._name} was restarted in the run: it counts {counted} samples and had sent {self._order.end}; take the "
-                "run again with --resume"
+                f"{self._name} was restarted during the run: it counts {counted} samples but had sent {self._order.end}; repeat "
+                "the run with --resume"
             )
 
     def close(self) -> None:
-        """Let go of the wire."""
+        """Close the port."""
         self._port.close()
 
     def _inputs(self) -> tuple[Input, ...]:
@@ -201,7 +201,7 @@ class FramedInstrument:
     def _block(self, frame: Frame, host_time: float) -> Block | None:
         if frame.columns != len(self.inputs) or frame.dtype.name != self.inputs[0].dtype:
             raise InstrumentError(
-                f"{self._name} told of {len(self.inputs)} inputs of {self.inputs[0].dtype} and sends {frame.columns} of "
+                f"{self._name} announced {len(self.inputs)} inputs of {self.inputs[0].dtype} but sends {frame.columns} of "
                 f"{frame.dtype.name}; switch it off and on, then resume"
             )
         reading = Reading(
@@ -210,7 +210,7 @@ class FramedInstrument:
         )  # fmt: skip
         place = self._order.place(reading)
         if self._counted is not None and self._order.end > self._counted:
-            # Frames that were on their way when it stopped count too.
+            # Frames in transit at the stop count too.
             self._doubt(self._counted)
             self._counted = None
         if place is None or frame.rows == 0:
@@ -228,19 +228,19 @@ class FramedInstrument:
 
     def _doubt(self, counted: int) -> None:
         self._warnings.append(
-            f"it tells of {counted} samples where {self._order.end} had come, which cannot be; how many were lost behind the "
-            "last is not known"
+            f"it reports {counted} samples after {self._order.end} had arrived, which is impossible; the number of samples lost "
+            "at the end is unknown"
         )
 
     def _ask(self, command: str, *, patience: float | None = None, tries: int = TRIES) -> tuple[Any, ...]:
-        # The answer's values after the table.
+        # The parsed values of the answer.
         word = _word(command)
         return parse(self._told(command, patience=patience, tries=tries), ANSWERS[word], who=self._name, command=word)
 
     def _told(
         self, command: str, *, drive: Values | None = None, patience: float | None = None, tries: int = TRIES
     ) -> list[str]:  # fmt: skip
-        # The words of a command's answer behind its first. Commands may come twice, so each is repeated until answered.
+        # The words of a command's answer after the first. Commands may be received twice, so each is repeated until answered.
         if not (command.isascii() and command.isprintable()):
             raise SettingError(f"{command!r} cannot be sent to {self._name}; use ASCII in the plan's names")
         for _ in range(tries):
@@ -281,7 +281,7 @@ class FramedInstrument:
             self._heard = now
             self._sort(self._decoder.feed(data))
         elif now - self._heard > HALF:
-            # Half a frame whose rest was lost holds up what came behind it.
+            # An incomplete frame blocks the data after it.
             self._sort(self._decoder.give_up())
 
     def _sort(self, frames: list[Frame]) -> None:
@@ -298,7 +298,7 @@ def _asked(command: str) -> str:
 
 
 def _word(command: str) -> str:
-    # What the answer begins with.
+    # The first word of the answer.
     return "COUNT" if _asked(command) == "STOP" else _asked(command)
 
 
@@ -318,7 +318,7 @@ class FramedSettings(Settings, frozen=True):
 
     def __post_init__(self) -> None:
         if self.baud_rate < 1:
-            raise ValueError(f"baud_rate is {self.baud_rate}; give the instrument's, e.g. 921600")
+            raise ValueError(f"baud_rate is {self.baud_rate}; give that of the instrument, e.g. 921600")
 
 
 def _open(port: str, settings: FramedSettings) -> FramedInstrument:

@@ -1,4 +1,4 @@
-"""The framed serial protocol: how samples travel so that nothing is lost without being counted.
+"""The framed serial protocol: transmission of samples in which every loss is detected.
 
 All numbers are little-endian. The instrument sends frames; a frame is a header, a payload and a checksum::
 
@@ -7,31 +7,31 @@ All numbers are little-endian. The instrument sends frames; a frame is a header,
     4      1    u8     kind: 0 text, 1 samples of int16, 2 samples of int32
     5      1    u8     columns: inputs (1 in a text)
     6      2    u16    rows: samples per input (bytes of a text)
-    8      4    u32    sequence: counts frames of samples, wraps
-    12     4    u32    tick: count of the first sample in the frame, wraps
+    8      4    u32    sequence: number of the sample frame, wraps
+    12     4    u32    tick: number of the first sample in the frame, wraps
     16     4    u32    time: the instrument's clock at the first sample, microseconds, wraps
     20     4    f32    gain of the drive during the frame
-    24     4    u32    status: 1 overload of an input, 2 samples lost inside the instrument, 4 fault
+    24     4    u32    status bits: 1 overload of an input, 2 samples lost inside the instrument, 4 fault
     28     4    u32    checksum of bytes 0 to 27
     32     n           payload: rows of columns, interleaved
     32+n   4    u32    checksum of the payload
 
-The checksum is CRC-32 as in Ethernet and zlib. The host sends commands, lines of ASCII ended by LF; each is answered by a
-frame of text that begins with the command's word. A command that cannot be done is answered `ERR word why`. The host repeats a
-command that stays without an answer, so every command may come twice::
+The checksum is CRC-32 as in Ethernet and zlib. The host sends commands, ASCII lines ended by LF; the answer to each is a text
+frame that starts with the command's word. If a command cannot be executed, the answer is `ERR word reason`. The host repeats a
+command that is not answered, so every command may arrive twice::
 
     ID?             ID isorig-framed/1 <name>
     INPUTS?         INPUTS <count> <int16|int32> <unit> <unit per count> <full scale in unit>
-    RATE <Hz>       RATE <the rate it has, Hz>
+    RATE <Hz>       RATE <actual rate, Hz>
     GAIN <g>        GAIN <g>
-    CONF <name>     CONF <name> where the rig switches by itself, CONF manual where the operator has to
+    CONF <name>     CONF <name> if the rig locks and unlocks automatically, CONF manual if the operator does
     DRIVE <n>       then n float32 (the head's acceleration at gain 1, m/s^2) and their checksum; DRIVE <n>, or DRIVE none
     START           START <tick of the first sample>; while running the same answer again
     STOP            COUNT <samples taken since START>
     COUNT?          COUNT <samples taken since START>
 
-A microcontroller needs one buffer, one CRC and two counters. It counts a sample when its converter takes it, sent or not:
-what it could not send is then seen as a step of the tick, and STOP tells what was lost after the last frame.
+A microcontroller needs one buffer, one CRC and two counters. It counts every sample that its converter acquires, sent or not: a
+sample that was not sent then shows as a step of the tick, and STOP shows losses after the last frame.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ TEXT, INT16, INT32 = 0, 1, 2
 _HEADER = struct.Struct("<4sBBHIIIfI")
 _CHECK = struct.Struct("<I")
 HEADER_SIZE = _HEADER.size + _CHECK.size
-#: Bytes of a frame's samples and of its text at most: a header that tells of more is not sound, so that nobody waits for it.
+#: Maximum size of a frame's samples and text in bytes: a header that states more is treated as damaged, so no one waits for it.
 LARGEST, LONGEST = 1 << 20, 512
 _TYPES: dict[int, np.dtype[Any]] = {INT16: np.dtype("<i2"), INT32: np.dtype("<i4")}
 _KINDS = {"int16": INT16, "int32": INT32}
@@ -72,12 +72,12 @@ class Frame:
 
     @property
     def text(self) -> str:
-        """A text frame's text."""
+        """The text of a text frame."""
         return self.payload.decode("ascii", "replace")
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type of its samples."""
+        """Data type of the samples."""
         return _TYPES[self.kind]
 
     @property
@@ -108,14 +108,14 @@ def _frame(*fields: object) -> bytes:
 
 
 class Decoder:
-    """Finds the frames in a stream of bytes, and steps over everything that is none.
+    """Finds the frames in a stream of bytes, and skips everything else.
 
     Attributes
     ----------
     skipped
-        Bytes that belonged to no sound frame.
+        Number of bytes outside valid frames.
     damaged
-        Frames whose header was sound and whose payload was not.
+        Number of frames with a valid header and an invalid payload.
     """
 
     def __init__(self) -> None:
@@ -124,14 +124,14 @@ class Decoder:
         self.damaged = 0
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The sound frames that end in `data`."""
+        """The valid frames completed by `data`."""
         self._buffer += data
         frames: list[Frame] = []
         at = 0
         while True:
             start = self._buffer.find(MAGIC, at)
             if start < 0:
-                # The buffer may end in the beginning of a magic.
+                # The buffer may end with the first bytes of a magic.
                 start = len(self._buffer) - next((k for k in (3, 2, 1) if self._buffer.endswith(MAGIC[:k])), 0)
                 self.skipped += max(start - at, 0)
                 at = max(start, at)
@@ -152,7 +152,7 @@ class Decoder:
         return frames
 
     def give_up(self) -> list[Frame]:
-        """Stop waiting for the rest of a frame that will not come; the sound frames behind its beginning."""
+        """Stop waiting for the rest of an incomplete frame; returns the valid frames after its start."""
         if len(self._buffer) < len(MAGIC):
             return []
         self.skipped += 1
@@ -160,11 +160,11 @@ class Decoder:
         return self.feed(b"")
 
     def forget(self) -> None:
-        """Drop the beginning of a frame whose rest will not come."""
+        """Discard the start of an incomplete frame."""
         self._buffer.clear()
 
     def _size(self, at: int) -> int | None:
-        # Bytes of the frame that begins here; 0 where its header is not sound, None where the header is not whole yet.
+        # Size of the frame that starts here in bytes; 0 if its header is invalid, None if the header is incomplete.
         if len(self._buffer) - at < HEADER_SIZE:
             return None
         header = bytes(self._buffer[at : at + _HEADER.size])

@@ -1,8 +1,8 @@
-"""HP/Agilent 35670A dynamic signal analyzer behind a serial bridge: finished records of its traces, binary and checked.
+"""HP/Agilent 35670A dynamic signal analyzer on a serial bridge: reads finished records of its traces in binary form.
 
-Each trace is fed with what the plan names ("XTIM:VOLT 1" a time record, "XFR:POW:COH 1,2" a coherence). Values come as
-`#<digits><length>`, big-endian float32 and LF; below -1e37 they stand for nothing. Nothing on this line has a checksum, so that
-what is kept is asked for twice and must come twice alike.
+The plan names the feed of each trace ("XTIM:VOLT 1" a time record, "XFR:POW:COH 1,2" a coherence). Values are sent as
+`#<digits><length>`, big-endian float32 and LF; a value below -1e37 means no value. There is no checksum, so data are read twice
+and must be identical.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 DONE = 1 << 5
 BAD = -1e37
 POLL = 0.2
-#: Errors that are read at most before the instrument counts as broken.
+#: Maximum number of errors read before the instrument counts as defective.
 ERRORS = 30
-#: Bytes of a block at most: its longest record has 4096 values.
+#: Maximum size of a block in bytes: the longest record has 4096 values.
 LARGEST = 1 << 16
-#: The source's largest level, V, and the share by which what is read back may differ.
+#: Maximum level of the source, V, and allowed relative difference of the level read back.
 LOUDEST, STEP = 5.0, 0.01
-#: What each question is answered with.
+#: Valid answers to each query.
 ANSWERS: dict[str, Kind] = {"*STB?": whole(0, 255), "SYST:ERR?": text(200), "SOUR:VOLT?": number(), "OUTP?": whole(0, 1)}
 
 
@@ -45,7 +45,7 @@ class Hp35670aInstrument:
     port
         Path or URL of the bridge.
     shows
-        What its traces are fed with; the first is trace 1.
+        Feeds of its traces; the first is trace 1.
     """
 
     def __init__(self, port: str, shows: Sequence[Shows]) -> None:
@@ -66,11 +66,11 @@ class Hp35670aInstrument:
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Which points of the last records had no value."""
+        """The number of points without a value in the last records."""
         return tuple(self._invalid)
 
     def status(self) -> Status:
-        """GOOD: no command that asks it for an overload is known here, so look at its panel."""
+        """Always GOOD: no command is known that queries overloads, so check the panel."""
         return Status.GOOD
 
     def set_source(self, level: float) -> None:
@@ -88,25 +88,25 @@ class Hp35670aInstrument:
             )
 
     def measure(self, timeout: float) -> None:
-        """Take one measurement and wait until it says that the operation is complete."""
+        """Start one measurement and wait until the operation is complete."""
         self._invalid = []
         self._send("ABOR;INIT:IMM;*OPC")
         end = time.monotonic() + timeout
         while not self._ask("*STB?") & DONE:
             if time.monotonic() > end:
-                raise InstrumentError(f"{self._port.name} was not done within {timeout:g} s; give the run more seconds")
+                raise InstrumentError(f"{self._port.name} did not finish within {timeout:g} s; give the run more seconds")
             time.sleep(POLL)
         self._errors()
 
     def records(self) -> tuple[Record, ...]:
-        """The traces' records."""
+        """The records of the traces."""
         return tuple(self._record(trace, shown) for trace, shown in enumerate(self._shows, 1))
 
     def close(self) -> None:
-        """Switch its source off where it was set from here, and let go of the wire."""
+        """Switch its source off if this driver switched it on, and close the port."""
         if self._sourcing:
             self._sourcing = False
-            # A wire that is gone cannot be told.
+            # The connection may be lost.
             with suppress(DriverError):
                 self._port.write(b"OUTP OFF\n")
         self._port.close()
@@ -115,11 +115,11 @@ class Hp35670aInstrument:
         x, values = self._twice(f"CALC{trace}:X:DATA?"), self._twice(f"CALC{trace}:DATA?")
         if x.shape != values.shape:
             raise ProtocolError(
-                f"{self._port.name} sent {len(values)} values at {len(x)} places for trace {trace}; "
-                "show a real trace, complex ones cannot be read"
+                f"{self._port.name} sent {len(values)} values and {len(x)} x values for trace {trace}; "
+                "display a real trace, complex ones cannot be read"
             )
         if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
-            raise ProtocolError(f"{self._port.name} sent places for trace {trace} that do not rise; measure again")
+            raise ProtocolError(f"{self._port.name} sent x values for trace {trace} that do not increase; measure again")
         good = np.isfinite(values) & (np.abs(values) < -BAD)
         if not good.any():
             raise InstrumentError(f"{self._port.name} has no valid value in trace {trace}; measure again")
@@ -133,7 +133,7 @@ class Hp35670aInstrument:
     def _twice(self, command: str) -> FloatArray:
         first, second = self._block(command), self._block(command)
         if first != second:
-            raise ProtocolError(f"{self._port.name} answered {command} twice and not alike; check the cable, measure again")
+            raise ProtocolError(f"{self._port.name} gave two different answers to {command}; check the cable, measure again")
         return np.frombuffer(first, ">f4").astype(np.float64)
 
     def _block(self, command: str) -> bytes:
@@ -144,7 +144,7 @@ class Hp35670aInstrument:
         length = self._port.exactly(int(head[1:]))
         if not length.isdigit() or int(length) % 4 or not 8 <= int(length) <= LARGEST:
             raise ProtocolError(
-                f"{self._port.name} tells of a block of {length!r} bytes; it has whole float32 values, {LARGEST} bytes at most"
+                f"{self._port.name} announces a block of {length!r} bytes; allowed are float32 values, {LARGEST} bytes at most"
             )
         data = self._port.exactly(int(length) + 1)
         if data[-1:] != b"\n":

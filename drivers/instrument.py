@@ -1,4 +1,4 @@
-"""What an instrument can do: stream blocks, hand out records, play a drive. A driver is a class with these methods."""
+"""Interfaces of instruments: streaming blocks, returning records, playing a drive. A driver is a class with these methods."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from isorig.drivers.block import Block, FloatArray, Input, Record, Status
 
 
 class Values(Protocol):
-    """Values that may be made as they are asked for: an array is one, and so is a long drive that never is in memory whole."""
+    """A sequence of values that may be computed on demand: an array, or a long drive that is never completely in memory."""
 
     def __len__(self) -> int:
-        """How many."""
+        """Number of values."""
         ...
 
     def __getitem__(self, part: slice, /) -> FloatArray:
-        """Consecutive ones."""
+        """A slice of the values."""
         ...
 
 
 class Instrument(Protocol):
-    """Anything at the far end of a wire."""
+    """Any instrument."""
 
     @property
     def identity(self) -> str:
-        """What it says it is."""
+        """The identification that the instrument reports."""
         ...
 
     def close(self) -> None:
-        """Let go of the wire; may be called twice."""
+        """Close the port; may be called twice."""
         ...
 
 
@@ -45,109 +45,109 @@ class Stream(Instrument, Protocol):
         ...
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
-        """Set the rate (Hz) and the inputs to scan; returns the rate that it really has."""
+        """Set the rate (Hz) and the inputs to scan; returns the actual rate."""
         ...
 
     def start(self) -> None:
-        """Begin to stream; the first sample has tick 0."""
+        """Start streaming; the first sample has tick 0."""
         ...
 
     def read(self, timeout: float) -> Block | None:
-        """The next block, or None where none came within `timeout` seconds.
+        """The next block, or None if none arrives within `timeout` seconds.
 
         Raises
         ------
         ConnectionLostError
-            Where the far end is gone.
+            The instrument is gone.
         ProtocolError, InstrumentError
-            Where what it says cannot be, or it reports a fault that ends the stream.
+            The data are invalid, or the instrument reports a fault that ends the stream.
         """
         ...
 
     def stop(self) -> int | None:
-        """End the stream; the number of ticks that the instrument counted, None where it does not count.
+        """Stop the stream; returns the number of ticks that the instrument counted, None if it does not count.
 
-        What was still on its way is handed out by `read` until it returns None.
+        Data still in transit are returned by `read` until it returns None.
         """
         ...
 
 
 @runtime_checkable
 class Exciter(Protocol):
-    """An instrument that also plays the drive, and may set up the rig by itself."""
+    """An instrument that also plays the drive, and may lock and unlock the rig."""
 
     def set_gain(self, gain: float) -> None:
-        """Drive gain of the next run."""
+        """Set the drive gain of the next run."""
         ...
 
     def set_configuration(self, name: str) -> bool:
-        """Lock or unlock the rig; False where that is the operator's work."""
+        """Lock or unlock the rig; False if the operator has to do it."""
         ...
 
     def load_drive(self, drive: Values) -> bool:
-        """Load the drive at gain 1, one value per tick from tick 0 on and rest behind it; False where it plays none."""
+        """Load the drive at gain 1, one value per tick from tick 0 on, then 0; False if the instrument has no drive output."""
         ...
 
 
 @runtime_checkable
 class Rejoining(Protocol):
-    """A stream that can be taken up again where its wire was away for a while."""
+    """A stream that can continue after a temporary loss of the connection."""
 
     def rejoin(self) -> None:
-        """Open the wire again and go on with the run; samples that were taken meanwhile show as a step of the tick.
+        """Reopen the connection and continue the run; samples acquired meanwhile show as a step of the tick.
 
         Raises
         ------
         ConnectionLostError
-            Where the wire is still away.
+            The connection is still not available.
         InstrumentError
-            Where the instrument has begun anew meanwhile.
+            The instrument was restarted in the meantime.
         """
         ...
 
 
 @runtime_checkable
 class Counting(Protocol):
-    """A stream that tells while it is measured how many ticks it has taken."""
+    """A stream that reports during the measurement how many ticks it has counted."""
 
     def count(self) -> int | None:
-        """Ticks taken since the start; None where what it tells cannot be."""
+        """Ticks counted since the start; None if the reported number is impossible."""
         ...
 
 
 @runtime_checkable
 class Holding(Protocol):
-    """A stream that hands its samples out late, because it sees losses only from what comes behind."""
+    """A stream that returns its samples late, because it detects losses only from later samples."""
 
     @property
     def held(self) -> int:
-        """Ticks that have come and are still held."""
+        """Ticks received but still held."""
         ...
 
 
 @runtime_checkable
 class Unnumbered(Protocol):
-    """A stream without numbers, so that a loss too short for this machine's clock is not seen."""
+    """A stream without sample numbers, in which losses too short for the host's clock are not detected."""
 
     @property
     def unseen(self) -> float:
-        """Seconds of loss that nothing would show."""
+        """The longest undetectable loss, seconds."""
         ...
 
 
 @runtime_checkable
 class Noticing(Protocol):
-    """An instrument whose driver tells what was odd on the wire."""
+    """An instrument whose driver reports anomalies of the data stream."""
 
     @property
     def noticed(self) -> Sequence[str]:
-        """What was odd since the last start, each in a clause."""
+        """Anomalies since the last start, one clause each."""
         ...
 
 
 @runtime_checkable
 class Sourcing(Protocol):
-    """An instrument that plays by itself what is set on its panel, at a level that is set from here."""
+    """An instrument with a source that is configured on its panel; only the level is set by the driver."""
 
     def set_source(self, level: float) -> None:
         """Set the level (V, peak) and switch the source on; closing the instrument switches it off.
@@ -155,25 +155,25 @@ class Sourcing(Protocol):
         Raises
         ------
         SettingError
-            Where it cannot have that level, or does not answer with it.
+            The source cannot have that level, or answers with another.
         """
         ...
 
 
 class Records(Instrument, Protocol):
-    """An instrument that measures by itself and hands out finished records."""
+    """An instrument that measures on its own and returns finished records."""
 
     def status(self) -> Status:
-        """What it says of its inputs now; GOOD where it cannot tell."""
+        """Present status of its inputs; GOOD if it cannot report it."""
         ...
 
     def measure(self, timeout: float) -> None:
-        """Take one measurement and wait until it is done.
+        """Start one measurement and wait until it is finished.
 
         Raises
         ------
         InstrumentError
-            Where it reports a fault, or is not done within `timeout` seconds.
+            The instrument reports a fault, or does not finish within `timeout` seconds.
         """
         ...
 

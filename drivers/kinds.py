@@ -1,4 +1,4 @@
-"""The instruments there are: each file of this package that has a `KIND`, so adding one means adding its file."""
+"""The available instruments: each file of this package with a `KIND`, so adding an instrument means adding its file."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a plan says of an instrument beside its kind, port and rate; each kind derives its own and checks it.
+    """The settings of an instrument in a plan other than kind, port and rate; each kind derives its own class and validates it.
 
-    A ValueError from `__post_init__` is told as it stands: what was found, what is allowed.
+    A ValueError from `__post_init__` is shown unchanged: what was found, what is allowed.
     """
 
 
 class Shaken(Protocol):
-    """A rig under a random drive of its own, as a simulated instrument measures it."""
+    """A rig under a random drive, as measured by a simulated instrument."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The channels, in the order of the instrument's inputs; the drive's comes first."""
+        """The channels, in the order of the instrument's inputs; the drive is the first."""
         ...
 
     def channels(self, samples: int, rate: float) -> Mapping[str, FloatArray]:
@@ -41,26 +41,26 @@ class Shaken(Protocol):
         ...
 
     def volts(self, samples: int, rate: float) -> FloatArray:
-        """What the accelerometers put out at the inputs, V, shape (samples, inputs)."""
+        """Voltages of the accelerometers at the inputs, V, shape (samples, inputs)."""
         ...
 
     def coherence(self, samples: int, rate: float) -> tuple[FloatArray, FloatArray]:
-        """Frequency in Hz and coherence of the last channel with the drive, each shape (lines,)."""
+        """Frequency in Hz and coherence of the last channel with the drive, each shape (bins,)."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """What is asked of a far end.
+    """Options of a simulated instrument.
 
     Parameters
     ----------
     speed
-        Signal seconds per second.
+        Speed relative to real time.
     seconds
-        Length of the signal, which is played again and again.
+        Length of the signal, which is repeated.
     faults
-        What goes wrong; a far end refuses those that it does not have (`Faults.only`).
+        Injected faults; a simulated instrument refuses those that it does not have (`Faults.only`).
     """
 
     speed: float
@@ -68,24 +68,24 @@ class Simulation:
     faults: Faults
 
 
-#: Makes an instrument's simulated far end with a rig behind it.
+#: Creates the simulated counterpart of an instrument, connected to a rig.
 FarEnd = Callable[[Shaken, Simulation], "Peer"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StreamKind:
-    """An instrument that streams.
+    """An instrument that streams samples.
 
     Parameters
     ----------
     name
-        What plans call it.
+        Its name in plans.
     open
-        Opens it at a port, under its settings.
+        Opens it at a port, with its settings.
     settings
-        The settings that it has.
+        The class of its settings.
     far_end
-        Makes its simulated far end, for `--port virtual` and `rig virtual instrument`; None where there is none.
+        Creates its simulated counterpart, for `--port virtual` and `rig virtual instrument`; None if there is none.
     """
 
     name: str
@@ -96,18 +96,18 @@ class StreamKind:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordsKind:
-    """An instrument that hands out records.
+    """An instrument that returns records.
 
     Parameters
     ----------
     name
-        What plans call it.
+        Its name in plans.
     open
-        Opens it at a port, told what its traces show.
+        Opens it at a port, with the contents of its traces.
     trace
-        Pattern of its words for a trace, and an example of one.
+        Pattern of the trace names, and an example.
     settings, far_end
-        As of a stream.
+        As for a stream.
     """
 
     name: str
@@ -119,7 +119,7 @@ class RecordsKind:
 
 @cache
 def kinds() -> Mapping[str, StreamKind | RecordsKind]:
-    """Every kind by its name."""
+    """All kinds by name."""
     names = [module.name for module in pkgutil.iter_modules(drivers.__path__) if not module.ispkg]
     found = [getattr(importlib.import_module(f"isorig.drivers.{name}"), "KIND", None) for name in names]
     return {kind.name: kind for kind in found if kind is not None}

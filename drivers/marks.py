@@ -1,4 +1,4 @@
-"""Lost scans seen by a counter of two bits that is wired to the digital inputs: a square wave on 0, its half on 1."""
+"""Detects lost scans with a two-bit counter wired to the digital inputs: a square wave on 0, half its frequency on 1."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from isorig.drivers.block import Raw
 
 #: Values of the counter.
 VALUES = 4
-#: Scans, and a share of a step, by which a step of the counter may come early or late.
+#: Tolerance of a counter step in scans, and as a share of a step.
 SCANS, SHARE = 1.5, 0.02
-#: How much of a step's length is learned from each, so that two clocks that run differently are no loss.
+#: Adaptation of the step length at each step, so that clock drift is not counted as a loss.
 LEARN = 0.05
-#: Steps that may be lost at once and be counted: the counter goes round after four.
+#: Number of steps that may be lost at once and still be counted: the counter wraps after four.
 SEEN = 3.5
 
 
 class Marks:
-    """Compares the scans between two steps of the counter with those that there must be.
+    """Compares the number of scans between two counter steps with the expected number.
 
     Parameters
     ----------
     rate
-        Scans a second, Hz.
+        Scan rate, Hz.
     counter
-        Steps of the counter a second, Hz.
+        Counting rate, Hz.
     """
 
     def __init__(self, rate: float, counter: float) -> None:
@@ -37,11 +37,11 @@ class Marks:
 
     @property
     def reach(self) -> float:
-        """Scans that may be lost at once and still be counted."""
+        """Number of scans that may be lost at once and still be counted."""
         return (SEEN - 0.5) * self._step
 
     def split(self, scans: Raw, lost: int) -> list[tuple[Raw, int]]:
-        """The scans in parts, each with the scans lost before it; `lost` were known to be missing before the first."""
+        """The scans in parts, each with the scans lost before it; `lost` scans are known to be missing before the first."""
         values = scans[:, 0] & (VALUES - 1)
         previous = values[0] if self._value is None else self._value
         parts: list[tuple[Raw, int]] = []
@@ -60,13 +60,13 @@ class Marks:
         return [*parts, (scans[begin:], before)]
 
     def _missing(self, tick: int, rise: int) -> int:
-        # Scans lost since the last step, at a step of the counter by `rise`.
+        # Scans lost since the last counter step, given a step by `rise`.
         last, self._last = self._last, float(tick)
         if last is None:
             return 0
         steps = rise % VALUES
         short = steps * self._step - (tick - last)
-        # The counter may have gone round.
+        # The counter may have wrapped.
         short -= VALUES * self._step * math.floor((short + 0.5 * self._step) / (VALUES * self._step))
         if short > max(SCANS, SHARE * self._step):
             self._last = tick + round(short)

@@ -1,8 +1,8 @@
-"""Xsens MTi-600 on CAN: an accelerometer on the bus, through whatever adapter python-can knows (slcan over a serial port).
+"""Xsens MTi-600 on CAN: an accelerometer on the bus, with any adapter that python-can supports (slcan over a serial port).
 
-Each sample is a group of frames that begins with its counter. Frames are kept as they come and decoded many at a time; the same
-messages are described in `mti600.dbc`. Values are big-endian. A frame has a checksum on the bus and none between a serial adapter
-and this machine: a byte hurt there is seen where it spoils a frame's form, its length or the counter.
+Each sample is a group of frames that starts with its counter. Frames are stored as received and decoded in batches; `mti600.dbc`
+describes the same messages. Values are big-endian. A frame has a checksum on the bus, but none between a serial adapter and the
+host: a byte damaged there is detected only if it invalidates a frame's form, its length or the counter.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ LENGTHS = {ERROR: 1, SAMPLE_TIME: 4, GROUP_COUNTER: 2, STATUS_WORD: 4, ACCELERAT
 PER_COUNT = 2.0**-8
 CLIPPED = 0x700
 WRAP = 1 << 16
-#: The error message that tells of messages dropped inside the instrument; any other is a fault.
+#: The error message that reports messages dropped inside the instrument; any other one is a fault.
 DROPPED = b"\x01"
-#: Groups in a block, and frames that may have been waiting before a run.
+#: Groups in a block, and maximum number of frames waiting before a run.
 GROUPS = 16
 BACKLOG = 1000
-#: Seconds that a serial adapter needs after its port was opened; many restart then.
+#: Seconds that a serial adapter needs after its port is opened; many restart then.
 SETTLE = 2.0
-#: Characters that an adapter may send without an end of line: a frame of eight bytes has 22.
+#: Maximum number of characters without an end of line from an adapter: a frame of eight bytes has 22.
 LONGEST = 4096
 
 
@@ -58,21 +58,21 @@ class Groups:
 
 
 def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8], *, following: int | None) -> Groups:
-    """Frames to groups: those whose counter and acceleration both arrived.
+    """Converts frames to groups with both counter and acceleration.
 
-    Where the counter steps, the one that was lost may have stood anywhere behind the last that came, and the acceleration
-    there may be that of a later sample: the group before a step is left out.
+    If the counter steps, the lost counter may have been anywhere after the last one received, and the acceleration there may
+    belong to a later sample: the group before a step is discarded.
 
     Parameters
     ----------
     identifiers
         Arbitration identifiers in the order of arrival, shape (n,).
     data
-        Their bytes, filled up with zeros, shape (n, 8).
+        Their bytes, padded with zeros, shape (n, 8).
     following
-        The counter that came behind these frames; None where none did, so that the last group cannot be trusted.
+        The counter received after these frames; None if there is none, so that the last group cannot be trusted.
     """
-    # A frame that came twice stands beside itself.
+    # A frame received twice is adjacent to its copy.
     again = np.zeros(len(identifiers), bool)
     again[1:] = (identifiers[1:] == identifiers[:-1]) & (data[1:] == data[:-1]).all(axis=1)
     identifiers, data = identifiers[~again], data[~again]
@@ -105,12 +105,12 @@ def _big(rows: NDArray[np.uint8], kind: str) -> NDArray[Any]:
 
 
 class MtiInstrument:
-    """An MTi-600 that sends counter, time, acceleration and status; its rate is the one it was configured for.
+    """An MTi-600 configured to send counter, time, acceleration and status; its rate is part of its configuration.
 
     Parameters
     ----------
     port
-        Of the adapter, or the channel of another interface.
+        Port of the adapter, or the channel of another interface.
     bus
         python-can's name of the adapter's interface: "slcan" over a serial port, "virtual" inside this process.
     """
@@ -131,18 +131,18 @@ class MtiInstrument:
 
     @property
     def noticed(self) -> Sequence[str]:
-        """What was odd since the last start, each in a clause."""
+        """Anomalies since the last start, one clause each."""
         return tuple(self._order.noticed)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
-        """Nothing can be set over this bus; the look before a run compares the rate with the instrument's own clock."""
+        """Nothing can be set over this bus; the pre-run check compares the rate with the instrument's own clock."""
         if max(channels, default=0) >= len(self.inputs):
-            raise SettingError(f"{self._name} has the inputs 0, 1 and 2; input {max(channels)} is not there, correct the plan")
+            raise SettingError(f"{self._name} has the inputs 0, 1 and 2; there is no input {max(channels)}, correct the plan")
         self._rate = sample_rate
         return sample_rate
 
     def start(self) -> None:
-        """Forget what was on its way; the first group from now on has tick 0."""
+        """Discard data in transit; the first group from now on has tick 0."""
         for _ in range(BACKLOG):
             if not self._receive(0.0):
                 break
@@ -162,30 +162,30 @@ class MtiInstrument:
                     groups += self._take(message)
             before = len(self._frames)
             block = self._block()
-            # A block that came before is left out; what stands behind it may be new.
+            # A block received before is discarded; the data after it may be new.
             if block is not None or len(self._frames) == before or time.monotonic() >= end:
                 return block
 
     def rejoin(self) -> None:
-        """Open the adapter again after it was lost; it goes on sending by itself, and its counter and clock tell what was lost.
+        """Reopen the adapter after a lost connection; the instrument keeps sending, and its counter and clock show the loss.
 
         Raises
         ------
         ConnectionLostError
-            Where it is still away.
+            The adapter is still not available.
         """
         self.close()
         self._frames = []
         self._bus = self._opened()
 
     def stop(self) -> int | None:
-        """End reading; it goes on sending, and does not say how much it counted."""
+        """Stop reading; the instrument keeps sending, and does not report its count."""
         self._open = False
         return None
 
     def close(self) -> None:
-        """Let go of the bus."""
-        # An adapter that is gone cannot be told.
+        """Close the bus."""
+        # The adapter may be gone.
         with suppress(can.CanError, OSError, TypeError):
             self._bus.shutdown()
 
@@ -205,24 +205,24 @@ class MtiInstrument:
         try:
             message = self._bus.recv(timeout)
             if len(getattr(self._bus, "_buffer", b"")) > LONGEST:
-                # No end of line: whatever sends this is no adapter, or its rate is another.
+                # No end of line: the sender is not an adapter, or its baud rate differs.
                 self._bus.flush()  # type: ignore[attr-defined]
                 self.damaged += 1
         except (can.CanError, OSError, TypeError) as error:
             if not isinstance(error.__cause__, UnicodeDecodeError):
-                raise ConnectionLostError(f"{self._name} is gone ({error}); plug it in and resume") from None
-            # The library keeps a line that is no text, and would stumble over it for ever.
+                raise ConnectionLostError(f"{self._name} is gone ({error}); reconnect it and resume") from None
+            # The library keeps an undecodable line, and would fail on it forever.
             self._bus.flush()  # type: ignore[attr-defined]
             self.damaged += 1
             return []
         except (ValueError, IndexError):
-            # What the adapter sent is no frame.
+            # The adapter sent an invalid frame.
             self.damaged += 1
             return []
         return [] if message is None else [message]
 
     def _take(self, message: can.Message) -> bool:
-        # Keep a frame that is one of ours; whether a group begins.
+        # Store a frame of this instrument; returns whether a group starts.
         identifier, payload = message.arbitration_id, bytes(message.data)
         if message.is_extended_id or identifier not in LENGTHS:
             return False
@@ -236,7 +236,7 @@ class MtiInstrument:
         return identifier == GROUP_COUNTER
 
     def _block(self) -> Block | None:
-        # The last group may still miss frames; it stays until the next one begins. A block ends at a step of the counter.
+        # The last group may still be incomplete; it stays until the next one starts. A block ends at a step of the counter.
         starts = [k for k, (identifier, _) in enumerate(self._frames) if identifier == GROUP_COUNTER]
         end = starts[-1] if self._open and starts else len(self._frames)
         whole = self._frames[:end]
@@ -276,7 +276,7 @@ class MtiInstrument:
         return Block(first_tick=place.tick, samples=acceleration, host_time=now, device_time=place.seconds, status=status)
 
     def _clock(self, seconds: NDArray[np.float64]) -> int | None:
-        # Microseconds at the first group, as most of the groups say: one whose digits were hurt does not count.
+        # Time at the first group in microseconds, by majority of the groups: damaged digits are outvoted.
         told = np.flatnonzero(np.isfinite(seconds))
         if not len(told):
             return None

@@ -1,7 +1,7 @@
-"""Where a block stands: counter, sequence numbers and clock of an instrument, held against each other and this machine's clock.
+"""Places blocks in time: compares counter, sequence numbers and clock of an instrument with each other and with the host's clock.
 
-A counter that steps is a loss only where the others say so too. What two of the three say is taken; where they all differ, what
-this machine's clock allows; where nothing is left, the run ends, because no place could be trusted.
+A step of the counter is a loss only if the other indicators confirm it. The value on which two of the three agree is used; if all
+differ, the one that is possible according to the host's clock; if none is, the run ends, because no position could be trusted.
 """
 
 from __future__ import annotations
@@ -12,39 +12,39 @@ from dataclasses import dataclass
 from isorig.drivers.block import Status
 from isorig.drivers.errors import InstrumentError
 
-#: How far counter and clock may lie apart over a step: a share of it, and samples or seconds where that is more. A clock that
-#: firmware reads when it makes up a frame is late by its loop; one that is taken with the sample is exact.
+#: Allowed difference between counter and clock over a step: a share of it, and samples or seconds if that is more. A clock that
+#: the firmware reads when it builds a frame is late by its loop time; one that is latched with the sample is exact.
 SHARE = 0.02
 LOOSE, EXACT = (2.0, 0.005), (0.6, 0.0)
-#: Seconds by which this machine may see samples late, and by how much faster than before they may have been taken.
+#: Maximum delay of samples at the host in seconds, and the factor by which they may have been acquired faster than before.
 SLACK, FASTER = 1.0, 2.0
-#: Seconds of signal after which the clock's own rate is known better than the one that was asked for.
+#: Seconds of signal after which the clock's estimated rate is more accurate than the requested one.
 LEARNED = 0.5
-#: Frames, and stretches without any, that are remembered, to know what comes twice and what comes late.
+#: Number of frames, and of gaps, that are remembered to recognize duplicates and late frames.
 REMEMBERED = 512
 
 
 def wrapped(value: int, near: int, wrap: int) -> int:
-    """The whole count that is `value` modulo `wrap` and lies nearest to `near`."""
+    """The integer equal to `value` modulo `wrap` that is closest to `near`."""
     return near + (value - near + wrap // 2) % wrap - wrap // 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What came with a block.
+    """Data received with a block.
 
     Parameters
     ----------
     counter
-        Count of its first sample as sent, wrapping.
+        Transmitted count of its first sample, wrapping.
     rows
-        Its samples.
+        Number of its samples.
     host
-        Seconds of this machine's clock.
+        Host's clock, seconds.
     clock
-        Microseconds of the instrument's clock at the first sample, wrapping; None where it tells none.
+        Instrument's clock at the first sample in microseconds, wrapping; None if it has none.
     sequence
-        Number of the frame, wrapping; None where it has none.
+        Number of the frame, wrapping; None if it has none.
     mark
         Checksum of its samples.
     """
@@ -59,7 +59,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where a block stands: its first tick, the instrument's seconds there, DISAGREES where its words contradict each other."""
+    """Position of a block: first tick, instrument time there (s), DISAGREES if its indicators contradict each other."""
 
     tick: int
     seconds: float | None
@@ -68,7 +68,7 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class _Steps:
-    """Samples from the last block's first to this one's by each witness: counter, clock, and rows where sequence just went on."""
+    """Step from the last block's first sample to this one's, by counter, by clock, and by rows if the sequence is unbroken."""
 
     counter: int
     clock: float | None
@@ -77,22 +77,22 @@ class _Steps:
 
 
 class Order:
-    """Places blocks of one run one after the other; the first has tick 0.
+    """Places the blocks of one run in sequence; the first has tick 0.
 
     Parameters
     ----------
     who
         The instrument's name, for messages.
     counter_wrap
-        Where the counter wraps.
+        Modulus of the counter.
     first
-        The counter at tick 0; the first block's where None.
+        The counter at tick 0; that of the first block if None.
     rate
-        Samples a second; None where it is not known.
+        Sample rate, Hz; None if unknown.
     began
-        This machine's clock at tick 0.
+        Host's clock at tick 0.
     loose
-        Samples, and seconds, by which counter and clock may lie apart.
+        Allowed difference between counter and clock, in samples and in seconds.
     """
 
     WRAP = 1 << 32
@@ -108,7 +108,7 @@ class Order:
         self._first = first
         self._last: Reading | None = None
         self._clock_moved = False
-        # Ticks and microseconds over stretches where counter and clock agreed, for the clock's own rate.
+        # Ticks and microseconds over stretches in which counter and clock agree, to estimate the clock's rate.
         self._agreed = [0.0, 0.0]
         self._seen: deque[tuple[int | None, ...]] = deque(maxlen=REMEMBERED)
         self._gaps: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
@@ -116,16 +116,16 @@ class Order:
 
     @property
     def end(self) -> int:
-        """The tick behind the last block."""
+        """The tick after the last block."""
         return self._tick + self._rows
 
     def place(self, reading: Reading) -> Place | None:
-        """Where a block stands; None where it came before, or so late that its ticks are already counted as lost.
+        """Position of a block; None if it is a duplicate, or so late that its ticks already count as lost.
 
         Raises
         ------
         InstrumentError
-            Where the instrument began anew, or nothing tells where the block stands.
+            The instrument was restarted, or the position cannot be determined.
         """
         key = (reading.counter, reading.sequence, reading.clock, reading.rows, reading.mark)
         if key in self._seen:
@@ -145,7 +145,7 @@ class Order:
         return place
 
     def possible(self, counted: int, host: float) -> bool:
-        """Whether the instrument can have counted so many samples by now: no fewer than came, no more than the time allows."""
+        """Whether the instrument can have counted so many samples: at least those received, at most what the time allows."""
         return self.end <= counted and (self._last is None or self._is_possible(counted - self._tick, host))
 
     def _begin(self, reading: Reading) -> Place:
@@ -154,7 +154,7 @@ class Order:
         self._clock, self._sequence = reading.clock or 0, reading.sequence or 0
         if self._counter < first or not self._is_possible(self._counter - first, reading.host):
             raise InstrumentError(
-                f"{self._who} began to count at {reading.counter} and had announced {first}; switch it off and on, then resume"
+                f"{self._who} started counting at {reading.counter} but announced {first}; switch it off and on, then resume"
             )
         self._tick = self._counter - first
         return Place(tick=self._tick, seconds=self._seconds(reading), status=Status.GOOD)
@@ -169,7 +169,7 @@ class Order:
                 clock = moved * 1e-6 * rate
         counter = wrapped(reading.counter, self._counter + self._rows, self._wrap)
         if clock is not None and not self._near(counter - self._counter, clock):
-            # A counter of few bits may have wrapped while nothing came.
+            # A counter with few bits may have wrapped in the gap.
             other = wrapped(reading.counter, self._counter + round(clock), self._wrap)
             counter = other if self._near(other - self._counter, clock) else counter
         sequence = None
@@ -185,7 +185,7 @@ class Order:
         if status == Status.GOOD and reading.clock is not None:
             self._agreed[0] += step
             self._agreed[1] += wrapped(reading.clock, self._clock, self.WRAP) - self._clock
-        # Each witness goes on from what it said, so that one that was reset is believed again.
+        # Each indicator continues from its own last value, so that one that was reset is trusted again.
         self._counter = wrapped(reading.counter, self._counter + step, self._wrap)
         if reading.clock is not None:
             self._clock = wrapped(reading.clock, self._clock, self.WRAP)
@@ -211,13 +211,13 @@ class Order:
             return counter, Status.DISAGREES
         by_clock = round(clock) if clock is not None else 0
         if clock is not None and self._near(self._rows, clock):
-            # A clock is not exact to a sample: what lies so near goes on without a step.
+            # A clock is not exact to a sample: a difference this small is no step.
             by_clock = self._rows
         if by_clock >= self._rows and self._is_possible(by_clock, reading.host):
             return by_clock, Status.DISAGREES
         raise InstrumentError(
-            f"{self._who} counted {counter} samples on at tick {self.end} where {self._rows} or more must come, and neither its "
-            "clock nor this machine's tells how many were lost; it was restarted or is out of order, so resume"
+            f"{self._who} counts {counter} samples at tick {self.end}, where {self._rows} or more are expected, and neither its "
+            "clock nor the host's shows how many were lost; it was restarted or is defective, so resume"
         )
 
     def _is_late(self, steps: _Steps, reading: Reading) -> bool:
@@ -227,7 +227,7 @@ class Order:
         )
 
     def _is_possible(self, step: int, host: float) -> bool:
-        # Samples arrive late, never early; simulated instruments may play faster than real time, which is known from what came.
+        # Samples arrive late, never early; a simulated instrument may run faster than real time, which the received samples show.
         if self._rate is None:
             return True
         passed = host - self._began

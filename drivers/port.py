@@ -1,4 +1,4 @@
-"""A serial line: whatever pyserial opens, with errors in this layer's words, and an end to every wait and every answer."""
+"""A serial line: any port that pyserial opens, with the errors of this package, and a limit on every wait and every answer."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import serial
 
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
 
-#: Bytes asked of the port at a time, and bytes written at a time.
+#: Bytes read from the port at a time, and bytes written at a time.
 CHUNK = 65536
 PIECE = 4096
-#: Seconds that an answer may take before anything comes, and between two arrivals of it.
+#: Timeout in seconds until an answer starts, and between two parts of it.
 PATIENCE = 2.0
-#: Seconds that the far end may take to accept a piece of what is written: a piece at 9600 baud takes 4.3 s.
+#: Timeout in seconds for sending a piece: a piece at 9600 baud takes 4.3 s.
 WRITE_PATIENCE = 10.0
-#: Bytes of a line that an instrument may answer with.
+#: Maximum length of an answer line in bytes.
 LONGEST = 256
-#: Seconds in which an instrument that was told to be quiet must be quiet.
+#: Seconds within which a stopped instrument must be silent.
 QUIET = 2.0
-#: A long answer may take so many times what its bytes need at the line's rate.
+#: A long answer may take this many times the transmission time of its bytes.
 SLOWER = 3.0
 #: Bits of a byte on a serial line: start, eight, stop.
 BITS = 10
-#: URLs that may be opened; pyserial knows more, and some of those write files or load classes.
+#: Allowed URL schemes; pyserial supports more, and some of those write files or load classes.
 SCHEMES = ("socket", "rfc2217")
 
 
@@ -35,16 +35,16 @@ class Port:
     Parameters
     ----------
     name
-        A path such as /dev/ttyACM0, or an URL such as socket://127.0.0.1:4000.
+        A path like /dev/ttyACM0, or a URL like socket://127.0.0.1:4000.
     baud_rate
-        Of a real serial line.
+        Baud rate of a real serial line.
 
     Raises
     ------
     SettingError
-        Where the name is no port.
+        The name is not a port.
     ConnectionLostError
-        Where it cannot be opened.
+        The port cannot be opened.
     """
 
     def __init__(self, name: str, *, baud_rate: int) -> None:
@@ -52,17 +52,17 @@ class Port:
         self.name = name
         self._buffer = bytearray()
         self._baud_rate = baud_rate
-        # A socket does not tell how much is waiting, so it is read until nothing comes for a moment.
+        # A socket does not report how much is waiting, so it is read until nothing arrives for a moment.
         self._counts = "://" not in name
         self._port = self._opened()
 
     def reopen(self) -> None:
-        """Open it anew after it was lost; what was waiting is forgotten.
+        """Reopen the port after it was lost; waiting input is discarded.
 
         Raises
         ------
         ConnectionLostError
-            Where it cannot be opened.
+            The port cannot be opened.
         """
         self.close()
         self._buffer.clear()
@@ -74,25 +74,25 @@ class Port:
         Raises
         ------
         ConnectionLostError
-            Where the far end is gone, or does not take them.
+            The instrument is gone, or does not accept the bytes.
         """
         try:
             for at in range(0, len(data), PIECE):
                 self._port.write(data[at : at + PIECE])
         except serial.SerialTimeoutException:
             raise ConnectionLostError(
-                f"{self.name} has taken nothing for {WRITE_PATIENCE:g} s; check that the instrument is on, then resume"
+                f"{self.name} has accepted no data for {WRITE_PATIENCE:g} s; check that the instrument is on, then resume"
             ) from None
         except (serial.SerialException, OSError, TypeError) as error:
             raise self._gone(error) from None
 
     def read(self) -> bytes:
-        """What arrived, after at most 0.05 s of waiting."""
+        """The bytes that arrived, after at most 0.05 s of waiting."""
         try:
             size = min(max(self._port.in_waiting, 1), CHUNK) if self._counts else CHUNK
             data: bytes = self._port.read(size)
         except (serial.SerialException, OSError, TypeError) as error:
-            # pyserial trips over its own closed descriptor with a TypeError when the port goes during a read.
+            # pyserial raises a TypeError on its own closed descriptor if the port disappears during a read.
             raise self._gone(error) from None
         if self._buffer:
             data, self._buffer = bytes(self._buffer) + data, bytearray()
@@ -104,9 +104,9 @@ class Port:
         Raises
         ------
         ConnectionLostError
-            Where none comes in time.
+            No line arrives in time.
         ProtocolError
-            Where more than `longest` bytes come without an end.
+            More than `longest` bytes arrive without an end of line.
         """
         patience = PATIENCE if patience is None else patience
         self._wait(lambda: end in self._buffer or len(self._buffer) > longest, patience, patience, "a line")
@@ -125,7 +125,7 @@ class Port:
         Raises
         ------
         ConnectionLostError
-            Where nothing comes for `patience` seconds, or all takes far longer than its bytes need on the line.
+            Nothing arrives for `patience` seconds, or the transmission takes far too long.
         """
         patience = PATIENCE if patience is None else patience
         whole = patience + SLOWER * BITS * count / self._baud_rate
@@ -135,38 +135,38 @@ class Port:
         return data
 
     def expect_nothing(self) -> None:
-        """Look that nothing waits that was not asked for, so that no answer is taken for that of another question.
+        """Check that no unexpected input is waiting, so that no answer is assigned to the wrong command.
 
         Raises
         ------
         ProtocolError
-            Where bytes wait.
+            Bytes are waiting.
         """
         try:
             waiting = bool(self._buffer) or bool(self._port.in_waiting)
         except (serial.SerialException, OSError, TypeError) as error:
             raise self._gone(error) from None
         if waiting:
-            raise ProtocolError(f"{self.name} sent more than it was asked for; check the cable, then measure again")
+            raise ProtocolError(f"{self.name} sent more than was requested; check the cable, then measure again")
 
     def drop_input(self) -> None:
-        """Forget what has arrived, until nothing comes any more.
+        """Discard input until nothing more arrives.
 
         Raises
         ------
         ProtocolError
-            Where the far end does not become quiet.
+            The instrument does not become silent.
         """
         end = time.monotonic() + QUIET
         while self.read():
             if time.monotonic() > end:
                 raise ProtocolError(
-                    f"{self.name} goes on sending after it was told to stop; switch the instrument off and on, and check "
+                    f"{self.name} keeps sending after the stop command; switch the instrument off and on, and check "
                     "that the plan names its kind"
                 )
 
     def close(self) -> None:
-        """Let go; may be called twice."""
+        """Close the port; may be called twice."""
         self._port.close()
 
     def _opened(self) -> serial.Serial:
@@ -179,13 +179,13 @@ class Port:
         return opened
 
     def _gone(self, error: Exception) -> ConnectionLostError:
-        return ConnectionLostError(f"{self.name} is gone ({error}); plug it in and resume")
+        return ConnectionLostError(f"{self.name} is gone ({error}); reconnect it and resume")
 
     def _wait(self, enough: Callable[[], bool], patience: float, whole: float, what: str) -> None:
         began = heard = time.monotonic()
         while not enough():
             before = len(self._buffer)
-            # `read` empties the buffer into what it returns.
+            # `read` empties the buffer into its return value.
             self._buffer = bytearray(self.read())
             now = time.monotonic()
             if len(self._buffer) > before:
@@ -200,15 +200,15 @@ class Port:
 
 
 def check_name(name: str) -> None:
-    """Look at a port's name before anything is opened.
+    """Check a port's name before anything is opened.
 
     Raises
     ------
     SettingError
-        Where it is no path and no URL with a host and a port.
+        It is neither a path nor a URL with host and port.
     """
     if not name or not name.isprintable():
-        raise SettingError(f"{name!r} is no port; give a path such as /dev/ttyACM0, or socket://127.0.0.1:4000")
+        raise SettingError(f"{name!r} is not a port; give a path like /dev/ttyACM0, or socket://127.0.0.1:4000")
     if "://" not in name:
         return
     try:
@@ -217,4 +217,4 @@ def check_name(name: str) -> None:
     except ValueError:
         whole = False
     if not whole:
-        raise SettingError(f"{name} is no port; an URL needs a host and a port, as in socket://127.0.0.1:4000")
+        raise SettingError(f"{name} is not a port; a URL needs a host and a port, as in socket://127.0.0.1:4000")

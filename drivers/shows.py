@@ -1,4 +1,4 @@
-"""What a display or a trace of an analyzer shows; the analyzer itself does not tell."""
+"""Contents of an analyzer's displays or traces, which the analyzer does not report."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Shows:
-    """A trace by the instrument's name for it (a display's number, a feed), and what its values are."""
+    """A trace by the instrument's name for it (a display's number, a feed), and the meaning of its values."""
 
     trace: str
     kind: Literal["time", "spectrum"]

@@ -1,8 +1,8 @@
-"""SRS SR785 dynamic signal analyzer over RS-232: finished records of its two displays.
+"""SRS SR785 dynamic signal analyzer over RS-232: reads finished records of its two displays.
 
-What a display shows (spectrum, transfer function, time record) and every other setting is made on its panel; this driver sets the
-source's level, starts a measurement, waits for its average, reads the displays and tells overloads. Commands end in LF, 9600
-baud, 8N1. Nothing on this line has a checksum, so that what is kept is asked for twice and must come twice alike.
+The contents of a display (spectrum, transfer function, time record) and all other settings are made on the panel. This driver
+sets the level of the source, starts a measurement, waits for its average, reads the displays and reports overloads. Commands end
+in LF, 9600 baud, 8N1. There is no checksum, so data are read twice and must be identical.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
 
 #: Bits of the standard event register: syntax error, execution error, output overflow.
-EVENTS = {5: "it does not know a command", 4: "it could not do a command", 2: "its output overflowed"}
+EVENTS = {5: "a command is unknown", 4: "a command could not be executed", 2: "its output overflowed"}
 POLL = 0.2
-#: What each question is answered with.
+#: Valid answers to each query.
 ANSWERS: dict[str, Kind] = {
     "*ESR": whole(0, 255), "INPS": whole(0, 65535), "DSPS": whole(0, 1), "NAVG": whole(0, 32767), "DSPN": whole(2, 1 << 14),
     "DBIN": number(), "DSPY": number(), "STYP": whole(0, 3), "SRCO": whole(0, 1), "level": text(40),
 }  # fmt: skip
-#: The command for the source's amplitude by its type: sine, chirp, noise. It is set in mV of the peak.
+#: The command for the source's amplitude by type: sine, chirp, noise. Unit: mV peak.
 LEVELS = ("S1AM", "CAMP", "NAMP")
 UNITS = {"": 1e-3, "mVpk": 1e-3, "Vpk": 1.0}
-#: The source's largest level, V, and the share by which what is read back may differ.
+#: Maximum level of the source, V, and allowed relative difference of the level read back.
 LARGEST, STEP = 5.0, 0.01
-#: Of what lies between its ends, by which a place on the x axis may differ from even steps.
+#: Allowed deviation of x values from equal steps, as a share of the x range.
 EVEN = 1e-3
 
 
@@ -49,7 +49,7 @@ class Sr785Instrument:
     port
         Path or URL.
     shows
-        What its displays 0 and 1 show, as set on the panel.
+        Contents of its displays 0 and 1, as set on the panel.
     """
 
     def __init__(self, port: str, shows: Sequence[Shows]) -> None:
@@ -75,7 +75,7 @@ class Sr785Instrument:
             raise SettingError(f"the source of {self._port.name} cannot play {level:g} V; give up to {LARGEST:g} V")
         kind = self._ask("STYP?")
         if kind >= len(LEVELS):
-            raise SettingError(f"the source of {self._port.name} plays its memory; choose sine, chirp or noise on its panel")
+            raise SettingError(f"the source of {self._port.name} plays its memory; select sine, chirp or noise on its panel")
         self._sourcing = True
         self._send(f"{LEVELS[kind]} {1e3 * level:.6g} mVpk")
         self._send("SRCO 1")
@@ -88,26 +88,26 @@ class Sr785Instrument:
             )
 
     def measure(self, timeout: float) -> None:
-        """Start a measurement and wait until display 1 reports its average done."""
+        """Start a measurement and wait until display 1 reports that its average is done."""
         self._send("STRT")
         end = time.monotonic() + timeout
         while self._ask("DSPS?1") == 0:
             if time.monotonic() > end:
-                raise InstrumentError(f"{self._port.name} was not done within {timeout:g} s; give the run more seconds")
+                raise InstrumentError(f"{self._port.name} did not finish within {timeout:g} s; give the run more seconds")
             time.sleep(POLL)
         self._averages = int(self._twice("NAVG?0"))
         self._status = self.status()
         self._events()
 
     def records(self) -> tuple[Record, ...]:
-        """What its displays show."""
+        """The contents of its displays."""
         return tuple(self._record(int(shown.trace), shown) for shown in self._shows)
 
     def close(self) -> None:
-        """Switch its source off where it was set from here, and let go of the wire."""
+        """Switch its source off if this driver switched it on, and close the port."""
         if self._sourcing:
             self._sourcing = False
-            # A wire that is gone cannot be told.
+            # The connection may be lost.
             with suppress(DriverError):
                 self._port.write(b"SRCO 0\n")
         self._port.close()
@@ -118,7 +118,7 @@ class Sr785Instrument:
         x = np.linspace(first, last, points)
         if not first < last or abs(x[points // 2] - middle) > EVEN * (last - first):
             raise ProtocolError(
-                f"{self._port.name} tells of display {display} from {first:g} over {middle:g} to {last:g}, no even steps; "
+                f"{self._port.name} reports x values {first:g}, {middle:g} and {last:g} for display {display}, not equal steps; "
                 "measure again"
             )
         return Record(
@@ -129,8 +129,10 @@ class Sr785Instrument:
     def _floats(self, display: int, points: int) -> FloatArray:
         data, again = (self._dump(display, points) for _ in range(2))
         if data != again:
-            raise ProtocolError(f"{self._port.name} sent display {display} twice and not alike; check the cable, measure again")
-        # Its order of bytes is not documented: one point read as text decides.
+            raise ProtocolError(
+                f"{self._port.name} sent two different records of display {display}; check the cable, measure again"
+            )
+        # The byte order is not documented: one point read as text decides.
         little, big = np.frombuffer(data, "<f4"), np.frombuffer(data, ">f4")
         place = points // 2
         told = self._ask(f"DSPY?{display},{place}")

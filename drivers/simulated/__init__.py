@@ -1,1 +1,1 @@
-"""The far ends of the wires: simulated instruments. What they play is handed to them."""
+"""Simulated instruments, the counterparts of the drivers. The caller provides their signals."""

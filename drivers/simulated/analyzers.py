@@ -1,4 +1,4 @@
-"""Simulated analyzers: they answer the commands that the drivers of the SR785 and the 35670A use, and no others."""
+"""Simulated analyzers: they answer the commands used by the drivers of the SR785 and the 35670A, and no others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.drivers.kinds import Shaken
 Curve = tuple[FloatArray, FloatArray]
 
 
-#: Points and rate (Hz) of a simulated time record, and records that a coherence is averaged over.
+#: Points and rate (Hz) of a simulated time record, and number of averages of a coherence.
 RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
 
 
@@ -24,7 +24,7 @@ def displayed(shaken: Shaken) -> tuple[Curve, Curve]:
 
 
 class _Lines:
-    """Answers commands that end in LF; what it does not know makes an error of the instrument's own kind."""
+    """Answers commands that end in LF; an unknown command causes an error of the instrument's kind."""
 
     def __init__(self) -> None:
         self._waiting = b""
@@ -46,7 +46,7 @@ class _Lines:
 
 
 class SimulatedSr785(_Lines):
-    """Two displays whose curves are given; `polls` questions pass before a measurement is done."""
+    """Two displays with given curves; a measurement takes `polls` status queries."""
 
     def __init__(self, displays: Mapping[int, Curve], *, polls: int = 2, overload: bool = False, order: str = "<") -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class SimulatedSr785(_Lines):
         self.sourcing, self._level = False, 0
 
     def answer(self, command: str) -> bytes:
-        """What goes back for a command."""
+        """The answer to a command."""
         head, _, rest = command.partition("?")
         words = rest.split(",") if rest else []
         if command in ("OUTX1", "STRT", "SRCO 0", "SRCO 1") or head.startswith("NAMP "):
@@ -94,7 +94,7 @@ class SimulatedSr785(_Lines):
 
 
 class Simulated35670a(_Lines):
-    """Traces by the feed that shows them; `polls` questions pass before a measurement is done."""
+    """Traces by feed; a measurement takes `polls` status queries."""
 
     def __init__(self, feeds: Mapping[str, Curve], *, polls: int = 2) -> None:
         super().__init__()
@@ -105,7 +105,7 @@ class Simulated35670a(_Lines):
         self.sourcing, self._level = False, 0.0
 
     def answer(self, command: str) -> bytes:
-        """What goes back for a command."""
+        """The answer to a command."""
         trace, _, about = command.partition(":")
         if command == "ABOR;INIT:IMM;*OPC":
             self._left = self._polls

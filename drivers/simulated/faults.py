@@ -1,4 +1,4 @@
-"""What goes wrong on a simulated instrument's wire, on request and by chance."""
+"""Faults on a simulated instrument's connection, on request and at random."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import numpy as np
 
 from isorig.drivers.errors import SettingError
 
-#: Seconds by which a stalled frame is late, and the share by which a dial is turned.
+#: Delay of a stalled frame in seconds, and relative change of a turned dial.
 STALL = 0.2
 TURN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """What goes wrong, each a probability per frame where not said otherwise.
+    """The faults, each a probability per frame unless stated otherwise.
 
     Parameters
     ----------
     drop, duplicate, corrupt, stall, overload
-        A frame is not sent, sent twice, has a bit changed, comes a fifth of a second late, tells of an overload.
+        A frame is not sent, sent twice, has a flipped bit, is 0.2 s late, reports an overload.
     unplug_after
-        Seconds of signal after which the wire is cut; never where None.
+        Seconds of signal after which the connection is cut; never if None.
     first_tick
-        The counter's value at the start, to see it wrap.
+        Initial value of the counter, to test its wrapping.
     ppm
-        How much faster than told the instrument's clock runs, parts per million.
+        Rate error of the instrument's clock, parts per million.
     turn_after
-        Seconds of signal after which somebody turns the gain up by a tenth; never where None.
+        Seconds of signal after which the gain is increased by a tenth; never if None.
     seed
-        Of the draws.
+        Random seed.
     """
 
     drop: float = 0.0
@@ -48,22 +48,22 @@ class Faults:
     seed: int = 0
 
     def only(self, known: Collection[str], who: str) -> Faults:
-        """These faults, where an instrument can have them.
+        """These faults, if an instrument supports them.
 
         Raises
         ------
         SettingError
-            Where one is asked for that it cannot have.
+            A requested fault is not supported.
         """
         asked = [f.name for f in fields(self) if f.name != "seed" and getattr(self, f.name) != f.default]
         unknown = next((name for name in asked if name not in known), None)
         if unknown is not None:
-            raise SettingError(f"{who} has no fault {unknown!r}; it knows {', '.join(sorted(known)) or 'none'}")
+            raise SettingError(f"{who} has no fault {unknown!r}; it has {', '.join(sorted(known)) or 'none'}")
         return self
 
 
 class Mishaps:
-    """Draws the faults of frames; `happened` counts them by kind."""
+    """Draws the faults of frames at random; `happened` counts them by kind."""
 
     def __init__(self, faults: Faults) -> None:
         self._faults = faults
@@ -72,7 +72,7 @@ class Mishaps:
         self.happened: Counter[str] = Counter()
 
     def met(self, kind: str) -> bool:
-        """Whether this fault happens now."""
+        """Whether this fault occurs now."""
         chance = getattr(self._faults, kind)
         hit = bool(chance > 0.0 and self._random.random() < chance)
         self.happened[kind] += hit
@@ -80,16 +80,16 @@ class Mishaps:
 
     @property
     def late(self) -> bool:
-        """Whether a stall lasts."""
+        """Whether a stall is in progress."""
         return time.monotonic() < self._until
 
     def stalls(self) -> None:
-        """Stall, if that happens now."""
+        """Stall, if that fault occurs now."""
         if self.met("stall"):
             self._until = time.monotonic() + STALL
 
     def sent(self, frame: bytes) -> list[bytes]:
-        """What of a frame goes onto the wire."""
+        """The bytes of a frame that are sent."""
         if self.met("drop"):
             return []
         if self.met("corrupt"):

@@ -1,4 +1,4 @@
-"""An instrument that speaks the framed protocol and plays what a plant makes of the drive, with faults on request."""
+"""An instrument with the framed protocol that returns a plant's response to the drive, with faults on request."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from isorig.drivers.frames import encode_samples, encode_text
 from isorig.drivers.simulated.faults import TURN, Faults, Mishaps
 from isorig.drivers.simulated.wire import Wire
 
-#: Signal seconds per second where nothing is played and no speed is given.
+#: Speed relative to real time without a drive and without a given speed.
 ENDLESS = 10.0
 
 
 class Plant(Protocol):
-    """What the instrument is connected to."""
+    """The system connected to the instrument."""
 
     @property
     def identity(self) -> str:
-        """A name."""
+        """Name of the plant."""
         ...
 
     @property
@@ -34,32 +34,32 @@ class Plant(Protocol):
         ...
 
     def play(self, drive: FloatArray, *, sample_rate: float, gain: float, configuration: str) -> Raw:
-        """The counts of all inputs under a drive given at gain 1, int32, shape (n, inputs)."""
+        """Counts of all inputs for a drive given at gain 1, int32, shape (n, inputs)."""
         ...
 
 
 @dataclass
 class Count:
-    """What the far end knows of a run: which one since it was switched on, ticks taken."""
+    """State of a run: its number since switch-on, ticks counted."""
 
     run: int = 0
     ticks: int = 0
 
 
 class SimulatedFramed:
-    """Answers commands and streams frames until its wire is closed.
+    """Answers commands and streams frames until its connection is closed.
 
     Parameters
     ----------
     wire
-        The instrument's end of the wire.
+        The instrument's end of the connection.
     plant
-        What it plays.
+        The simulated system.
     faults
-        What goes wrong.
+        Injected faults.
     speed
-        Signal seconds per second; as fast as the wire takes it where None. The signal is as long as the drive; where the drive is
-        a single sample, it goes on until it is stopped.
+        Speed relative to real time; as fast as the connection allows if None. The signal is as long as the drive; with a drive of
+        a single sample, it continues until it is stopped.
     rows
         Samples per frame.
     """
@@ -83,13 +83,13 @@ class SimulatedFramed:
         self.unplugged = False
 
     def serve(self, seconds: float = np.inf) -> None:
-        """Serve until the wire is cut or the time is over."""
+        """Serve until the connection is cut or the time has elapsed."""
         end = time.monotonic() + seconds
         while not self.unplugged and time.monotonic() < end:
             self.step()
 
     def step(self) -> None:
-        """One round: take commands, make the next frame, send what the wire takes."""
+        """One iteration: read commands, create the next frame, send what the connection accepts."""
         busy = bool(self._out) or self._frame_due()
         self._commands += self._wire.read(0.0 if busy else 0.02)
         self._obey()
@@ -142,11 +142,11 @@ class SimulatedFramed:
             if words and words[0] == "DRIVE":
                 size = self._drive_size(words)
                 if size is not None and len(rest) < size:
-                    # The rest of the drive is on its way.
+                    # The rest of the drive is in transit.
                     self._needed = len(line) + 1 + size
                     return
                 self._commands = bytearray(rest[size or 0 :])
-                self._say(self._take_drive(rest[:size]) if size else f"ERR DRIVE {' '.join(words[1:])} is no length")
+                self._say(self._take_drive(rest[:size]) if size else f"ERR DRIVE {' '.join(words[1:])} is not a length")
                 continue
             self._commands = bytearray(rest)
             if words:
@@ -206,5 +206,5 @@ class SimulatedFramed:
         self._signal = self._plant.play(drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration)
 
     def _say(self, text: str) -> None:
-        # An answer is a frame: it waits for a frame that is half sent, and goes before those that are not begun.
+        # An answer is a frame: it waits for a frame that is partly sent, and precedes frames that are not started.
         self._out.insert(1 if self._out else 0, encode_text(text))

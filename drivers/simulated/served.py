@@ -1,4 +1,4 @@
-"""A simulated instrument at the end of a pseudo-terminal or of a TCP port of this machine, served from a thread."""
+"""A simulated instrument on a pseudo-terminal or on a TCP port of the loopback interface, served by a thread."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from isorig.drivers.simulated.wire import PtyWire, Wire
 
 
 class Peer(Protocol):
-    """The far end: takes what came, gives what goes back."""
+    """A simulated instrument: receives bytes, returns bytes."""
 
     @property
     def unplugged(self) -> bool:
-        """Whether the wire is to be cut."""
+        """Whether the connection is to be cut."""
         ...
 
     def step(self, data: bytes) -> bytes:
-        """Bytes in, bytes out; called often also where nothing came."""
+        """Bytes received, bytes to send; called frequently, also without input."""
         ...
 
 
 class TcpWire:
-    """The instrument's end of a TCP connection on the loopback, for machines without pseudo-terminals."""
+    """The instrument's end of a TCP connection on the loopback interface, for systems without pseudo-terminals."""
 
     def __init__(self) -> None:
         self._listening = socket.create_server(("127.0.0.1", 0))
@@ -34,7 +34,7 @@ class TcpWire:
         self._link: socket.socket | None = None
 
     def read(self, timeout: float) -> bytes:
-        """What arrived within `timeout` seconds, empty where nothing did."""
+        """Bytes that arrived within `timeout` seconds, or empty."""
         ends = [self._link or self._listening]
         if not select.select(ends, [], [], timeout)[0]:
             return b""
@@ -51,7 +51,7 @@ class TcpWire:
         return data
 
     def write(self, data: bytes, timeout: float) -> int:
-        """Send what fits within `timeout` seconds; the number of bytes taken."""
+        """Send what fits within `timeout` seconds; returns the number of bytes sent."""
         if self._link is None or not select.select([], [self._link], [], timeout)[1]:
             return 0
         try:
@@ -60,14 +60,14 @@ class TcpWire:
             return 0
 
     def close(self) -> None:
-        """Unplug."""
+        """Disconnect."""
         if self._link is not None:
             self._link.close()
         self._listening.close()
 
 
 def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
-    """Carry bytes between a wire and a peer until it is over, or the peer is unplugged."""
+    """Transfer bytes between a connection and a peer until `over`, or until the peer is unplugged."""
     waiting = b""
     while not over():
         if peer.unplugged:
@@ -80,7 +80,7 @@ def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
 
 @contextmanager
 def served(peer: Peer, wire: PtyWire | TcpWire | None = None) -> Iterator[str]:
-    """Serve a peer from a thread of this process; the port to open."""
+    """Serve a peer from a thread of this process; yields the port to open."""
     wire = wire or PtyWire()
     over = threading.Event()
     thread = threading.Thread(target=exchange, args=(wire, peer, over.is_set), name="simulated instrument", daemon=True)

@@ -1,4 +1,4 @@
-"""Simulated streams without a protocol of ours: a DI-1100, and an MTi-600 behind a serial CAN adapter."""
+"""Simulated streams with vendor protocols: a DI-1100, and an MTi-600 on a serial CAN adapter."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from isorig.drivers.simulated.faults import Faults, Mishaps
 Source = Callable[[int, float], Raw]
 
 
-#: Bits of a word that a converter of 12 bits fills, and the digital inputs.
+#: The bits of a word used by a 12-bit converter, and the digital inputs.
 LEFT, DIGITAL = ~15, 3
-#: Samples that are played again and again at most.
+#: Maximum number of samples in a signal that is repeated.
 MOST = 100_000
 
 
@@ -26,18 +26,18 @@ RANGE, MTI_RATE = 10.0, 400.0
 
 
 def words(volts: FloatArray) -> Raw:
-    """Counts of 16 bits of all inputs at +-10 V, shape (samples, inputs)."""
+    """16-bit counts of all inputs at +-10 V, shape (samples, inputs)."""
     return np.clip(np.round(volts / RANGE * 32768), -32768, 32767).astype(np.int16)
 
 
 def axes(acceleration: FloatArray) -> Raw:
-    """Counts of an accelerometer whose y axis lies along an acceleration in m/s^2, z upwards, shape (samples, 3)."""
+    """Counts of an accelerometer with its y axis along an acceleration in m/s^2, z upwards, shape (samples, 3)."""
     flat = np.zeros_like(acceleration)
     return np.round(np.stack([flat, acceleration, flat + 9.81], axis=1) / PER_COUNT).astype(np.int16)
 
 
 class _Paced:
-    """How many samples are due at a speed, signal seconds per second."""
+    """Number of samples due at a speed relative to real time."""
 
     def __init__(self, speed: float, faults: Faults) -> None:
         self._speed = speed * (1.0 + 1e-6 * faults.ppm)
@@ -53,23 +53,23 @@ class _Paced:
         return min(max(whole - self.sent, 0), most)
 
     def over(self, rate: float) -> bool:
-        """Whether the wire is to be cut."""
+        """Whether the connection is to be cut."""
         return self._unplug_after is not None and self.sent > self._unplug_after * rate
 
 
 class SimulatedDataq:
-    """Echoes commands and streams what a source plays.
+    """Echoes commands and streams the signal of a source.
 
     Parameters
     ----------
     source
-        Plays the counts of all inputs.
+        Returns the counts of all inputs.
     seconds
-        Length of what is played again and again, signal seconds.
+        Length of the repeated signal, seconds of signal.
     speed
-        Signal seconds per second.
+        Speed relative to real time.
     faults
-        What goes wrong; `drop` is the probability that of a second's scans half are taken and not sent.
+        Injected faults; `drop` is the probability per second of signal that half of its scans are acquired and not sent.
     """
 
     FAULTS = frozenset({"drop", "stall", "unplug_after", "ppm"})
@@ -88,11 +88,11 @@ class SimulatedDataq:
 
     @property
     def unplugged(self) -> bool:
-        """Whether the wire is to be cut."""
+        """Whether the connection is to be cut."""
         return self._pace.over(self._rate)
 
     def step(self, data: bytes) -> bytes:
-        """Bytes in, bytes out."""
+        """Bytes received, bytes to send."""
         *lines, self._waiting = (self._waiting + data).split(b"\r")
         answer = b""
         for line in lines:
@@ -100,7 +100,7 @@ class SimulatedDataq:
         return answer + self._scans() if self.scanning and not self.mishaps.late else answer
 
     def _scans(self) -> bytes:
-        # Up to the end of a half second of signal, each of which is sent or not as a whole.
+        # Up to the end of a half second of signal, which is sent or dropped as a whole.
         half = int(self._rate / 2.0)
         first = self._pace.sent
         count = self._pace.due(self._rate, min(4096, half - first % half))
@@ -112,7 +112,7 @@ class SimulatedDataq:
             return b""
         ticks = np.arange(first, first + count)
         words = self._signal.take(ticks, axis=0, mode="wrap")[:, : self._inputs].astype("<i2") & LEFT
-        # Nothing is wired to the digital inputs, which are pulled up.
+        # The digital inputs are open and pulled up.
         words[:, 0] |= DIGITAL
         data = words.tobytes()
         if count:
@@ -154,7 +154,7 @@ def groups(
 
 
 def slcan(frame: tuple[int, bytes]) -> bytes:
-    """A frame in the text that serial CAN adapters speak."""
+    """A frame in the text format of serial CAN adapters."""
     identifier, data = frame
     return f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode()
 
@@ -165,15 +165,15 @@ class SimulatedSlcan:
     Parameters
     ----------
     source
-        Plays the counts of three axes.
+        Returns the counts of three axes.
     rate
         Hz.
     seconds
-        Length of what is played again and again, signal seconds.
+        Length of the repeated signal, seconds of signal.
     speed
-        Signal seconds per second.
+        Speed relative to real time.
     faults
-        What goes wrong with the adapter's frames.
+        Injected faults of the adapter's frames.
     """
 
     FAULTS = frozenset({"drop", "duplicate", "corrupt", "stall", "overload", "unplug_after", "first_tick", "ppm"})
@@ -192,17 +192,17 @@ class SimulatedSlcan:
 
     @property
     def unplugged(self) -> bool:
-        """Whether the wire is to be cut."""
+        """Whether the connection is to be cut."""
         return self._pace.over(self._rate)
 
     def step(self, data: bytes) -> bytes:
-        """Bytes in, bytes out."""
+        """Bytes received, bytes to send."""
         *lines, self._waiting = (self._waiting + data).split(b"\r")
         answer = b""
         for line in lines:
             command = line.decode("ascii", "replace")
             self.heard.append(command)
-            # An adapter whose bus is open refuses to open it again.
+            # An adapter with an open bus refuses to open it again.
             answer += b"\a" if command == "O" and self._opened else b"\r"
             if command == "O" and not self._opened:
                 self._opened = True

@@ -1,4 +1,4 @@
-"""Wires between a simulated instrument and a driver."""
+"""Connections between a simulated instrument and a driver."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from isorig.drivers.errors import SettingError
 
 
 class Wire(Protocol):
-    """Where bytes go and come from."""
+    """A byte connection."""
 
     def read(self, timeout: float) -> bytes:
-        """What arrived within `timeout` seconds."""
+        """Bytes that arrived within `timeout` seconds."""
         ...
 
     def write(self, data: bytes, timeout: float) -> int:
-        """Send what fits within `timeout` seconds; the number of bytes taken."""
+        """Send what fits within `timeout` seconds; returns the number of bytes sent."""
         ...
 
     def close(self) -> None:
-        """Unplug."""
+        """Disconnect."""
         ...
 
 
@@ -37,7 +37,7 @@ class PtyWire:
 
     def __init__(self) -> None:
         if sys.platform == "win32":
-            raise SettingError("there are no pseudo-terminals on Windows; run the simulated instrument on Linux or macOS")
+            raise SettingError("Windows has no pseudo-terminals; run the simulated instrument on Linux or macOS")
         import pty
         import tty
 
@@ -50,7 +50,7 @@ class PtyWire:
         self.port = str(link)
 
     def read(self, timeout: float) -> bytes:
-        """What arrived within `timeout` seconds, empty where nothing did."""
+        """Bytes that arrived within `timeout` seconds, or empty."""
         try:
             ready, _, _ = select.select([self._own], [], [], timeout)
             if not ready:
@@ -60,7 +60,7 @@ class PtyWire:
             return b""
 
     def write(self, data: bytes, timeout: float) -> int:
-        """Send what fits within `timeout` seconds; the number of bytes taken."""
+        """Send what fits within `timeout` seconds; returns the number of bytes sent."""
         try:
             _, ready, _ = select.select([], [self._own], [], timeout)
             if not ready:
@@ -70,7 +70,7 @@ class PtyWire:
             return 0
 
     def close(self) -> None:
-        """Unplug."""
+        """Disconnect."""
         self._folder.cleanup()
         for end in (self._own, self._other):
             if end >= 0:

@@ -1,1 +1,1 @@
-"""A lab session: a plan in, a recording out, nothing lost without being counted."""
+"""Sessions: from a plan to a recording, with every lost sample counted."""

@@ -1,4 +1,4 @@
-"""A session with an analyzer: each run is one measurement of its own, its records become channels and spectra."""
+"""A session with an analyzer: each run is one measurement, and its records become channels and spectra."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from isorig.drivers.block import Record, Status
 from isorig.drivers.instrument import Records
 from isorig.rig.acquire.plan import Plan, RunPlan
 
-#: Seconds that a measurement may take beyond those planned.
+#: Seconds that a measurement may take in addition to the planned ones.
 PATIENCE = 60.0
 
 
 def measure_run(instrument: Records, plan: Plan, run: RunPlan, name: str) -> tuple[Run, int]:
-    """Take one measurement; the run, and how many of its records came with an overload.
+    """Measure a run; returns the run, and the number of its records with an overload.
 
     Raises
     ------
     DriverError
-        Where the analyzer fails.
+        The analyzer fails.
     DataError
-        Where its time records do not go together.
+        Its time records are inconsistent.
     """
     started = datetime.now(UTC)
     instrument.measure(run.seconds + PATIENCE)
@@ -59,7 +59,7 @@ def _rate(run: str, records: list[Record]) -> float:
     first = records[0].x
     steps = np.diff(first)
     if len(first) < 2 or not np.allclose(steps, steps.mean(), rtol=1e-2) or steps.mean() <= 0.0:
-        raise DataError(f"the time record of run {run!r} is not at even steps; show a time record on that display")
+        raise DataError(f"the time record of run {run!r} does not have equal time steps; show a time record on that display")
     if any(len(record.x) != len(first) or not np.allclose(record.x, first) for record in records[1:]):
-        raise DataError(f"the time records of run {run!r} are not of the same times; show records of one measurement")
+        raise DataError(f"the time records of run {run!r} have different time axes; show records of one measurement")
     return float((len(first) - 1) / (first[-1] - first[0]))

@@ -1,4 +1,4 @@
-"""How sure a run's time axis is, from what came with its blocks."""
+"""Reliability of a run's time axis, from the timing of its blocks."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from isorig.drivers.arrivals import BIN, JUMP, SCATTER
 from isorig.drivers.block import Status
 
-#: What a recording says of it: who counted the samples, the seconds of a loss that nothing would have shown, and the number of
-#: blocks before which counter and clock disagreed, bytes were lost, or this machine's clock alone told of a loss.
+#: Attributes of a recording: who counted the samples, the longest undetectable loss in seconds, and the number of blocks before
+#: which counter and clock disagreed, bytes were lost, or only the host's clock indicated a loss.
 AXIS = ("time_axis", "time_axis_unseen", "time_axis_doubts")
 DOUBTS = Status.DISAGREES | Status.CLOCKED | Status.RESYNCED
 
 
 def axis_of(timing: NDArray[Any], rate: float) -> dict[str, str | float | int]:
-    """What is known of a time axis.
+    """The attributes of a time axis.
 
     Parameters
     ----------
     timing
-        A row for each block: its first tick, when it arrived by this machine's clock and the instrument's, s, and its status.
+        A row for each block: its first tick, its arrival time by the host's clock and the instrument's time, s, and its status.
     rate
-        Samples a second, Hz.
+        Sample rate, Hz.
     """
     counted = bool(np.isfinite(timing["device_time"]).any())
     doubts = int((timing["status"] & int(DOUBTS)).astype(bool).sum())
@@ -33,7 +33,7 @@ def axis_of(timing: NDArray[Any], rate: float) -> dict[str, str | float | int]:
 
 
 def _scatter(timing: NDArray[Any], rate: float) -> float:
-    # The least delay of each bin over a line through them, as `isorig.drivers.arrivals` looks at them.
+    # The smallest delay of each bin relative to a fitted line, as in `isorig.drivers.arrivals`.
     if len(timing) < 3 or rate <= 0.0:
         return 0.0
     host = timing["host_time"] - timing["host_time"][0]

@@ -1,4 +1,4 @@
-"""Blocks between the wire and the disk: a queue bounded by samples, whatever the size of a block."""
+"""Blocks between instrument and disk: a queue bounded by its number of samples, for any size of blocks."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from isorig.drivers.block import Block
 
 
 class Waiting:
-    """One thread puts, another takes all that is there.
+    """One thread puts items, another takes all of them.
 
     Parameters
     ----------
     most
-        Samples that may wait.
+        Maximum number of samples in the queue.
     """
 
     def __init__(self, most: int) -> None:
@@ -25,7 +25,7 @@ class Waiting:
         self._changed = threading.Condition()
 
     def put(self, block: Block, timeout: float) -> bool:
-        """Add a block; False where there was no room within `timeout` seconds."""
+        """Add a block; False if there was no room within `timeout` seconds."""
         with self._changed:
             room = self._changed.wait_for(lambda: self._samples < self._most, timeout)
             if room:
@@ -36,7 +36,7 @@ class Waiting:
             return room
 
     def take(self, gather: float) -> list[Block] | None:
-        """All blocks that came within `gather` seconds, sooner where half of the room is taken; None at the end."""
+        """All blocks that arrived within `gather` seconds, earlier if the queue is half full; None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._blocks or self._ended)
             self._changed.wait_for(lambda: self._samples > self._most // 2 or self._ended, gather)
@@ -46,7 +46,7 @@ class Waiting:
             return blocks or None
 
     def end(self) -> None:
-        """Nothing will be put any more."""
+        """Declare that nothing more will be added."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()

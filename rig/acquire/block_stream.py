@@ -1,4 +1,4 @@
-"""A run's blocks from the wire, whatever becomes of it: silence, a cable that is out for a while, an end that does not come."""
+"""The blocks of a run from the instrument, with handling of silence, lost connections, and a stream that does not end."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from isorig.drivers.block import Block
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
 from isorig.drivers.instrument import Counting, Holding, Rejoining, Stream
 
-#: Seconds without a sample after which an instrument that counts is asked how far it is.
+#: Seconds without a sample after which an instrument that counts is asked for its count.
 SILENCE = 2.0
 #: Seconds of samples that may be missing at the end of a run without being waited for.
 TAIL = 1.0
-#: Seconds for which a wire may be away or silent and be taken up again, and seconds between two tries.
+#: Seconds for which a connection may be lost or silent and then be continued, and seconds between two attempts.
 AWAY = 15.0
 PAUSE = 0.2
-#: Seconds in which an instrument that was stopped must have sent what was still on its way.
+#: Seconds within which a stopped instrument must have sent all data in transit.
 REST = 5.0
 
 
@@ -25,15 +25,15 @@ class Incoming:
 
     Parameters
     ----------
-    instrument
+    The instrument, which is streaming.
         Which is streaming.
-    ticks
+    Number of ticks to read.
         How many to take.
-    rate
+    Sample rate, Hz.
         Samples a second, Hz.
-    away
+    Seconds for which nothing may arrive.
         Seconds for which nothing may come.
-    stopped
+    Called continuously, also without blocks; True ends the run.
         Asked all the time, whether blocks come or not; True ends the run.
     """
 
@@ -50,16 +50,16 @@ class Incoming:
         self._away = AWAY if away is None else away
         self._end = 0
         self._counted: int | None = None
-        #: How often the wire was away and came back.
+        #: Number of times the connection was lost and restored.
         self.returned = 0
 
     def blocks(self) -> Iterator[Block]:
-        """Blocks until all ticks were taken, the run was stopped, or nothing comes any more.
+        """Blocks until all ticks were read, the run was stopped, or nothing arrives any more.
 
         Raises
         ------
         DriverError
-            Where the wire stays away, or the instrument cannot go on.
+            The connection remains lost, or the instrument cannot continue.
         """
         moved = asked = time.monotonic()
         reached = 0
@@ -77,7 +77,7 @@ class Incoming:
             if reached > before:
                 moved = asked = now
                 continue
-            # Silence, or a count that stands still.
+            # Silence, or a count that does not increase.
             if now - asked > SILENCE:
                 asked = now
                 if self._is_over():
@@ -86,26 +86,26 @@ class Incoming:
                 return
 
     def rest(self) -> Iterator[Block]:
-        """Blocks that were still on their way when the instrument was stopped.
+        """Blocks in transit when the instrument was stopped.
 
         Raises
         ------
         InstrumentError
-            Where it goes on sending.
+            The instrument keeps sending.
         """
         end = time.monotonic() + REST
         while (block := self._instrument.read(0.1)) is not None:
             yield block
             if time.monotonic() > end:
                 raise InstrumentError(
-                    f"{self._instrument.identity} goes on sending {REST:g} s after it was stopped; switch it off and on"
+                    f"{self._instrument.identity} keeps sending {REST:g} s after the stop command; switch it off and on"
                 )
 
     def _held(self) -> int:
         return self._instrument.held if isinstance(self._instrument, Holding) else 0
 
     def _is_over(self) -> bool:
-        # An instrument that counts says whether there is more to come.
+        # An instrument that counts knows whether more samples will come.
         if not isinstance(self._instrument, Counting):
             return False
         before = self._counted
@@ -113,7 +113,7 @@ class Incoming:
             self._counted = self._instrument.count()
         except ConnectionLostError:
             return False
-        # All taken, and next to nothing missing: the last of it was lost. Where much is missing it may still come.
+        # All ticks were counted, and almost none is missing: the end was lost. If many are missing they may still arrive.
         whole = self._counted is not None and self._counted >= self._ticks and self._ticks - self._end <= TAIL * self._rate
         return self._counted is None or whole or self._counted == before
 

@@ -1,4 +1,4 @@
-"""What is shown is shown from a thread of its own, so that the wire never waits for a display."""
+"""Displays run in a separate thread, so that the acquisition never waits for a display."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-#: Seconds that are waited for a display at the end of a session, and before a question.
+#: Seconds to wait for a display at the end of a session, and before a question.
 PATIENCE = 2.0
 
 
 class Aside:
-    """Calls one after the other, in another thread; of those that may be left out the latest only."""
+    """Executes calls in sequence in another thread; of calls that may be skipped, only the latest."""
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[bool, Callable[[], Any]]] = deque()
@@ -23,21 +23,21 @@ class Aside:
         self._thread.start()
 
     def latest(self, call: Callable[[], Any]) -> None:
-        """Call this, or a later one in its place. What an earlier call raised is raised here."""
+        """Execute this call, or a later one that replaces it. Raises the error of an earlier call."""
         self._put(True, call)
 
     def each(self, call: Callable[[], Any]) -> None:
-        """Call this in its turn. What an earlier call raised is raised here."""
+        """Execute this call in its turn. Raises the error of an earlier call."""
         self._put(False, call)
 
     def settle(self, patience: float = PATIENCE) -> None:
-        """Wait until all was called, or so many seconds."""
+        """Wait until all calls are done, or for the given seconds."""
         with self._changed:
             self._changed.wait_for(lambda: not self._waiting and not self._busy, patience)
         self._raise()
 
     def end(self) -> None:
-        """Call nothing any more."""
+        """Execute no further calls."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""The drive of a planned run at gain 1, made part by part as it is handed to the instrument that plays it."""
+"""The drive of a planned run at gain 1, computed in parts as the instrument requests them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from isorig.drivers.instrument import Exciter, Stream, Values
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN
 
-#: Samples of a random drive that are made at once; a longer one is made of parts, each faded into the next over so many samples.
+#: Samples of a random drive computed at once; a longer drive consists of parts, cross-faded over this number of samples.
 PART, FADE = 1 << 20, 1 << 14
 #: Peak of a sine or sweep per unit of gain, m/s^2: as strong as a random drive.
 SINE_PER_GAIN = 2.0**0.5 * HEAD_PER_GAIN
@@ -23,16 +23,16 @@ SINE_PER_GAIN = 2.0**0.5 * HEAD_PER_GAIN
 
 @dataclass(frozen=True)
 class Drive:
-    """The head's acceleration at gain 1, m/s^2, made where it is asked for, so that memory does not grow with a run's length.
+    """The head's acceleration at gain 1, m/s^2, computed on demand, so that memory does not grow with the length of a run.
 
     Parameters
     ----------
     length
-        Samples.
+        Number of samples.
     make
-        Samples from one place up to another.
+        Returns the samples from one index up to another.
     period
-        Samples of a period, where it has one.
+        Samples per period, for a periodic drive.
     """
 
     length: int
@@ -48,9 +48,9 @@ class Drive:
 
 
 def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
-    """The drive of a run; each repeat is another realisation.
+    """The drive of a run; each repeat is another realization.
 
-    Runs that are driven by other means have one sample of rest: an instrument rests behind the end of its drive.
+    Runs that are driven by other means have one sample of value 0: an instrument outputs 0 after the end of its drive.
     """
     n = run.ticks(sample_rate)
     if not run.played:
@@ -91,12 +91,12 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
 
 
 def load(instrument: Stream, run: RunPlan, drive: Values) -> None:
-    """Hand a run's drive and gain to an instrument that plays them.
+    """Load the drive and gain of a run into an instrument that plays them.
 
     Raises
     ------
     SettingError
-        Where the run needs a drive and the instrument plays none.
+        The run needs a drive and the instrument has no drive output.
     """
     if isinstance(instrument, Exciter):
         instrument.set_gain(run.gain)
@@ -118,7 +118,7 @@ def _random(n: int, rate: float, band: tuple[float, float], seed: int) -> Callab
     if n <= PART:
         return lambda start, stop: part(0, n)[start:stop]
 
-    # The two sides of a fade are independent, so that squares that sum to one keep the power.
+    # The two signals of a cross-fade are independent, so weights whose squares sum to one keep the power.
     rise = np.sin(0.5 * np.pi * (np.arange(FADE) + 0.5) / FADE)
 
     def make(start: int, stop: int) -> FloatArray:

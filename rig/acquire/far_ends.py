@@ -1,4 +1,4 @@
-"""The virtual rig behind simulated instruments of any kind, for `--port virtual` and `rig virtual instrument`."""
+"""The virtual rig connected to simulated instruments of any kind, for `--port virtual` and `rig virtual instrument`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from isorig.rig.acquire.plant import SENSITIVITY, VirtualPlant, playing
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 
 GAIN, BAND = 70.0, (0.5, 20.0)
-#: Length of the signal that a virtual port plays again, s: it is simulated while the session waits for a sample.
+#: Length of the repeated signal of a virtual port, s: it is simulated while the session waits for a sample.
 REPEATED = 10.0
-#: The kind that plays the drive it is given, so that its rig is no `Shaken`.
+#: The kind that plays the given drive, so its rig is not a `Shaken`.
 PLAYS = "framed"
 
 
@@ -53,32 +53,32 @@ class Shaken:
 
 
 def simulated_kinds() -> tuple[str, ...]:
-    """The kinds of instrument that have a simulated far end."""
+    """The kinds of instruments that have a simulated counterpart."""
     return tuple(name for name, kind in kinds().items() if name == PLAYS or kind.far_end is not None)
 
 
 def far_end(
     kind: str, model: RigModel, *, noise: float, seed: int, speed: float, seconds: float, faults: Faults | None = None
 ) -> Peer:
-    """A simulated instrument of that kind with a rig behind it.
+    """A simulated instrument of that kind, connected to a rig.
 
     Raises
     ------
     SettingError
-        Where there is no such far end, or a fault is asked for that this kind cannot have.
+        The kind has no simulated counterpart, or a requested fault is not supported.
     """
     making = kinds()[kind].far_end if kind in kinds() else None
     if making is None:
-        raise SettingError(f"no far end of a {kind!r} is simulated; there is one of {', '.join(simulated_kinds())}")
+        raise SettingError(f"the kind {kind!r} cannot be simulated; available are {', '.join(simulated_kinds())}")
     shaken = Shaken(VirtualPlant(model, noise=noise, seed=seed), seed)
-    # Whatever is compiled on first use is compiled now, so that the instrument answers at once.
+    # Compile now what is compiled at first use, so that the instrument answers without delay.
     shaken.volts(256, 256.0)
     return making(shaken, Simulation(speed=speed, seconds=seconds, faults=faults or Faults(seed=seed)))
 
 
 @contextmanager
 def virtual_port(kind: str, model: RigModel) -> Iterator[str]:
-    """A simulated instrument of that kind in a thread of this process; the path of its port."""
+    """A simulated instrument of that kind in a thread of this process; yields the path of its port."""
     if kind == PLAYS:
         with playing(model) as port:
             yield port

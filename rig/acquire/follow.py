@@ -1,4 +1,4 @@
-"""A recording while it is being made: what is measured so far, again and again, and at the end the whole of it."""
+"""Reads a recording while it is being written: repeatedly what is measured so far, and at the end all of it."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from isorig.rig.files.recording import open_recording
 
 
 def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience: float = 30.0) -> Iterator[tuple[Campaign, bool]]:
-    """The campaign that a session is writing, each time that it has grown, and whether it is the finished recording, the last.
+    """The campaign that a session is writing, each time it has grown, and whether it is the finished recording (the last one).
 
-    The writer is not held up by this and may be in another process. A campaign is to be read before the next is asked for.
+    The writer is not delayed and may be another process. Read each campaign before requesting the next.
 
     Parameters
     ----------
     output
-        The recording that `rig acquire -o` was given.
+        The recording given to `rig acquire -o`.
     every
-        Seconds between two looks.
+        Seconds between two readings.
     shortest
-        Runs shorter than so many seconds are left out until the recording is finished.
+        Runs shorter than this, in seconds, are omitted until the recording is finished.
     patience
         Seconds to wait without a new sample before giving up.
 
     Raises
     ------
     RecordingError
-        Where nothing is being recorded there, or the writer has stopped without finishing.
+        No session is writing there, or the writer has stopped without finishing.
     """
     partial = working_file(output)
     file: WorkingFile | None = None
     size, grown = 0, time.monotonic()
     try:
         while partial.exists():
-            # It may be about to be laid out, or has just become the recording.
+            # It may be about to be created, or has just become the recording.
             with suppress(RecordingError):
                 file = _opened(file, partial)
                 runs = [item.run for item in file.runs() if item.run is not None]
@@ -50,7 +50,7 @@ def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience:
                     if kept:
                         yield campaign_of(file.known, kept, str(partial)), False
             if time.monotonic() - grown > patience:
-                raise RecordingError(f"{partial} has not grown for {patience:g} s; its writer is gone, so use rig recover")
+                raise RecordingError(f"{partial} has not grown for {patience:g} s; its writer has ended, so use rig recover")
             time.sleep(every)
     finally:
         if file is not None:
@@ -60,7 +60,7 @@ def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience:
 
 
 def _opened(file: WorkingFile | None, partial: Path) -> WorkingFile:
-    # What was read once is not read again.
+    # Blocks are read only once.
     if file is None or file.replaced:
         if file is not None:
             file.close()

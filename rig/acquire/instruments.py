@@ -1,4 +1,4 @@
-"""A plan's instrument, its wire held open."""
+"""The instrument of a plan, with an open connection."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from isorig.rig.acquire.plan import Plan
 
 @contextmanager
 def opened(plan: Plan, port: str) -> Iterator[Stream]:
-    """The plan's streaming instrument; the port "virtual" is a simulated one of its kind with the thesis's rig."""
+    """The plan's streaming instrument; the port "virtual" is a simulated one of its kind, connected to the thesis's rig."""
     kind = plan.instrument.about
-    assert isinstance(kind, StreamKind)  # the session has looked
+    assert isinstance(kind, StreamKind)  # checked by the session
     if port == "virtual":
         with virtual_port(kind.name, wire_bonder()) as simulated, opened(plan, simulated) as instrument:
             yield instrument
@@ -27,16 +27,16 @@ def opened(plan: Plan, port: str) -> Iterator[Stream]:
         try:
             yield instrument
         finally:
-            # Whatever ends a session stops the drive; a wire that is gone cannot be told.
+            # The drive stops at every end of a session; the connection may be lost.
             with suppress(DriverError):
                 instrument.stop()
 
 
 @contextmanager
 def opened_analyzer(plan: Plan, port: str) -> Iterator[Records]:
-    """The plan's analyzer; the port "virtual" is as of `opened`."""
+    """The plan's analyzer; for the port "virtual" see `opened`."""
     kind = plan.instrument.about
-    assert isinstance(kind, RecordsKind)  # the session has looked
+    assert isinstance(kind, RecordsKind)  # checked by the session
     if port == "virtual":
         with virtual_port(kind.name, wire_bonder()) as simulated, opened_analyzer(plan, simulated) as instrument:
             yield instrument

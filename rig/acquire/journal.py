@@ -1,8 +1,7 @@
-"""A log of checksummed blocks that is only ever appended to: what a killed writer or a power loss leaves can be told from damage.
+"""An append-only log of checksummed blocks: the state after a killed writer or a power loss can be distinguished from damage.
 
-Each block says where in the file it belongs, which number it has and which file it is of, under a checksum of its own; a second
-checksum covers its content. A reader takes a block only where both hold, goes on behind a damaged one, and knows from the numbers
-how many are missing.
+Each block contains its offset, its number and the identifier of its file, with a checksum; a second checksum covers its content.
+A reader accepts a block only if both are correct, continues after a damaged one, and knows from the numbers how many are missing.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from typing import BinaryIO
 from isorig.rig.errors import OutputError, RecordingError
 from isorig.rig.files.output import reason
 
-#: First bytes of each block, and so of the file.
+#: First bytes of each block, and therefore of the file.
 MARK = b"\xabIJ1"
-#: Mark, kind, run, take, number, length of the content, file, place of the block in the file; then the checksum of these.
+#: Mark, kind, run, take, number, length of the content, file, offset of the block; then the checksum of these.
 HEADER = struct.Struct("<4sHHIIIIQ")
 CHECKSUM = struct.Struct("<I")
 HEAD = HEADER.size + CHECKSUM.size
-#: Bytes that a block holds at most: a reader never allocates more.
+#: Maximum size of a block in bytes: a reader never allocates more.
 LONGEST = 16 << 20
-#: Bytes that are read at once where a mark is looked for.
+#: Bytes read at once while searching for a mark.
 STRIDE = 1 << 20
-#: Seconds between two syncs: what a power loss may take.
+#: Seconds between two syncs: the maximum loss in a power failure.
 SYNC = 1.0
 
 _sync_data = getattr(os, "fdatasync", os.fsync)
@@ -38,7 +37,7 @@ _sync_data = getattr(os, "fdatasync", os.fsync)
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A block that is whole: what it is, and its content's place in the file."""
+    """A valid block: its header, and the offset of its content."""
 
     kind: int
     run: int
@@ -51,24 +50,24 @@ class Found:
 def _block(file: int, offset: int, number: int, kind: int, run: int, take: int, content: bytes) -> bytes:
     head = HEADER.pack(MARK, kind, run, take, number, len(content), file, offset)
     checksum = zlib.crc32(head)
-    # The content's checksum goes on from the head's, so that a content never passes under another head.
+    # The content's checksum continues that of the header, so a content is never accepted with another header.
     return b"".join((head, CHECKSUM.pack(checksum), content, CHECKSUM.pack(zlib.crc32(content, checksum))))
 
 
 class Journal:
-    """Appends blocks to a file, and hands them to the disk itself (fsync) once in a while from a thread of its own.
+    """Appends blocks to a file, and syncs it to disk (fsync) at intervals from a separate thread.
 
     Parameters
     ----------
     path
-        A file that `create` has made.
+        A file created by `create`.
     sync
         Seconds between two syncs; with 0 every block is synced before `append` returns.
 
     Raises
     ------
     OutputError
-        Where the file cannot be opened.
+        The file cannot be opened.
     """
 
     def __init__(self, path: Path, *, sync: float = SYNC) -> None:
@@ -90,19 +89,19 @@ class Journal:
 
     @staticmethod
     def create(path: Path, kind: int, content: bytes) -> None:
-        """Make a file at a path that is free or may be replaced, with its first block, on the disk itself."""
+        """Create a file with its first block, synced to disk; the path must be free or replaceable."""
         with path.open("wb") as file:
             file.write(_block(int.from_bytes(os.urandom(4), "little"), 0, 0, kind, 0, 0, content))
             file.flush()
             os.fsync(file.fileno())
 
     def append(self, kind: int, run: int, take: int, content: bytes) -> None:
-        """Write a block behind the last.
+        """Append a block.
 
         Raises
         ------
         OSError
-            Where the disk refuses, or an earlier sync failed; the file ends with its last whole block then.
+            The disk refuses, or an earlier sync failed; the file then ends with its last complete block.
         """
         if self._failed is not None:
             raise self._failed
@@ -122,17 +121,17 @@ class Journal:
             self.sync()
 
     def sync(self) -> None:
-        """Return when all that was appended is on the disk itself."""
+        """Return when all appended data are synced to disk."""
         self._dirty = False
         _sync_data(self._file.fileno())
 
     def put_back(self) -> bool:
-        """Where the file's name was removed meanwhile, or stands for another file: write the file anew; whether that was so.
+        """Write the file again if its name was removed or replaced; returns whether that was so.
 
         Raises
         ------
         OSError
-            Where it cannot be written anew.
+            It cannot be written again.
         """
         ours = os.fstat(self._file.fileno())
         try:
@@ -152,7 +151,7 @@ class Journal:
         return True
 
     def close(self) -> None:
-        """Sync and let go of the file."""
+        """Sync and close the file."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join()
@@ -173,20 +172,20 @@ class Journal:
 
 
 class Reader:
-    """Hands out the whole blocks of a log, also of one that is still being written.
+    """Returns the complete blocks of a log, also of one that is still being written.
 
     Raises
     ------
     RecordingError
-        Where the file is not there, or is no log.
+        The file does not exist, or is not a log.
     """
 
     def __init__(self, path: Path) -> None:
         try:
-            # Anything but a file (a pipe, say) would never answer.
+            # Anything but a regular file (a pipe, for example) might block forever.
             if not path.is_file():
                 raise RecordingError(
-                    f"{path} {'is no file' if path.exists() else 'does not exist'}; give the working file of a session (its name "
+                    f"{path} {'is not a file' if path.exists() else 'does not exist'}; give a session's working file (its name "
                     "ends in .partial)"
                 )
             self._file: BinaryIO = path.open("rb", buffering=0)
@@ -198,7 +197,7 @@ class Reader:
         self._id: int | None = None
 
     def replaced(self) -> bool:
-        """Whether the file's name stands for another file by now, or for none."""
+        """Whether the file's name now belongs to another file, or to none."""
         try:
             there, ours = self.path.stat(), os.fstat(self._file.fileno())
         except OSError:
@@ -206,12 +205,12 @@ class Reader:
         return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
 
     def read(self, place: int, count: int) -> bytes:
-        """So many bytes of the file; may be called from several threads.
+        """Bytes of the file; may be called from several threads.
 
         Raises
         ------
         RecordingError
-            Where the file has become shorter.
+            The file has become shorter.
         """
         with self._lock:
             self._file.seek(place)
@@ -220,15 +219,15 @@ class Reader:
                 parts.append(part)
                 left -= len(part)
         if left:
-            raise RecordingError(f"{self.path} has become shorter while it was read; copy it again from its source")
+            raise RecordingError(f"{self.path} became shorter while it was read; copy it again from its source")
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def rewind(self) -> None:
-        """Hand out all blocks once more."""
+        """Return all blocks again from the start."""
         self._next = 0
 
     def blocks(self) -> Iterator[Found]:
-        """The whole blocks behind those that were handed out already, in the order of the file."""
+        """The complete blocks after those already returned, in the order of the file."""
         while (head := self._head()) is not None:
             kind, run, take, number, length, checksum = head
             place = self._next + HEAD
@@ -241,14 +240,14 @@ class Reader:
                 yield Found(kind, run, take, number, place, content)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
     def _size(self) -> int:
         return os.fstat(self._file.fileno()).st_size
 
     def _head(self) -> tuple[int, int, int, int, int, int] | None:
-        # The next head that is whole and stands where it says; None where there is none yet.
+        # The next valid header at its stated offset; None if there is none yet.
         while (size := self._size()) >= self._next + HEAD:
             raw = self.read(self._next, HEAD)
             mark, kind, run, take, number, length, file, offset = HEADER.unpack_from(raw)
@@ -259,7 +258,7 @@ class Reader:
                 return kind, run, take, number, length, checksum
             found = self._mark(self._next + 1, size)
             if found is None:
-                # A mark may stand across the end of what there is so far.
+                # A mark may cross the end of the available data.
                 self._next = max(size - len(MARK) + 1, self._next)
                 return None
             self._next = found

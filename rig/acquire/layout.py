@@ -1,4 +1,4 @@
-"""What the blocks of a working file hold: the plan's runs and channels, beginnings and ends of runs, and samples."""
+"""Content of the blocks of a working file: the plan's runs and channels, start and end of runs, and samples."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from isorig.drivers.block import Input
 from isorig.rig.acquire.plan import Plan
 
 FORMAT, VERSION = "rig-working", 1
-#: Of each block that came from the instrument: its first tick, when it arrived, what it said.
+#: For each block from the instrument: its first tick, its arrival time, its status.
 TIMING = np.dtype([("tick", "<i8"), ("host_time", "<f8"), ("device_time", "<f8"), ("gain", "<f8"), ("status", "<i4")])
-#: First tick, rows, and blocks from the instrument.
+#: First tick, rows, and number of blocks from the instrument.
 SAMPLES = struct.Struct("<QII")
 
 
@@ -45,7 +45,7 @@ class RunLayout(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ChannelLayout(msgspec.Struct, frozen=True, kw_only=True):
-    """A channel: its raw type, how raw becomes physical, and what is told of its sensor."""
+    """A channel: its raw type, its conversion to physical values, and the description of its sensor."""
 
     input: int
     dtype: Literal["int16", "int32", "float32", "float64"]
@@ -58,12 +58,12 @@ class ChannelLayout(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def stored(self) -> np.dtype[Any]:
-        """The type of its samples in the file."""
+        """Data type of its samples in the file."""
         return np.dtype(self.dtype).newbyteorder("<")
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a session will write, known before its first sample."""
+    """Everything that a session will write, known before its first sample."""
 
     sample_rate: float
     known: dict[str, float | str]
@@ -74,12 +74,12 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def row(self) -> int:
-        """Bytes of a sample of all channels."""
+        """Bytes of one sample of all channels."""
         return sum(channel.stored.itemsize for channel in self.channels.values())
 
 
 class Begin(msgspec.Struct, frozen=True, kw_only=True):
-    """The beginning of a run, with the layout once more: one of the two is enough to read the file."""
+    """Start of a run, with a copy of the layout: one of the two suffices to read the file."""
 
     started_ns: int
     period: int | None
@@ -88,14 +88,14 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class End(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of a run: whether nothing broke it off, and the ticks that the instrument counted."""
+    """End of a run: whether it was complete, and the ticks that the instrument counted."""
 
     whole: bool
     counted: int
 
 
 def layout_of(plan: Plan, inputs: Sequence[Input]) -> Layout:
-    """The layout of a plan's session with an instrument of these inputs."""
+    """The layout of a plan's session with an instrument with these inputs."""
     rate = plan.instrument.sample_rate
     channels = {}
     for name, about in plan.channels.items():
@@ -118,7 +118,7 @@ def layout_of(plan: Plan, inputs: Sequence[Input]) -> Layout:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """How much a block of samples holds, and where in its content each part begins."""
+    """Size of a block of samples, and the offsets of its parts."""
 
     first_tick: int
     rows: int
@@ -126,7 +126,7 @@ class Shape:
 
     @property
     def samples(self) -> int:
-        """Where the channels begin, one behind the other."""
+        """Offset of the first channel."""
         return SAMPLES.size + self.blocks * TIMING.itemsize
 
 
@@ -141,7 +141,7 @@ def pack(layout: Layout, first_tick: int, timing: NDArray[Any], columns: Sequenc
 
 
 def shape_of(layout: Layout, content: bytes) -> Shape | None:
-    """What a content says that it holds; None where its length says otherwise."""
+    """The size stated in a content; None if it contradicts the content's length."""
     if len(content) < SAMPLES.size:
         return None
     shape = Shape(*SAMPLES.unpack_from(content))

@@ -1,4 +1,4 @@
-"""Coherence while a run lasts: segments are added as they come in."""
+"""Coherence during a run: segments are added as they arrive."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ SEGMENT = 2.0
 
 
 class RunningCoherence:
-    """Sums spectra segment by segment (Welch without overlap; gaps are not looked for, so it is for the eye only).
+    """Accumulates spectra segment by segment (Welch without overlap, ignoring gaps, for display only).
 
     Parameters
     ----------
     channels
         All channels.
     drive
-        The channel that drives.
+        The drive channel.
     band
         Hz.
     rate
@@ -40,7 +40,7 @@ class RunningCoherence:
         self._segments = 0
 
     def add(self, values: Mapping[str, FloatArray]) -> None:
-        """Add samples of all channels, each of one length."""
+        """Add samples of all channels, with equal lengths."""
         if self._drive is None or not self._inside.any():
             return
         for name, new in values.items():
@@ -50,7 +50,7 @@ class RunningCoherence:
             self._waiting = {name: waiting[self._length :] for name, waiting in self._waiting.items()}
 
     def medians(self) -> dict[str, float]:
-        """Median coherence of each response with the drive inside the band; empty before the third segment."""
+        """Median coherence of each response with the drive within the band; empty before the third segment."""
         if self._drive is None or self._segments < 3:
             return {}
         power = self._auto[self._drive]

@@ -1,4 +1,4 @@
-"""One session at a time on a port and on an output: locks of the operating system, which die with their process."""
+"""One session at a time on a port and on an output: locks of the operating system, released when their process ends."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ else:
 
 @contextmanager
 def output_locked(output: Path) -> Iterator[None]:
-    """Hold the place of a recording for this session.
+    """Lock the output file for this session.
 
     Raises
     ------
     OutputError
-        Where another session holds it, or it cannot be written.
+        Another session has locked it, or it cannot be written.
     """
     lock = output.with_name(f".{output.name}.lock")
     try:
@@ -47,12 +47,12 @@ def output_locked(output: Path) -> Iterator[None]:
 
 @contextmanager
 def port_locked(port: str) -> Iterator[None]:
-    """Hold a port for this session; names of the same device are one port.
+    """Lock a port for this session; different names of one device are the same port.
 
     Raises
     ------
     PlanError
-        Where another session holds it.
+        Another session has locked it.
     """
     name = port.lower().replace("localhost", "127.0.0.1") if "://" in port else _device(port)
     lock = Path(tempfile.gettempdir()) / f"rig-port-{hashlib.sha256(name.encode()).hexdigest()[:20]}.lock"
@@ -78,12 +78,12 @@ def _device(port: str) -> str:
 
 
 def _taken(lock: Path) -> tuple[int | None, str]:
-    # The handle of the lock, None where somebody else holds it; and who that is.
+    # The handle of the lock, None if another process holds it; and which process.
     while True:
         try:
             handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
         except PermissionError:
-            # Somebody else's file: it can be locked, and not be written.
+            # The file of another user: it can be locked, but not written.
             handle = os.open(lock, os.O_RDONLY)
         try:
             _lock(handle)
@@ -95,7 +95,7 @@ def _taken(lock: Path) -> tuple[int | None, str]:
         with suppress(OSError):
             if os.path.samestat(os.fstat(handle), lock.stat()):
                 break
-        # It was let go and removed between the two.
+        # It was released and removed between the two steps.
         os.close(handle)
     with suppress(OSError):
         os.ftruncate(handle, 0)

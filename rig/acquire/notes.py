@@ -1,4 +1,4 @@
-"""What the operator notes: beside the recording while a session lasts, in the recording behind it."""
+"""The operator's notes: in a separate file during a session, in the recording afterwards."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from isorig.rig.files.hdf import opened
 from isorig.rig.files.output import reason, replaced, reserve
 from isorig.rig.files.recording import LIBVER, store
 
-#: Characters of a note, and notes of a session.
+#: Maximum number of characters in a note, and of notes in a session.
 LONGEST, MOST = 500, 500
-#: Bytes of a note's text: a character has four at most.
+#: Maximum size of a note's text in bytes: a character has up to four.
 WIDEST = 4 * LONGEST
-#: Where a recording keeps them: a dataset of text for each field of a note.
+#: Location in a recording: a text dataset for each field of a note.
 GROUP = "notes"
-#: Bytes of a recording that describe them.
+#: Bytes of metadata for them in a recording.
 ROOM = 1 << 16
-#: Held while the file beside the recording changes: a note may come while the recording is being finished.
+#: Held while the file of notes changes: a note may arrive while the recording is being finished.
 _LOCK = threading.Lock()
 
 
 class Note(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A note: when it was written (ISO 8601), in which run (empty where in none), and its text."""
+    """A note: time of writing (ISO 8601), run (empty if none), and text."""
 
     time: str
     run: str
@@ -44,12 +44,12 @@ FIELDS = Note.__struct_fields__
 
 
 def add_note(output: Path, run: str, text: str) -> Note:
-    """Keep a note beside the working file of a recording, safe on disk when this returns.
+    """Add a note to the file next to the working file of a recording; it is synced to disk on return.
 
     Raises
     ------
     OutputError
-        Where it cannot be written.
+        It cannot be written.
     """
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     note = Note(time=datetime.now(UTC).isoformat(timespec="seconds"), run=run, text=printable.strip()[:LONGEST])
@@ -59,7 +59,7 @@ def add_note(output: Path, run: str, text: str) -> Note:
 
 
 def notes_beside(output: Path) -> list[Note]:
-    """The notes that are not in the recording yet; a last one that was not written whole is left out."""
+    """The notes that are not in the recording yet, without an incomplete last one."""
     try:
         lines = _beside(output).read_bytes().splitlines()
     except OSError:
@@ -74,7 +74,7 @@ def notes_beside(output: Path) -> list[Note]:
 
 
 def notes_in(recording: Path) -> list[Note]:
-    """The notes that a recording keeps."""
+    """The notes stored in a recording."""
     if not recording.exists():
         return []
     try:
@@ -88,7 +88,7 @@ def notes_in(recording: Path) -> list[Note]:
 
 
 def _is_text(file: h5py.File, path: str) -> bool:
-    # Text as it is written here: of a fixed length, which the walk through the file has read.
+    # Text as written here: of fixed length, which the check of the file has read.
     found = file.get(path)
     if not isinstance(found, h5py.Dataset) or found.ndim != 1:
         return False
@@ -97,26 +97,26 @@ def _is_text(file: h5py.File, path: str) -> bool:
 
 
 def reopen_notes(output: Path) -> None:
-    """Put the notes of a recording beside it, where a session goes on that will write it anew."""
+    """Move the notes of a recording to the separate file, for a session that continues and writes the recording again."""
     with _LOCK:
         beside = notes_beside(output)
         _append(output, [note for note in notes_in(output) if note not in beside])
 
 
 def settle_notes(output: Path, session: Path | None = None) -> None:
-    """Put the notes that are beside a finished recording into it; they stay beside it while there is a working file.
+    """Move the notes into a finished recording; they also stay in the separate file while there is a working file.
 
     Parameters
     ----------
     output
         The recording.
     session
-        The recording of the session that the notes are beside, where it is another one; its notes stay.
+        The recording of the session that wrote the notes, if it is another one; its notes stay.
 
     Raises
     ------
     OutputError
-        Where the disk has no room; the notes stay beside the recording.
+        The disk is full; the notes stay in the separate file.
     """
     if session is None and working_file(output).exists():
         return
@@ -148,7 +148,7 @@ def _write(output: Path, notes: Sequence[Note]) -> None:
 
 
 def _fixed(texts: Sequence[str]) -> NDArray[np.bytes_]:
-    # Of a fixed length: HDF5 keeps text of variable length where no checksum covers it.
+    # Of fixed length: HDF5 stores text of variable length outside of the checksums.
     encoded = [text.encode() for text in texts]
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, *map(len, encoded))))
 
@@ -159,12 +159,12 @@ def _append(output: Path, notes: Sequence[Note]) -> None:
     try:
         with _beside(output).open("ab+") as file:
             if file.tell() and (file.seek(-1, os.SEEK_END), file.read(1))[1] != b"\n":
-                file.write(b"\n")  # the last one was not written whole
+                file.write(b"\n")  # the last one is incomplete
             file.writelines(msgspec.json.encode(note) + b"\n" for note in notes)
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise OutputError(f"notes cannot be kept beside {output} ({error.strerror}); make room and write them again") from None
+        raise OutputError(f"notes cannot be saved next to {output} ({error.strerror}); make room and write them again") from None
 
 
 def _beside(output: Path) -> Path:

@@ -18,14 +18,14 @@ from isorig.rig.files.tomlfile import read_toml
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Anything in a plan."""
+    """Any part of a plan."""
 
 
 class ShowsPlan(Part, frozen=True):
-    """What a display or trace of an analyzer shows.
+    """The content of a display or trace of an analyzer.
 
-    `trace` is the analyzer's word for it: a display's number (SR785), a feed such as "XTIM:VOLT 1" (35670A). A "time" trace fills
-    the channel of that name; a spectrum says of which channels it is, as in the recording.
+    `trace` is the analyzer's name for it: a display's number (SR785), a feed like "XTIM:VOLT 1" (35670A). A "time" trace becomes
+    the channel of that name; a spectrum names its channels, as in the recording.
     """
 
     trace: str
@@ -36,9 +36,9 @@ class ShowsPlan(Part, frozen=True):
 
 
 class InstrumentPlan(Part, frozen=True):
-    """Where the samples come from: the kind of instrument, its port, its rate in Hz.
+    """The source of the samples: kind of instrument, port, rate in Hz.
 
-    `shows` is asked of analyzers, which hand out records. What else stands there in a plan are the settings of that kind.
+    `shows` is required for analyzers, which return records. The other keys are the settings of the kind.
     """
 
     kind: str
@@ -54,7 +54,7 @@ class InstrumentPlan(Part, frozen=True):
 
     @property
     def analyzer(self) -> bool:
-        """Whether it measures by itself and hands out records."""
+        """Whether it measures on its own and returns records."""
         return isinstance(self.about, RecordsKind)
 
 
@@ -71,17 +71,17 @@ class ChannelPlan(Part, frozen=True):
 
     @property
     def told(self) -> dict[str, str]:
-        """What is told of the sensor for the reader of a recording."""
+        """Description of the sensor for readers of the recording."""
         return {key: getattr(self, key) for key in SENSOR}
 
 
 class RunPlan(Part, frozen=True):
-    """A run, or several alike: how the rig is set up, what drives it, for how many seconds; a multisine's period in seconds, a
-    sine's frequency in Hz.
+    """A run, or several repeats: configuration, excitation, duration in seconds; a multisine's period in seconds, a sine's
+    frequency in Hz.
 
-    Nothing is played in a "free" run (a hammer, a pushed table) nor in an "other" one, whose drive is not of our making. `source`
-    is the level of an analyzer's own source, V of the peak; where it is absent, what is set on the panel stays. `repeat_of` names
-    an earlier run whose drive is played again, sample for sample: what the two do not share, the drive did not cause.
+    There is no drive in a "free" run (a hammer, a pushed table) and in an "other" one, which is driven by other means. `source`
+    is the peak level of an analyzer's source, V; without it, the level set on the panel is used. `repeat_of` names an earlier run
+    whose drive is repeated sample for sample: the difference of the responses is not caused by the drive.
     """
 
     id: str
@@ -100,12 +100,12 @@ class RunPlan(Part, frozen=True):
 
     @property
     def played(self) -> bool:
-        """Whether the instrument plays a drive that is made here."""
+        """Whether the instrument plays a computed drive."""
         return self.excitation not in ("free", "other")
 
     @property
     def recorded_as(self) -> str:
-        """The excitation under the names of the recording's format."""
+        """The excitation as named in the recording's format."""
         return "other" if self.excitation in ("sine", "steps") else self.excitation
 
     def ticks(self, rate: float) -> int:
@@ -117,12 +117,12 @@ class RunPlan(Part, frozen=True):
         return max(n // period, 1) * period
 
     def ids(self) -> tuple[str, ...]:
-        """The names of its repeats: the name itself where there is one, else with -1, -2 ..."""
+        """The names of its repeats: the id itself for one, otherwise with -1, -2 ..."""
         return (self.id,) if self.repeats == 1 else tuple(f"{self.id}-{k + 1}" for k in range(self.repeats))
 
 
 class Plan(Part, frozen=True):
-    """A session. `rig` holds what is known beforehand (SI) under the recording's names; `limits` what no proposed run exceeds."""
+    """A session. `rig` contains known values (SI) under the recording's names; `limits` the limits for proposed runs."""
 
     instrument: InstrumentPlan
     channels: dict[str, ChannelPlan]
@@ -131,7 +131,7 @@ class Plan(Part, frozen=True):
     limits: Limits = Limits()
 
     def original(self, run: RunPlan, repeat: int) -> tuple[RunPlan, int]:
-        """The run whose drive a run plays, and which of its repeats: the run itself where it repeats no other."""
+        """The run whose drive a run plays, and the index of the repeat: the run itself if it does not repeat another."""
         while run.repeat_of is not None:
             run, repeat = next(
                 (earlier, k) for earlier in self.runs for k, name in enumerate(earlier.ids()) if name == run.repeat_of
@@ -139,19 +139,19 @@ class Plan(Part, frozen=True):
         return run, repeat
 
     def model(self) -> RigModel | None:
-        """The rig that the plan describes; None where it is the wire bonder."""
+        """The rig described by the plan; None for the wire bonder."""
         description = self.rig.get("description")
         return None if description is None else from_tree(tomllib.loads(str(description)))
 
     @property
     def drive(self) -> str:
-        """The channel that drives."""
+        """The drive channel."""
         model = self.model()
         return "head" if model is None else model.drive.channel
 
 
 def as_virtual(plan: Plan) -> Plan:
-    """The plan as it is measured on a virtual rig: its sensors say that they are virtual."""
+    """The plan for a virtual rig: the sensors are marked as virtual."""
     channels = {
         name: msgspec.structs.replace(channel, sensor=f"virtual {channel.sensor or 'sensor'}")
         for name, channel in plan.channels.items()
@@ -160,7 +160,7 @@ def as_virtual(plan: Plan) -> Plan:
 
 
 def load_plan(path: Path) -> Plan:
-    """Read a plan; `isorig.rig.acquire.plan_check` looks at its values.
+    """Read a plan; `isorig.rig.acquire.plan_check` validates its values.
 
     Raises
     ------
@@ -171,12 +171,12 @@ def load_plan(path: Path) -> Plan:
 
 
 def plan_of(tree: Mapping[str, Any]) -> Plan:
-    """A plan from plain dicts and lists, its values not yet checked.
+    """A plan from plain dicts and lists, before validation of its values.
 
     Raises
     ------
     msgspec.ValidationError
-        Naming the key, what was found and what is allowed.
+        With the key, what was found and what is allowed.
     """
     instrument = tree.get("instrument")
     if isinstance(instrument, Mapping):

@@ -1,4 +1,4 @@
-"""A plan is looked at whole before anything moves: what is wrong is said in a sentence with its place."""
+"""Validates a whole plan before a session starts: each error is one sentence with its location."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from isorig.drivers.kinds import RecordsKind
 from isorig.rig.acquire.plan import ChannelPlan, Plan, RunPlan, load_plan
 from isorig.rig.errors import PlanError
 
-#: Names that the recording's format uses for something else.
+#: Names used otherwise by the recording's format.
 TAKEN = ("gain", "gaps", "timing", "spectra", "progress")
-#: What a run has in common with the one that it repeats.
+#: Keys that a repeated run must share with its original.
 REPEATED = ("configuration", "gain", "seconds", "excitation", "band", "period", "frequency")
 
 
 def read_plan(path: Path, *, runs: bool = True) -> Plan:
-    """Read a plan and look at it whole; where `runs` is False it may have none.
+    """Read and validate a plan; with `runs` False it may have no runs.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def read_plan(path: Path, *, runs: bool = True) -> Plan:
 
 
 def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
-    """Look at every value; where `runs` is False there may be none.
+    """Validate every value; with `runs` False there may be no runs.
 
     Raises
     ------
@@ -55,15 +55,15 @@ def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
         _check_channel(name, channel, where)
     inputs = [channel.input for channel in plan.channels.values()]
     if len(set(inputs)) < len(inputs):
-        raise PlanError(f"{where}: two channels share an input ({inputs}); give each its own")
+        raise PlanError(f"{where}: two channels share an input ({inputs}); give each channel its own input")
     ids = [name for run in plan.runs for name in run.ids()]
     twice = next((name for name in ids if ids.count(name) > 1), None)
     if twice is not None:
-        raise PlanError(f"{where}: two runs are called {twice!r}; give each its own id")
+        raise PlanError(f"{where}: two runs have the id {twice!r}; give each run its own id")
     for place, run in enumerate(plan.runs):
         here = f"{where}: run {run.id!r}"
         if run.configuration not in configurations:
-            raise PlanError(f"{here} has configuration {run.configuration!r}; the rig knows {', '.join(configurations)}")
+            raise PlanError(f"{here} has configuration {run.configuration!r}; the rig has {', '.join(configurations)}")
         _check_run(run, rate, here)
         if run.source is not None and not (plan.instrument.analyzer and 0.0 < run.source < math.inf):
             raise PlanError(f"{here} has source {run.source:g}; only an analyzer has one, and its level in V is above zero")
@@ -90,20 +90,20 @@ def _check_repeat(run: RunPlan, before: Sequence[RunPlan], here: str) -> None:
         known = ", ".join(earlier) or "none"
         raise PlanError(f"{here} has repeat_of {run.repeat_of!r}; give the id of a run before it ({known})")
     if not run.played:
-        raise PlanError(f"{here} has repeat_of and no drive that is played; leave repeat_of away, or choose another excitation")
+        raise PlanError(f"{here} has repeat_of but no drive that is played; remove repeat_of, or choose another excitation")
     for key in REPEATED:
         was, now = getattr(first, key), getattr(run, key)
         if was != now:
             raise PlanError(f"{here} repeats {run.repeat_of!r} with {key} {now}, not {was}; a repeat has the same {key}")
     if run.seed not in (0, first.seed):
-        raise PlanError(f"{here} repeats {run.repeat_of!r} with seed {run.seed}, not {first.seed}; leave seed away")
+        raise PlanError(f"{here} repeats {run.repeat_of!r} with seed {run.seed}, not {first.seed}; remove seed")
 
 
 def _configurations(plan: Plan, where: str) -> tuple[str, ...]:
     for key, value in plan.rig.items():
         if isinstance(value, str):
             if key != "description":
-                raise PlanError(f"{where}: rig.{key} is the text {value!r}; what is known of the rig are numbers in SI")
+                raise PlanError(f"{where}: rig.{key} is the text {value!r}; known values of the rig are numbers in SI")
         elif not math.isfinite(value) or (key.endswith("_mass") and value <= 0.0):
             raise PlanError(f"{where}: rig.{key} is {value:g}; give a finite value, a mass above zero")
     try:
@@ -117,7 +117,7 @@ def _configurations(plan: Plan, where: str) -> tuple[str, ...]:
 
 def _check_channel(name: str, channel: ChannelPlan, where: str) -> None:
     if not name.isidentifier() or name in TAKEN:
-        raise PlanError(f"{where}: a channel cannot be called {name!r}; use letters and digits, and no name of the format")
+        raise PlanError(f"{where}: a channel cannot be named {name!r}; use letters and digits, and no name of the format")
     if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
         raise PlanError(
             f"{where}: channels.{name}.sensitivity is {channel.sensitivity:g}; take it from the sensor's calibration sheet"
@@ -126,14 +126,14 @@ def _check_channel(name: str, channel: ChannelPlan, where: str) -> None:
         asked = f"for {channel.quantity} give {SI_UNIT[channel.quantity]!r}, or correct quantity"
         raise PlanError(f"{where}: channels.{name}.unit is {channel.unit!r}; {asked}")
     if channel.input < 0:
-        raise PlanError(f"{where}: channels.{name}.input is {channel.input}; inputs count from 0")
+        raise PlanError(f"{where}: channels.{name}.input is {channel.input}; inputs start at 0")
 
 
 def _check_instrument(plan: Plan, where: str) -> None:
     instrument, kind = plan.instrument, plan.instrument.about
     if instrument.analyzer != bool(instrument.shows):
         told = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
-        raise PlanError(f"{where} {told}; an analyzer needs them, one [[instrument.shows]] for each display, others have none")
+        raise PlanError(f"{where} {told}; an analyzer needs one [[instrument.shows]] for each display, other kinds have none")
     if not isinstance(kind, RecordsKind):
         return
     if not any(shown.kind == "time" for shown in instrument.shows):
@@ -159,21 +159,23 @@ def _check_run(run: RunPlan, rate: float, here: str) -> None:
     if run.seed < 0:
         raise PlanError(f"{here} has seed {run.seed}; give 0 or more")
     if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
-        raise PlanError(f"{here} has a period of {run.period:g} s; give one of 16 samples at least and no longer than the run")
+        raise PlanError(f"{here} has a period of {run.period:g} s; give at least 16 samples and at most the length of the run")
     if run.band is not None and not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:
         raise PlanError(f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)")
     _check_sine(run, rate, here)
     if run.excitation not in ("random", "multisine"):
         return
     if run.band is None:
-        raise PlanError(f"{here} has no band; give [low, high] in Hz of its {run.excitation} drive")
+        raise PlanError(f"{here} has no band; give [low, high] in Hz for its {run.excitation} drive")
     if not _lines(run, rate, run.band):
-        raise PlanError(f"{here} has band {list(run.band)} Hz, which holds no line of its drive; widen it or make the run longer")
+        raise PlanError(
+            f"{here} has band {list(run.band)} Hz, which contains no frequency of its drive; widen it or extend the run"
+        )
 
 
 def _check_sine(run: RunPlan, rate: float, here: str) -> None:
     if (run.frequency is None) == (run.excitation == "sine"):
-        wanted = "lacks frequency; give its sine's" if run.frequency is None else "has frequency; leave it out, or ask for a sine"
+        wanted = "lacks frequency; give that of its sine" if run.frequency is None else "has frequency; remove it, or use a sine"
         raise PlanError(f"{here} {wanted}, in Hz below {rate / 2:g}")
     if run.frequency is not None and not 0.0 < run.frequency < rate / 2.0:
         raise PlanError(
@@ -184,7 +186,7 @@ def _check_sine(run: RunPlan, rate: float, here: str) -> None:
 
 
 def _lines(run: RunPlan, rate: float, band: tuple[float, float]) -> bool:
-    # Lines lie at multiples of one over the length of what is played; a multisine has the odd ones.
+    # The frequencies are multiples of one over the length of the signal; a multisine has the odd ones.
     length = (round(run.period * rate) if run.excitation == "multisine" else run.ticks(rate)) / rate
     first, last = max(math.ceil(band[0] * length), 1), math.floor(band[1] * length)
     return last >= first + (run.excitation == "multisine" and first % 2 == 0)

@@ -1,4 +1,4 @@
-"""The virtual rig as the plant behind a simulated instrument: a drive in, counts of its inputs out."""
+"""The virtual rig as the plant of a simulated instrument: takes a drive, returns counts of its inputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from isorig.drivers.simulated.wire import PtyWire
 from isorig.rig.virtual.campaign import BITS
 from isorig.rig.virtual.effects import Hidden
 
-#: Volts of full scale and the sensors' sensitivity, V per m/s^2.
+#: Full scale in volts, and sensitivity of the sensors, V per m/s^2.
 FULL_SCALE = 10.0
 SENSITIVITY = 0.2
 
@@ -26,18 +26,18 @@ SENSITIVITY = 0.2
 class VirtualPlant:
     """A rig with accelerometers of 0.2 V per m/s^2 on a 24-bit instrument of +-10 V.
 
-    Its inputs are the drive's channel and then the model's sensors in order.
+    Its inputs are the drive channel and then the model's sensors in order.
 
     Parameters
     ----------
     model
         The rig.
     noise
-        Standard deviation of every sensor's noise, m/s^2.
+        Standard deviation of each sensor's noise, m/s^2.
     seed
-        Of the noise.
+        Random seed of the noise.
     hidden
-        An effect that is hidden in it; it then plays that rig.
+        An effect hidden in the rig.
     """
 
     def __init__(self, model: RigModel, *, noise: float = 1e-3, seed: int = 0, hidden: Hidden | None = None) -> None:
@@ -52,8 +52,8 @@ class VirtualPlant:
         self.inputs = (len(self.names), "V", FULL_SCALE / 2 ** (BITS - 1), FULL_SCALE)
 
     def play(self, drive: FloatArray, *, sample_rate: float, gain: float, configuration: str) -> Raw:
-        """The counts of all inputs under a drive given at gain 1, int32, shape (n, inputs)."""
-        # What drifts, drifts with this machine's clock, as the runs' beginnings are told by it.
+        """Counts of all inputs for a drive given at gain 1, int32, shape (n, inputs)."""
+        # Drifts follow the host's clock, because the start times of the runs do.
         now = time.monotonic()
         self._began = now if self._began is None else self._began
         recorded = self._hidden.records(
@@ -71,7 +71,7 @@ def playing(
     model: RigModel, *, noise: float = 1e-3, seed: int = 0, speed: float | None = None, faults: Faults | None = None,
     hidden: Hidden | None = None,
 ) -> Iterator[str]:  # fmt: skip
-    """A simulated framed instrument with a rig behind it in a thread of this process; the path of its port."""
+    """A simulated framed instrument, connected to a rig, in a thread of this process; yields the path of its port."""
     wire = PtyWire()
     instrument = SimulatedFramed(wire, VirtualPlant(model, noise=noise, seed=seed, hidden=hidden), faults=faults, speed=speed)
     over = threading.Event()

@@ -1,4 +1,4 @@
-"""The look before a run: a second of rest and a second of drive, and what must not be so is refused with the remedy."""
+"""The pre-run check: one second at rest and one second with drive; refuses a faulty set-up and names the remedy."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.errors import PlanError
 
-#: Seconds of rest and of drive; seconds without a sample after which the look is over.
+#: Seconds at rest and with drive; seconds without a sample after which the check ends.
 REST, DRIVEN = 0.25, 0.75
 SILENCE = 1.0
-#: How much livelier a channel must be under drive than at rest, and how far rates may lie apart by the instrument's clock and by
-#: this machine's, within the second of the look.
+#: Factor by which a channel must increase under drive, and allowed relative rate errors by the instrument's clock and by the
+#: host's clock within one second.
 LIVELIER = 1.2
 OWN, HOST = 0.01, 0.25
-#: Share of full scale that counts as the end of an input.
+#: Share of full scale that counts as overload.
 END = 0.999
-#: What the instrument, or its driver, may say of a block that speaks against a run.
+#: Status flags of the instrument or its driver that prevent a run.
 REPORTED = {
     Status.OVERLOAD: "the instrument reports an overload; choose a larger range or a lower gain",
-    Status.FAULT: "the instrument reports a fault of its own; switch it off and on, and check it",
-    Status.LOST: "the instrument loses samples inside; give it a lower rate or fewer inputs",
+    Status.FAULT: "the instrument reports a fault; switch it off and on, and check it",
+    Status.LOST: "the instrument loses samples internally; give it a lower rate or fewer inputs",
     Status.DISAGREES: "the instrument's counter, frame numbers and clock disagree; check its firmware and the cable",
 }
 
 
 def check_room(plan: Plan, output: Path, bytes_per_sample: int = 4) -> str | None:
-    """Whether the disk holds the session twice: while it is written, and as the recording made of it."""
+    """Check that the disk has room for the session twice: for the working file and for the recording."""
     ticks = sum(run.ticks(plan.instrument.sample_rate) * run.repeats for run in plan.runs)
     needed = int(2.2 * ticks * len(plan.channels) * bytes_per_sample) + (32 << 20)
     folder = next((f for f in output.absolute().parents if f.exists()), Path("/"))
@@ -43,12 +43,12 @@ def check_room(plan: Plan, output: Path, bytes_per_sample: int = 4) -> str | Non
     if free >= needed:
         return None
     return (
-        f"{folder} has {free >> 20} MiB free and the session needs {needed >> 20} MiB; make room or choose another place with -o"
+        f"{folder} has {free >> 20} MiB free but the session needs {needed >> 20} MiB; make room or choose another place with -o"
     )
 
 
 def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
-    """What speaks against taking this run, each in a sentence with the remedy."""
+    """The reasons against starting this run, each as a sentence with the remedy."""
     rate = plan.instrument.sample_rate
     rest, driven = round(REST * rate), round(DRIVEN * rate)
     drive = drive_of(*plan.original(run, 0), rate)[:driven] if run.played else np.zeros(driven)
@@ -72,32 +72,32 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
 
 
 def look_at_analyzer(instrument: Records) -> list[str]:
-    """What speaks against a measurement of an analyzer, before it is begun."""
+    """The reasons against starting a measurement with an analyzer."""
     if instrument.status() & Status.OVERLOAD:
         return ["the analyzer reports an overload; choose a larger range or a lower gain"]
     return []
 
 
 def look_at_record(measured: Run, plan: Plan) -> list[str]:
-    """What speaks against the record that came, before it is kept."""
+    """The reasons against keeping a record."""
     if abs(measured.sample_rate / plan.instrument.sample_rate - 1.0) <= OWN:
         return []
     return [
-        f"the record has {measured.sample_rate:.6g} samples a second, not {plan.instrument.sample_rate:g}; correct sample_rate, "
+        f"its sample rate is {measured.sample_rate:.6g} Hz, not {plan.instrument.sample_rate:g} Hz; correct sample_rate, "
         "or the span on its panel"
     ]
 
 
 def refuse(run: str, found: list[str]) -> None:
-    """Raise what was found as one sentence.
+    """Raise the findings as one sentence.
 
     Raises
     ------
     PlanError
-        Where anything was found.
+        There are findings.
     """
     if found:
-        raise PlanError(f"run {run!r} was not taken: {'; '.join(found)}; --force takes it all the same")
+        raise PlanError(f"run {run!r} was not started: {'; '.join(found)}; --force starts it anyway")
 
 
 def _blocks(instrument: Stream, ticks: int, rate: float) -> Iterable[Block]:
@@ -109,24 +109,26 @@ def _blocks(instrument: Stream, ticks: int, rate: float) -> Iterable[Block]:
 
 
 def _rate(blocks: list[Block], rate: float) -> list[str]:
-    # The instrument's own clock against its own count; where it has none, this machine's, which sees what arrived only.
+    # Count against the instrument's own clock; without one, against the host's, which only sees arrivals.
     first, last = blocks[0], blocks[-1]
     if first.device_time is not None and last.device_time is not None:
         passed, count, whose, tolerance = last.device_time - first.device_time, last.first_tick - first.first_tick, "its own", OWN
     else:
-        passed, count, whose, tolerance = last.host_time - first.host_time, last.end_tick - first.end_tick, "this machine's", HOST
+        passed, count, whose, tolerance = last.host_time - first.host_time, last.end_tick - first.end_tick, "the host's", HOST
     if passed <= 0.0 or abs(count / passed / rate - 1.0) <= tolerance:
         return []
-    return [f"the instrument takes {count / passed:.6g} samples a second by {whose} clock, not {rate:g}; correct sample_rate"]
+    return [f"the instrument's sample rate is {count / passed:.6g} Hz by {whose} clock, not {rate:g} Hz; correct sample_rate"]
 
 
 def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:
     if full is not None and np.abs(values).max() >= END * full:
         if np.median(np.abs(values)) >= END * full:
-            return [f"{name} stands at the end of its input's range; the sensor is open or has no supply, check its cable"]
-        return [f"{name} goes beyond its input's range; choose a larger range or a lower gain"]
+            return [
+                f"{name} remains at the end of its input's range; the sensor is disconnected or has no supply, check its cable"
+            ]
+        return [f"{name} exceeds its input's range; choose a larger range or a lower gain"]
     if np.ptp(values) == 0.0:
-        return [f"{name} does not change by a single count; the sensor is dead or not plugged in, check its cable and supply"]
+        return [f"{name} is constant to the last count; the sensor is dead or not connected, check its cable and supply"]
     return []
 
 
@@ -138,5 +140,5 @@ def _response(plan: Plan, values: dict[str, FloatArray], resting: np.ndarray) ->
     }  # fmt: skip
     still = [name for name, ratio in livelier.items() if ratio < LIVELIER]
     if len(still) == len(livelier):
-        return ["the drive has no response on any channel; switch its amplifier on and check its cable"]
-    return [f"{name} does not respond to the drive; check that its sensor is mounted and plugged in" for name in still]
+        return ["the drive causes no response on any channel; switch its amplifier on and check its cable"]
+    return [f"{name} does not respond to the drive; check that its sensor is mounted and connected" for name in still]

@@ -1,7 +1,7 @@
-"""Blocks from an instrument onto disk: a bounded queue, a writer behind it, a ledger of what was lost.
+"""Writes blocks from an instrument to disk: a bounded queue, a writer thread, a count of lost samples.
 
-The working file is a log (`journal`): what was written once is never touched again, so a kill takes no more than was
-still in memory, and a power loss no more than came after the last sync. Samples are raw integers with their scale.
+The working file is a log (`journal`): written data are never changed, so a kill loses only what was still in memory, and a power
+loss only what came after the last sync. Samples are raw integers with a scale.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.errors import OutputError
 from isorig.rig.files.output import reason, replaced
 
-#: Seconds of samples that may wait for a slow disk, and seconds that are gathered and then written at once.
+#: Seconds of samples that may wait for a slow disk, and seconds that are collected and then written at once.
 QUEUE_SECONDS = 5.0
 GATHER = 0.1
 #: Seconds without progress after which the disk counts as stuck.
 STUCK = 10.0
-#: Bytes that must stay free on the disk: where fewer are left the session ends while the file can still be closed.
+#: Bytes that must remain free on the disk: below this the session ends while the file can still be closed.
 RESERVE = 16 << 20
-#: Bytes of samples in a block of the log: what a damaged block costs at most.
+#: Bytes of samples in a block of the log: the maximum loss due to a damaged block.
 BLOCK = 1 << 20
 
 
 def working_file(output: Path) -> Path:
-    """Where a session writes while it lasts."""
+    """Path of the working file of a session."""
     return output.with_name(output.name + ".partial")
 
 
 def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
-    """Create the working file, with the layout of all that will be written.
+    """Create the working file, with the layout of all data to be written.
 
     Raises
     ------
     OutputError
-        Where the place cannot be written.
+        The file cannot be written.
     """
     layout = msgspec.json.encode(layout_of(plan, inputs))
     if len(layout) > LONGEST:
@@ -64,24 +64,24 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input]) -> None:
 def recording_into(
     path: Path, plan: Plan, inputs: Sequence[Input], *, sync: float = SYNC, after: datetime | None = None
 ) -> Iterator[WorkingFile]:
-    """The working file that `lay_out` has made, open for writing.
+    """The working file created by `lay_out`, open for writing.
 
     Parameters
     ----------
     path
-        Where it is.
+        Its path.
     plan, inputs
-        With what it was laid out.
+        The plan and inputs of its layout.
     sync
         Seconds between two syncs; 0 syncs every block.
     after
-        When the runs of an earlier part of the session had ended; none here begins before that, even where this machine's
-        clock was set back meanwhile.
+        End time of the runs of an earlier part of the session; no run here starts before it, even if the host's clock was set
+        back.
 
     Raises
     ------
     OutputError
-        Where the file cannot be written.
+        The file cannot be written.
     """
     file = WorkingFile(Journal(path, sync=sync), layout_of(plan, inputs), after=after)
     try:
@@ -91,22 +91,22 @@ def recording_into(
 
 
 class WorkingFile:
-    """The working file of a session that lasts: runs are written into it one after the other."""
+    """The working file of a running session: runs are written into it in sequence."""
 
     def __init__(self, journal: Journal, layout: Layout, *, after: datetime | None = None) -> None:
         self.journal, self.layout = journal, layout
         self._takes = 0
-        # Runs are told apart by when they began: within a session by a clock that nobody sets.
+        # Start times identify runs: within a session they come from a monotonic clock.
         self._opened_ns = max(time.time_ns(), 0 if after is None else round(after.timestamp() * 1e9))
         self._ticking_ns = time.monotonic_ns()
 
     def begin(self, run_id: str, *, sample_rate: float, period: int | None) -> tuple[int, int]:
-        """Begin a run, once more where it was taken before; its place in the plan, and how many were begun before it.
+        """Start a run, or repeat it; returns its index in the plan, and the number of runs started before.
 
         Raises
         ------
         OSError
-            Where the disk refuses.
+            The disk refuses.
         """
         run = next(k for k, planned in enumerate(self.layout.runs) if planned.id == run_id)
         take, self._takes = self._takes, self._takes + 1
@@ -117,12 +117,12 @@ class WorkingFile:
         return run, take
 
     def close(self) -> None:
-        """Sync and let go of the file.
+        """Sync and close the file.
 
         Raises
         ------
         OutputError
-            Where the disk refuses.
+            The disk refuses.
         """
         try:
             self.journal.close()
@@ -132,7 +132,7 @@ class WorkingFile:
 
 @dataclass
 class Tally:
-    """What a run came to so far: ticks stored, ticks lost, blocks that came with an overload."""
+    """Totals of a run so far: ticks stored, ticks lost, blocks with an overload."""
 
     stored: int = 0
     lost: int = 0
@@ -140,14 +140,14 @@ class Tally:
 
 
 class RunWriter:
-    """Writes one run of the working file from a thread of its own.
+    """Writes one run to the working file from a separate thread.
 
     Parameters
     ----------
     file
         The working file.
     run_id
-        Which run.
+        The run's id.
     columns
         The input of each channel, by channel name.
     sample_rate
@@ -158,7 +158,7 @@ class RunWriter:
     Raises
     ------
     OutputError
-        Where the disk refuses to write.
+        The disk refuses to write.
     """
 
     def __init__(
@@ -186,27 +186,27 @@ class RunWriter:
         self._thread.start()
 
     def put(self, block: Block) -> None:
-        """Hand over a block; waits where the disk is too far behind, so that the wire's own buffers fill before anything is lost.
+        """Add a block; waits if the disk is too far behind, so that the instrument's buffers fill before anything is lost.
 
         Raises
         ------
         OutputError
-            Where the disk refused to write, or has been stuck for long.
+            The disk refused to write, or has been stuck too long.
         """
         if not self._waiting.put(block, STUCK):
-            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another place")
+            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another disk")
         if self.error is not None:
             raise self._refused()
 
     def finish(self, counted: int | None, *, whole: bool = True) -> Tally:
-        """Write what is waiting and close the run; ticks that the instrument counted and never sent are lost.
+        """Write the waiting blocks and close the run; ticks that the instrument counted but did not send are lost.
 
-        The run is done where nothing ended it and all ticks that were planned are accounted for.
+        The run is complete if nothing interrupted it and all planned ticks are stored or counted as lost.
 
         Raises
         ------
         OutputError
-            Where the disk refuses.
+            The disk refuses.
         """
         self._waiting.end()
         self._thread.join()
@@ -226,7 +226,7 @@ class RunWriter:
     def _refused(self) -> OutputError:
         assert self.error is not None
         return OutputError(
-            f"the recording cannot be written any more ({reason(self.error)}); make room, then go on with --resume"
+            f"the recording cannot be written any more ({reason(self.error)}); make room, then continue with --resume"
         )
 
     def _work(self) -> None:
@@ -240,7 +240,7 @@ class RunWriter:
                 self.error = error
 
     def _look(self) -> None:
-        # Others may remove the file, or fill the disk.
+        # Other programs may remove the file, or fill the disk.
         self._in_place()
         folder = self._file.journal.path.parent
         if shutil.disk_usage(folder).free < RESERVE:
@@ -249,10 +249,10 @@ class RunWriter:
     def _in_place(self) -> None:
         journal = self._file.journal
         if journal.put_back():
-            raise OSError(f"its working file was removed by another program; what was measured stands in {journal.path} again")
+            raise OSError(f"its working file was removed by another program; the measured data are in {journal.path} again")
 
     def _store(self, blocks: Sequence[Block]) -> None:
-        # What came twice is left out, what never came is counted; stretches without a gap are written at once.
+        # Duplicates are dropped, missing samples are counted; stretches without a gap are written at once.
         whole: list[np.ndarray] = []
         rows: list[tuple[int, float, float, float, int]] = []
         begin = waiting = 0
@@ -280,7 +280,7 @@ class RunWriter:
         if not parts:
             return
         samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        # A single block of the instrument may be longer than one of the log.
+        # A block of the instrument may be longer than a block of the log.
         most = max(LONGEST // 2 // max(self._file.layout.row, 1), 1)
         for start in range(0, len(samples), most):
             part = samples[start : start + most]
@@ -294,6 +294,6 @@ class RunWriter:
             self.tally.stored += len(part)
 
     def _account(self, tick: int) -> None:
-        # The gap itself is seen from the ticks of the next block, or from the end's count.
+        # The gap itself is found from the ticks of the next block, or from the count at the end.
         self.tally.lost += tick - self._next
         self._next = tick

@@ -1,4 +1,4 @@
-"""A working file read back: what was measured of each planned run, whether the session ended well or was killed."""
+"""Reads a working file: the data of each planned run, for a finished, a running or a killed session."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from isorig.rig.acquire.layout import SAMPLES, TIMING, Begin, End, Kind, Layout,
 from isorig.rig.errors import RecordingError
 
 T = TypeVar("T")
-#: Arrivals that are kept of a run, the earliest of neighbours, to tell how its clock drifts.
+#: Number of arrivals kept for a run, the earliest of neighbours, to estimate the drift of its clock.
 ARRIVALS = 4096
-#: What is remembered of each block of samples: its place in the file, how much it holds, the streamed gain's range in it.
+#: Index entry of each block of samples: its offset, its size, the range of the streamed gain in it.
 ENTRY = np.dtype(
     [
         ("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8"),
@@ -33,28 +33,28 @@ ENTRY = np.dtype(
 
 @dataclass(frozen=True, kw_only=True)
 class Drift:
-    """How much faster the instrument's clock runs than this machine's, and the standard deviation, parts per million."""
+    """Rate of the instrument's clock relative to the host's, and its standard uncertainty, parts per million."""
 
     ppm: float
     std: float
 
     @property
     def sure(self) -> bool:
-        """Whether it is more than the arrival times scatter."""
+        """Whether it exceeds the scatter of the arrival times."""
         return abs(self.ppm) > 3.0 * self.std
 
 
 class Saved:
-    """A sequence that is spread over the blocks of the file, read from disk by slice.
+    """A sequence stored in the blocks of the file, read from disk by slice.
 
     Parameters
     ----------
     counts
-        How many items each block holds.
+        Number of items in each block.
     part
-        Items `start` to `stop` of block `k`.
+        Returns items `start` to `stop` of block `k`.
     dtype
-        Their type.
+        Their data type.
     """
 
     def __init__(self, counts: NDArray[np.int64], part: Callable[[int, int, int], NDArray[Any]], dtype: np.dtype[Any]) -> None:
@@ -77,30 +77,30 @@ class Saved:
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """One planned run as far as it got.
+    """One planned run as far as it was measured.
 
     Parameters
     ----------
     id
-        Its name.
+        Its id.
     finished, begun
-        Whether it was taken to its end, whether at all.
+        Whether it is complete, whether it was started.
     run
-        Its samples, read from the open file as they are asked for; None where there are none.
+        Its samples, read from the open file on demand; None if there are none.
     stored, lost, planned
-        Ticks that are in the file, that were lost on the way or since, that the plan asks for.
+        Ticks in the file, ticks lost, ticks in the plan.
     damaged
-        How many of `lost` may have been stored in blocks which are damaged now.
+        The part of `lost` that may have been stored in blocks that are damaged now.
     overloads
-        Blocks that came with an overload.
+        Number of blocks with an overload.
     planned_gain
-        The gain that the plan says; the run has the one that the instrument streamed.
+        The gain in the plan; the run has the streamed one.
     drift
-        Of the instrument's clock against this machine's; None where it cannot be told.
+        Of the instrument's clock relative to the host's; None if it cannot be estimated.
     timing
-        When each block of the instrument arrived and what it said, as `TIMING`; None where nothing is kept.
+        Arrival time and status of each block of the instrument, as `TIMING`; None if not stored.
     sensors
-        What is told of each channel's sensor.
+        Description of each channel's sensor.
     """
 
     id: str
@@ -119,19 +119,19 @@ class Recovered:
 
     @property
     def text(self) -> str:
-        """What was saved and lost, in a sentence."""
+        """Saved and lost samples, in a sentence."""
         if not self.begun:
-            return f"{self.id}: not begun."
-        lost = f", {self.lost} lost on the way" if self.lost else ", none lost"
+            return f"{self.id}: not started."
+        lost = f", {self.lost} lost in transmission" if self.lost else ", none lost"
         if self.damaged:
             lost = f", {self.lost} lost, up to {self.damaged} of them in damaged parts of the file"
         if self.finished:
-            return f"{self.id}: whole, {self.stored} samples saved{lost}."
-        return f"{self.id}: broken off, {self.stored} of {self.planned} samples saved{lost}."
+            return f"{self.id}: complete, {self.stored} samples saved{lost}."
+        return f"{self.id}: incomplete, {self.stored} of {self.planned} samples saved{lost}."
 
 
 class _Take:
-    """A run that was begun: where its blocks are, and sums over what came with them."""
+    """A started run: index of its blocks, and sums over their status."""
 
     def __init__(self, run: int) -> None:
         self.run = run
@@ -149,7 +149,7 @@ class _Take:
         return self._entries[: self._count]
 
     def add(self, shape: Shape, found: Found, rate: float) -> None:
-        """Take note of a block of samples; one that goes back in time is left out."""
+        """Add a block of samples to the index; one that goes back in time is omitted."""
         if shape.first_tick < self.next:
             return
         timing = timing_of(shape, found.content)
@@ -171,34 +171,34 @@ class _Take:
             self._thin(rate)
 
     def _thin(self, rate: float) -> None:
-        # The earlier of two neighbours: blocks come late, never early.
+        # The earlier of two neighbours: blocks arrive late, never early.
         pairs = self._arrivals[: len(self._arrivals) // 2 * 2].reshape(-1, 2, 2)
         late = pairs[:, :, 1] - pairs[:, :, 0] / rate
         self._arrivals = np.take_along_axis(pairs, np.argmin(late, axis=1)[:, None, None], axis=1)[:, 0]
 
     def drift(self, rate: float) -> Drift | None:
-        """Of the instrument's clock; None where the run is too short to tell."""
+        """Of the instrument's clock; None if the run is too short."""
         if self.timed < 64:
             return None
         tick, host = self._arrivals.T - self._arrivals[0][:, None]
         if len(host) < 32 or host[-1] < 1.0:
             return None
-        # In each sixteenth of the run the earliest is taken, and a line laid through these. Ticks that were lost are counted, so
-        # that loss is no drift.
+        # A line is fitted through the earliest arrival in each sixteenth of the run. Lost ticks are counted, so that losses do
+        # not appear as drift.
         late = host - tick / rate
         first = [part[np.argmin(late[part])] for part in np.array_split(np.arange(len(host)), 16)]
         (slope, _), covariance = np.polyfit(host[first], late[first], 1, cov=True)
-        # A virtual rig that plays faster than real time has no such clock.
+        # A virtual rig that runs faster than real time has no such clock.
         return Drift(ppm=-1e6 * float(slope), std=1e6 * float(np.sqrt(covariance[0, 0]))) if abs(slope) < 0.1 else None
 
 
 class WorkingFile:
-    """A working file that is finished, being written, or was left behind.
+    """A working file that is finished, being written, or was left by a killed session.
 
     Raises
     ------
     RecordingError
-        Where the file is no working file.
+        The file is not a working file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -206,7 +206,7 @@ class WorkingFile:
         self._takes: dict[int, _Take] = {}
         self._layout: Layout | None = None
         try:
-            # The first block holds the layout; where it is damaged, the beginning of a run says the same.
+            # The first block contains the layout; if it is damaged, the start of a run has a copy.
             for found in self._reader.blocks():
                 if (layout := _layout(found)) is not None:
                     self._layout = layout
@@ -219,30 +219,30 @@ class WorkingFile:
 
     @property
     def known(self) -> dict[str, float | str]:
-        """What is known of the rig beforehand."""
+        """The known values of the rig."""
         return self._whole.known
 
     @property
     def replaced(self) -> bool:
-        """Whether another file, or none, stands at its place by now."""
+        """Whether its path now belongs to another file, or to none."""
         return self._reader.replaced()
 
     @property
     def _whole(self) -> Layout:
         if self._layout is None:
             raise RecordingError(
-                f"{self._reader.path} is no working file of a session; give one that ends in .partial, or rig check a finished "
+                f"{self._reader.path} is not a session's working file; give one that ends in .partial, or rig check a finished "
                 "recording"
             )
         return self._layout
 
     def refresh(self) -> None:
-        """Take note of what was written since the last time.
+        """Read what was written since the last time.
 
         Raises
         ------
         RecordingError
-            Where the file is no working file.
+            The file is not a working file.
         """
         layout = self._whole
         for found in self._reader.blocks():
@@ -259,16 +259,16 @@ class WorkingFile:
                 take.add(shape, found, self._rate(take))
 
     def runs(self) -> list[Recovered]:
-        """Every planned run as far as it got, in the plan's order."""
+        """Every planned run as far as it was measured, in the plan's order."""
         return [self._recovered(k) for k in range(len(self._whole.runs))]
 
     def run(self, name: str) -> Recovered:
-        """The run of that name, after a `refresh`."""
+        """The run with that id, after a `refresh`."""
         self.refresh()
         return self._recovered(next(k for k, run in enumerate(self._whole.runs) if run.id == name))
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._reader.close()
 
     def _rate(self, take: _Take) -> float:
@@ -282,7 +282,7 @@ class WorkingFile:
                 id=planned.id, finished=False, begun=False, run=None, stored=0, lost=0, planned=planned.planned, overloads=0,
                 planned_gain=planned.gain, drift=None,
             )  # fmt: skip
-        # Of a run that was taken several times the last that is whole, else the one that got furthest.
+        # Of a repeated run, the last complete take; if there is none, the longest.
         best = next((take for take in reversed(takes) if _finished(take)), max(takes, key=lambda take: take.stored))
         gaps, damaged = _gaps(best)
         rate = self._rate(best)
@@ -342,12 +342,12 @@ class _Gains:
         self._begins = np.concatenate([[0], np.cumsum(entries["blocks"])])
 
     def part(self, k: int, start: int, stop: int) -> NDArray[np.float64]:
-        """Of samples `start` to `stop` of block k."""
+        """Gains of samples `start` to `stop` of block k."""
         gains, rows = self._steps(k)
         return np.repeat(gains, rows)[start:stop]
 
     def median(self) -> float:
-        """Over all samples."""
+        """Median over all samples."""
         steps = [self._steps(k) for k in range(len(self._entries))]
         gains, rows = (np.concatenate(parts) for parts in zip(*steps, strict=True))
         order = np.argsort(gains)
@@ -355,7 +355,7 @@ class _Gains:
         return float(gains[order][np.searchsorted(passed, passed[-1] / 2)])
 
     def _steps(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        # Gains and for how many samples each of them stood.
+        # Gains, and the number of samples for each.
         entry = self._entries[k]
         timing = self._timing[int(self._begins[k]) : int(self._begins[k + 1])]
         timing = timing[np.isfinite(timing["gain"])]
@@ -370,7 +370,7 @@ def _finished(take: _Take) -> bool:
 
 
 def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
-    # Ticks that no block holds, and how many may have been stored once: the numbers of the blocks around them do not follow.
+    # Ticks in no block, and how many may have been stored: the numbers of the adjacent blocks are not consecutive.
     entries = take.entries
     if not len(entries):
         return (), 0
@@ -413,12 +413,13 @@ def _decoded(found: Found, kind: type[T]) -> T | None:
 
 @contextmanager
 def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered]]]:
-    """What is known of the rig, and every planned run, from a working file that is finished, being written, or was left behind.
+    """The known values of the rig, and every planned run, from a working file: finished, being written, or left by a killed
+    session.
 
     Raises
     ------
     RecordingError
-        Where the file is no working file.
+        The file is not a working file.
     """
     file = WorkingFile(path)
     try:
@@ -428,15 +429,15 @@ def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
-    """The campaign that runs amount to, in the order in which they were taken.
+    """The campaign of these runs, in the order of their measurement.
 
     Raises
     ------
     RecordingError
-        Where there is none.
+        There is no run.
     """
     if not runs:
-        raise RecordingError(f"{source} holds not one sample; there is nothing to recover, so acquire again")
+        raise RecordingError(f"{source} contains no sample; there is nothing to recover, so acquire again")
     description = known.get("description")
     return Campaign(
         runs=tuple(sorted(runs, key=lambda run: run.started or datetime.max.replace(tzinfo=UTC))),

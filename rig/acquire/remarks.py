@@ -1,4 +1,4 @@
-"""What blocks say beside their samples, in sentences: losses inside the instrument, faults, counter and clock that disagree."""
+"""Status of the blocks of a run, in sentences: losses inside the instrument, faults, disagreement of counter and clock."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ from dataclasses import dataclass, field
 from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Noticing, Stream
 
-#: What speaks against keeping a run, by the block's status; {n} blocks, the first at {s} s.
+#: Reasons against keeping a run, by block status; {n} blocks, the first at {s} s.
 AGAINST = {
-    Status.LOST: "The instrument lost samples inside in {n} blocks from {s} s on; give it a lower rate, or take the run again.",
-    Status.FAULT: "The instrument reported a fault in {n} blocks from {s} s on; check it and take the run again.",
+    Status.LOST: "The instrument lost samples internally in {n} blocks from {s} s on; give it a lower rate, or repeat the run.",
+    Status.FAULT: "The instrument reported a fault in {n} blocks from {s} s on; check it and repeat the run.",
     Status.DISAGREES: (
-        "Counter, frame numbers and clock of the instrument disagreed {n} times from {s} s on; the time axis is the majority's."
+        "Counter, frame numbers and clock of the instrument disagree {n} times from {s} s on; the time axis follows the majority."
     ),
     Status.RESYNCED: (
-        "Bytes were lost {n} times from {s} s on; what could not be told apart is left out, and the number of missing samples is "
-        "sure to one each time."
+        "Bytes were lost {n} times from {s} s on; ambiguous samples are left out, and the number of missing samples is uncertain "
+        "by one each time."
     ),
     Status.CLOCKED: (
-        "This machine's clock alone tells of lost samples, {n} times from {s} s on; their number is sure to some 10 ms."
+        "Only the host's clock indicates lost samples, {n} times from {s} s on; their number is uncertain by about 10 ms."
     ),
 }
-#: What is told and is no fault of the run.
+#: Information that is not a fault of the run.
 TOLD = {
-    Status.UNSURE: "A byte or word lost from {s} s on would not be seen; leave the digital inputs open, or wire one to 5 V.",
+    Status.UNSURE: "A byte or word lost from {s} s on would not be detected; leave the digital inputs open, or tie one to 5 V.",
 }
-#: Clauses of a driver that are told; more of the same kind say nothing new.
+#: Maximum number of a driver's clauses that are printed.
 CLAUSES = 3
 
 
 @dataclass
 class Remarks:
-    """Counts what is told of blocks.
+    """Counts the status flags of blocks.
 
     Parameters
     ----------
     rate
-        Samples a second, Hz.
+        Sample rate, Hz.
     """
 
     rate: float
@@ -48,33 +48,33 @@ class Remarks:
     returned: int = 0
 
     def add(self, block: Block) -> None:
-        """Take note of a block."""
+        """Count the flags of a block."""
         for status in (*AGAINST, *TOLD):
             if block.status & status:
                 self.counts[status] = self.counts.get(status, 0) + 1
                 self.first.setdefault(status, block.first_tick / self.rate)
 
     def end(self, instrument: Stream, returned: int) -> None:
-        """Take note of what the driver noticed, and how often the wire was away."""
+        """Add the driver's notices, and the number of reconnections."""
         self.clauses += instrument.noticed if isinstance(instrument, Noticing) else ()
         self.returned = returned
 
     def against(self) -> Sequence[str]:
-        """What speaks against keeping the run."""
+        """Reasons against keeping the run."""
         return tuple(self._against())
 
     def told(self) -> Sequence[str]:
-        """What is worth knowing all the same."""
+        """Information that is not a reason against the run."""
         return tuple(self._sentences(TOLD))
 
     def _against(self) -> Iterator[str]:
         yield from self._sentences(AGAINST)
         if self.returned:
-            yield f"The wire was away {self.returned} times and was taken up again; what was lost meanwhile is counted."
+            yield f"The connection was lost and restored {self.returned} times; the samples lost meanwhile are counted."
         for clause in self.clauses[:CLAUSES]:
-            yield f"The driver noticed: {clause}."
+            yield f"The driver reports: {clause}."
         if len(self.clauses) > CLAUSES:
-            yield f"The driver noticed {len(self.clauses) - CLAUSES} more of that kind."
+            yield f"The driver reports {len(self.clauses) - CLAUSES} more of this kind."
 
     def _sentences(self, table: dict[Status, str]) -> Iterator[str]:
         for status, sentence in table.items():

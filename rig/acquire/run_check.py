@@ -1,4 +1,4 @@
-"""The look at a run right after it was taken, while it can still be repeated: coherence, clipping, dead channels, loss."""
+"""The post-run check, while the run can still be repeated: coherence, clipping, dead channels, lost samples."""
 
 from __future__ import annotations
 
@@ -13,37 +13,38 @@ from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.acquire.recover import Recovered
 
-#: Below this median coherence inside the drive's band a run shows more than its drive.
+#: Below this median coherence within the band, a response contains more than the effect of the drive.
 COHERENT = 0.5
-#: A channel quieter than this share of the loudest of its kind is dead or not plugged in.
+#: A channel with less than this share of the strongest of its kind is dead or not connected.
 DEAD = 1e-4
-#: Below this share of motion against the table the motor is stuck.
+#: Below this share of relative motion between motor and table, the motor is stuck.
 STUCK = 0.2
-#: Distortion above this share of the response, and above the noise, is told; a gain further off the plan's than this, too.
+#: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.
 DISTORTED = 0.1
 OFF_PLAN = 1e-3
-#: Samples of a channel that are looked at in one go: a run may be longer than memory.
+#: Samples of a channel that are processed at once: a run may be longer than memory.
 PART = 1 << 20
-#: A rate further off this machine's clock than this is told, parts per million: crystals keep to 100.
+#: A clock deviation above this, parts per million, is reported: crystals are within 100.
 OFF_RATE = 1000.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Whether a run is worth keeping, in sentences of what to do.
+    """Whether a run is worth keeping, with advice in sentences.
 
     Parameters
     ----------
     good
-        Whether nothing speaks against keeping it.
+        Whether there is no reason against keeping it.
     coherence
-        Median coherence of each response with the drive inside its band.
+        Median coherence of each response with the drive within its band.
     detections
-        Noise and distortion of each response, where the drive repeats and leaves lines out.
+        Noise and distortion of each response, if the drive is periodic and omits harmonics.
     sliding
-        rms of the motor's motion relative to the table over that of its own: near 0 where friction holds it; None where not seen.
+        rms of the motor's motion relative to the table divided by that of its own motion: near 0 if friction holds it; None if
+        unknown.
     advice
-        What to do, also what is no fault.
+        Advice, including information that is not a fault.
     """
 
     good: bool
@@ -54,25 +55,25 @@ class Verdict:
 
 
 def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), told: Sequence[str] = ()) -> Verdict:
-    """Look at a run that was just taken; what was said of it on the way is `against` keeping it, or `told` all the same."""
+    """Check a run after its measurement; `against` are reasons against keeping it from the acquisition, `told` is information."""
     run = found.run
     if run is None:
         return Verdict(
             good=False, coherence={}, detections=(), sliding=None,
-            advice=("No sample arrived; check the instrument and take the run again.", *against),
+            advice=("No sample arrived; check the instrument and repeat the run.", *against),
         )  # fmt: skip
     coherence, detections, sliding = _coherence(found, drive), _detections(run, drive), _sliding(run)
     against = [*_on_the_way(found), *against, *_channels(run), *_gain(run, found.planned_gain)]
     for name, value in coherence.items():
         if value < COHERENT:
             against.append(
-                f"{name} follows the drive with a coherence of {value:.2f} only; "
-                "more gain would help against noise, less against friction that hardly slides."
+                f"{name} has a coherence of only {value:.2f} with the drive; "
+                "a higher gain helps against noise, a lower one against friction that hardly slides."
             )
     told = [*told, *_clock(found)]
     told += [sentence for item in detections if (sentence := _distortion(item)) is not None]
     if sliding is not None and sliding < STUCK:
-        told.append("The motor moved with the table: friction was not overcome. Take a run at a larger gain as well.")
+        told.append("The motor moved with the table: friction was not overcome. Measure a run at a higher gain as well.")
     return Verdict(
         good=not against, coherence=coherence, detections=detections, sliding=sliding, advice=(*against, *told)
     )  # fmt: skip
@@ -80,17 +81,17 @@ def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), told
 
 def _on_the_way(found: Recovered) -> Iterator[str]:
     if found.lost:
-        yield f"{found.lost} samples were lost on the way; take the run again if it is to be simulated whole."
+        yield f"{found.lost} samples were lost in transmission; repeat the run if the whole run is to be simulated."
     if not found.finished:
-        yield f"It ended at {found.stored + found.lost} of {found.planned} samples; check the instrument and take the run again."
+        yield f"It ended at {found.stored + found.lost} of {found.planned} samples; check the instrument and repeat the run."
     if found.overloads:
-        yield f"The instrument told of {found.overloads} overloads; choose a larger range or a lower gain and take the run again."
+        yield f"The instrument reported {found.overloads} overloads; choose a larger range or a lower gain and repeat the run."
 
 
 def _clock(found: Recovered) -> Iterator[str]:
     if found.drift is not None and found.drift.sure and abs(found.drift.ppm) > OFF_RATE:
         yield (
-            f"Its clock runs {found.drift.ppm / 1e4:+.2g} % against this machine's, more than crystals do; check sample_rate in "
+            f"Its clock deviates from the host's by {found.drift.ppm / 1e4:+.2g} %, more than crystals do; check sample_rate in "
             "the plan."
         )
 
@@ -102,17 +103,17 @@ def _channels(run: Run) -> Iterator[str]:
         if channel.full_scale is not None:
             clipped = sum(int((np.abs(values) >= 0.999 * channel.full_scale).sum()) for (values,) in _parts(run, name))
             if clipped:
-                yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and take the run again."
+                yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
         if sizes[name] <= DEAD * loudest:
-            yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its power."
+            yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its supply."
 
 
 def _gain(run: Run, planned: float) -> Iterator[str]:
     gains = _spread(values for (values,) in _parts(run, "gain")) if "gain" in run.channels else None
     if gains is not None and gains.highest - gains.lowest > OFF_PLAN * abs(run.gain):
-        yield f"The gain moved from {gains.lowest:.4g} to {gains.highest:.4g} in the run; leave the dial alone and take it again."
+        yield f"The gain changed from {gains.lowest:.4g} to {gains.highest:.4g} during the run; repeat it with a constant gain."
     elif abs(run.gain - planned) > OFF_PLAN * planned:
-        yield f"The gain stood at {run.gain:.4g} and the plan says {planned:.4g}; set it and take the run again."
+        yield f"The gain was {run.gain:.4g} but the plan has {planned:.4g}; set it and repeat the run."
 
 
 def _distortion(item: Detection) -> str | None:
@@ -120,8 +121,8 @@ def _distortion(item: Detection) -> str | None:
     if size <= max(DISTORTED, item.noise):
         return None
     return (
-        f"{item.response} has lines that nothing drives, at {100 * size:.0f} % of those that are driven (noise "
-        f"{100 * item.noise:.1g} %): that is distortion, which no averaging removes."
+        f"{item.response} responds at frequencies that are not driven, with {100 * size:.0f} % of the driven ones (noise "
+        f"{100 * item.noise:.1g} %): this is distortion, which averaging does not remove."
     )
 
 
@@ -132,7 +133,7 @@ def _sliding(run: Run) -> float | None:
 
 
 def relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
-    """rms of the motor's motion relative to the table over that of its own: near 0 where friction holds it.
+    """rms of the motor's motion relative to the table divided by that of its own motion: near 0 if friction holds it.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
 
 
 class _Spread:
-    """Standard deviation and extremes of values that come in parts; sums are about means (Chan, Golub and LeVeque 1983)."""
+    """Standard deviation and extremes of values given in parts; sums are about means (Chan, Golub and LeVeque 1983)."""
 
     def __init__(self) -> None:
         self._count, self._mean, self._squares = 0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""A session: the plan's runs in turn, from the instrument into the working file, and at the end a recording."""
+"""A session: measures the runs of a plan in sequence into the working file, and converts it to a recording at the end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from isorig.rig.files.output import sweep
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """A run that was taken: its tally, the check right after it, and how its clock drifted."""
+    """A measured run: its sample counts, its post-run check, and the drift of its clock."""
 
     id: str
     tally: Tally
@@ -40,26 +40,26 @@ class Taken:
     drift: Drift | None = None
 
 
-#: What becomes of the next run: it is taken, left out, or the session ends before it.
+#: Decision on the next run: measure it, skip it, or end the session before it.
 Decision = Literal["take", "skip", "end"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Operator:
-    """The person at the rig, or what stands in.
+    """The person at the rig, or a substitute.
 
     Parameters
     ----------
     lock
-        Asked to bring the rig into a configuration; returns when it is done.
+        Asks to bring the rig into a configuration; returns when it is done.
     watch
-        Told what is to be seen.
+        Receives the live state of a run.
     taken
-        Told of each run that was taken.
+        Receives each measured run.
     decide
-        Asked before each run, by its name, what becomes of it.
+        Asked before each run, by its name, for the decision.
     stopped
-        Asked while a run lasts; True ends the run.
+        Polled during a run; True ends the run.
     """
 
     lock: Callable[[str], None]
@@ -80,34 +80,34 @@ def acquire(
     force: bool = False,
     sync: float = SYNC,
 ) -> tuple[Path, list[Taken]]:
-    """Take the runs of a plan and write them as a recording.
+    """Measure the runs of a plan and write them as a recording.
 
-    Whatever ends the session early (the operator, the instrument, a full disk), what was measured is in the recording or, after
-    a kill, in the working file beside it.
+    If the session ends early for any reason (the operator, the instrument, a full disk), the measured data are in the recording
+    or, after a kill, in the working file next to it.
 
     Parameters
     ----------
     plan
-        What is to be measured.
+        The plan.
     port
         The instrument's port.
     output
         The recording.
     operator
-        Who locks, and who is told.
+        The operator's interface.
     again
-        Runs that are taken once more although they are whole, where a session is resumed.
+        Runs to repeat although they are complete, in a resumed session.
     resume
-        Go on with a session that was broken off: whole runs are kept, the others taken.
+        Continue an interrupted session: complete runs are kept, the others measured.
     force
-        Begin runs that the look before them speaks against.
+        Start even if the pre-run check fails.
     sync
-        Seconds of measurement that a power loss may take; 0 syncs every block.
+        Maximum loss of data in a power failure, seconds; 0 syncs every block.
 
     Raises
     ------
     DriverError, RigError
-        Where the instrument or the disk fails.
+        The instrument or the disk fails.
     """
     aside = Aside()
     told = beside(operator, aside)
@@ -126,16 +126,16 @@ def acquire(
 
 
 def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
-    # What sessions that were killed have left takes room, too.
+    # The leftovers of killed sessions take space, too.
     for path in (output, working_file(output)):
         sweep(path)
     no_room = check_room(plan, output)
     if no_room is not None and not force:
-        raise OutputError(f"{no_room}; --force begins all the same")
+        raise OutputError(f"{no_room}; --force starts anyway")
 
 
 def beside(operator: Operator, aside: Aside) -> Operator:
-    """The same operator, told of everything from another thread, and of all that was before a question is asked."""
+    """The same operator, called from another thread, with all calls completed before a question is asked."""
 
     def lock(configuration: str) -> None:
         aside.settle()
@@ -183,12 +183,12 @@ def _with_stream(
         finally:
             keep_session(partial, output, add=resume)
     if not output.exists():
-        raise RecordingError(f"not one sample arrived, so {output} was not written; check the instrument and begin again")
+        raise RecordingError(f"no sample arrived, so {output} was not written; check the instrument and start again")
     return taken
 
 
 def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], live: Live) -> None:
-    # Which of the session's runs it is, and what the session still needs.
+    # The number of the run in the session, and the remaining seconds of the session.
     left = live.of - live.seconds + sum(seconds[number:])
     watch(msgspec.structs.replace(live, number=number, runs=len(seconds), left=max(left, 0.0)))
 
@@ -196,7 +196,7 @@ def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], 
 def _with_analyzer(
     plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool
 ) -> list[Taken]:
-    # A record is whole or not there: the recording is written anew after each.
+    # A record is complete or absent: the recording is written again after each.
     taken: list[Taken] = []
     configuration = ""
     with opened_analyzer(plan, port) as instrument:
@@ -216,7 +216,7 @@ def _with_analyzer(
                 id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
                 overloads=overloads, planned_gain=run.gain, drift=None,
             )  # fmt: skip
-            against = [f"The driver noticed: {clause}." for clause in _noticed(instrument)]
+            against = [f"The driver reports: {clause}." for clause in _noticed(instrument)]
             verdict = check_run(found, drive=plan.drive, against=against)
             taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
             operator.taken(taken[-1])
@@ -235,7 +235,7 @@ def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:
 
 
 def _decided(wanted: Sequence[tuple[RunPlan, int, str]], operator: Operator) -> Iterator[tuple[int, RunPlan, int, str]]:
-    # Those that the operator has taken, each with its number among all, from 1.
+    # The runs that the operator has confirmed, each with its number among all, from 1.
     for number, (run, repeat, name) in enumerate(wanted, 1):
         decision = operator.decide(name)
         if decision == "end":
@@ -249,11 +249,9 @@ def _check_against(instrument: Stream, plan: Plan) -> None:
     highest = max(channel.input for channel in plan.channels.values())
     rate = instrument.prepare(sample_rate=asked, channels=[channel.input for channel in plan.channels.values()])
     if highest >= len(instrument.inputs):
-        raise PlanError(f"the instrument has {len(instrument.inputs)} inputs and the plan uses input {highest}; correct it")
+        raise PlanError(f"the instrument has {len(instrument.inputs)} inputs but the plan uses input {highest}; correct it")
     if abs(rate / asked - 1.0) > 1e-6:
-        raise PlanError(
-            f"the instrument's nearest rate to {asked:.9g} Hz is {rate:.9g} Hz; write that as sample_rate in the plan"
-        )
+        raise PlanError(f"the instrument's nearest rate to {asked:.9g} Hz is {rate:.9g} Hz; set sample_rate to it in the plan")
     played = next((run.id for run in plan.runs if run.played), None)
     if played is not None and not isinstance(instrument, Exciter):
         raise PlanError(
@@ -263,7 +261,7 @@ def _check_against(instrument: Stream, plan: Plan) -> None:
 
 
 def _port_locked(port: str) -> AbstractContextManager[None]:
-    # Every session has a simulated instrument of its own.
+    # Every session has its own simulated instrument.
     return nullcontext() if port == "virtual" else port_locked(port)
 
 
@@ -276,7 +274,7 @@ def _planned(names: Set[str], plan: Plan) -> Set[str]:
     ids = [name for run in plan.runs for name in run.ids()]
     unknown = next((name for name in sorted(names) if name not in ids), None)
     if unknown is not None:
-        raise PlanError(f"the plan has no run {unknown!r} to take again; it has {', '.join(ids)}")
+        raise PlanError(f"the plan has no run {unknown!r} to repeat; it has {', '.join(ids)}")
     return names
 
 
@@ -284,11 +282,11 @@ def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> Set[str]:
     if not resume:
         if partial.exists():
             raise OutputError(
-                f"{partial} is left of a session that was broken off; go on with --resume, or recover and remove it"
+                f"{partial} was left by an interrupted session; continue it with --resume, or recover and remove it"
             )
         return frozenset()
     if not partial.exists() and not output.exists():
-        raise OutputError(f"there is neither {output} nor {partial} to go on with; start without --resume")
+        raise OutputError(f"neither {output} nor {partial} exists, so there is no session to continue; start without --resume")
     if partial.exists():
         keep_session(partial, output, add=output.exists())
     return whole_runs(output, plan)

@@ -1,4 +1,4 @@
-"""Whatever ends a session ends it through its own end: the drive is stopped, and what was measured is kept."""
+"""Orderly end of a session for every cause: the drive is stopped, and the measured data are kept."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-#: Signals that end a session: Ctrl-C, an end asked for by the system, a terminal that was closed.
+#: Signals that end a session: Ctrl-C, termination by the system, a closed terminal.
 SIGNALS = (signal.SIGINT, signal.SIGTERM) if sys.platform == "win32" else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """The first signal raises here, KeyboardInterrupt or SystemExit with 128 and its number; later ones disturb nothing.
+    """The first signal raises KeyboardInterrupt, or SystemExit with 128 plus its number; later ones are ignored.
 
-    Inside another block of this kind it changes nothing.
+    Nested calls have no effect.
     """
     if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) is _end:
         yield

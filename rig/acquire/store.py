@@ -1,4 +1,4 @@
-"""What was measured becomes a recording: whole or not at all, with the session's ledger beside the samples."""
+"""Converts measured data to a recording atomically, including the session's metadata."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from isorig.rig.errors import OutputError, PlanError
 from isorig.rig.files.output import sweep
 from isorig.rig.files.recording import SENSOR, Extra, Stored, open_recording, write
 
-#: What helps where a working file stays.
-GO_ON = "make room and go on with --resume, or save it elsewhere with rig recover"
-#: Attributes of a run that tell how its clock drifted.
+#: Advice if a working file remains.
+GO_ON = "make room and continue with --resume, or save it elsewhere with rig recover"
+#: Attributes of a run for the drift of its clock.
 DRIFT = ("clock_drift_ppm", "clock_drift_ppm_std")
-#: Table of a run that tells when each block of the instrument arrived.
+#: Table of a run with the arrival time of each block of the instrument.
 TIMING = "timing"
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Kept:
-    """A run, and what is known beside its samples."""
+    """A run, and its metadata."""
 
     run: Run
     extra: Extra
@@ -40,15 +40,15 @@ class _Kept:
 
 
 def keep_session(partial: Path, output: Path, *, add: bool) -> None:
-    """Make the recording of a working file, and remove that once its content is safe.
+    """Convert a working file to a recording, and remove it when its content is safe.
 
-    Where it is to `add` to a recording of an earlier part of the session, the runs there stay unless they were taken anew to
-    their end, or further than before.
+    If it is to `add` to a recording of an earlier part of the session, the runs there stay unless they were measured again
+    completely, or longer than before.
 
     Raises
     ------
     OutputError
-        Where the disk has no room for it; the working file stays.
+        The disk is full; the working file stays.
     """
     with working(partial) as (known, found), _earlier(output, add) as earlier:
         runs = dict(earlier)
@@ -59,23 +59,23 @@ def keep_session(partial: Path, output: Path, *, add: bool) -> None:
         if runs:
             size = partial.stat().st_size + (output.stat().st_size if earlier else 0)
             if shutil.disk_usage(partial.parent).free < size + RESERVE:
-                raise OutputError(f"the disk is nearly full: what was measured is in {partial}; {GO_ON}")
+                raise OutputError(f"the disk is nearly full: the measured data are in {partial}; {GO_ON}")
             try:
                 _write(output, known, list(runs.values()))
             except OutputError as error:
-                raise OutputError(f"{str(error).split(';')[0]}; what was measured is in {partial}; {GO_ON}") from None
+                raise OutputError(f"{str(error).split(';')[0]}; the measured data are in {partial}; {GO_ON}") from None
     partial.unlink()
 
 
 def keep_recovered(working_file: Path, output: Path) -> list[Recovered]:
-    """Make a recording of a working file, which stays as it is; what there is of each planned run.
+    """Make a recording of a working file, which is not changed; with the available data of each planned run.
 
     Raises
     ------
     RecordingError
-        Where it is no working file, or holds no sample.
+        It is not a working file, or contains no sample.
     OutputError
-        Where the recording cannot be written, or a session is writing it.
+        The recording cannot be written, or a session is writing it.
     """
     with output_locked(output), working(working_file) as (known, found):
         sweep(output)
@@ -84,7 +84,7 @@ def keep_recovered(working_file: Path, output: Path) -> list[Recovered]:
 
 
 def keep_measured(output: Path, plan: Plan, run: Run, *, add: bool) -> None:
-    """Make a recording of a run that is in memory, or add it to one."""
+    """Make a recording of a run in memory, or add it to one."""
     extra = Extra(channels={name: plan.channels[name].told for name in run.channels})
     with _earlier(output, add) as earlier:
         after = _ended(kept.run for kept in earlier.values())
@@ -94,7 +94,7 @@ def keep_measured(output: Path, plan: Plan, run: Run, *, add: bool) -> None:
 
 
 def ended(output: Path) -> datetime | None:
-    """When the last run of a recording had ended; None where there is no recording, or it does not say."""
+    """End time of the last run of a recording; None if there is no recording or no time."""
     if not output.exists():
         return None
     with open_recording(output) as campaign:
@@ -109,12 +109,12 @@ def _ended(runs: Iterable[Run]) -> datetime | None:
 
 
 def whole_runs(output: Path, plan: Plan) -> frozenset[str]:
-    """The runs of a plan that an earlier part of the session has taken to their end.
+    """The runs of a plan that an earlier part of the session has completed.
 
     Raises
     ------
     PlanError
-        Where one was taken otherwise than the plan says now.
+        A run was measured with settings that differ from the plan.
     """
     if not output.exists():
         return frozenset()
@@ -140,8 +140,8 @@ def _same(run: Run, planned: RunPlan, plan: Plan, output: Path) -> None:
     for key, was, asked in pairs:
         if was != asked:
             raise PlanError(
-                f"run {run.id!r} in {output} was taken with {key} {was} and the plan says {asked}; give the run another id, or "
-                "begin another recording"
+                f"run {run.id!r} in {output} was measured with {key} {was} but the plan has {asked}; give the run another id, or "
+                "start another recording"
             )
 
 
@@ -150,7 +150,8 @@ def _kept(found: Sequence[Recovered]) -> list[_Kept]:
 
 
 def _extra(item: Recovered) -> Extra:
-    # What the format leaves open: what each sensor is, when each block arrived, how the clocks drifted, how sure the axis is.
+    # Metadata outside of the format: description of each sensor, arrival of each block, clock drift, reliability of the time
+    # axis.
     attributes: dict[str, float | str] = {}
     if item.drift is not None:
         attributes |= zip(DRIFT, (item.drift.ppm, item.drift.std), strict=True)
@@ -180,7 +181,7 @@ def _extra_in(group: h5py.Group, run: Run) -> Extra:
 
 
 def _plain(value: Any) -> Any:
-    # Text of a fixed length comes as bytes.
+    # Text of fixed length is returned as bytes.
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 

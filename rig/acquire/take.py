@@ -1,4 +1,4 @@
-"""One run: the drive into the instrument, its blocks to the writer, levels to whoever watches."""
+"""One run: loads the drive into the instrument, passes its blocks to the writer and its levels to the display."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
 from isorig.rig.acquire.remarks import Remarks
 
-#: Seconds between two looks at the levels.
+#: Seconds between two updates of the levels.
 LOOK = 0.25
 
 
 class Live(msgspec.Struct, frozen=True, kw_only=True):
-    """What is to be seen while a run lasts.
+    """The live state of a run.
 
-    rms and peak of each channel in its unit since the last look, its highest peak so far, its full scale where it is known, and
-    the median coherence with the drive inside its band so far. Then which of how many runs it is, and the seconds that the
-    session still needs.
+    rms and peak of each channel in its unit since the last update, its highest peak so far, its full scale if known, and the
+    median coherence with the drive within its band so far. Then the number of the run, the number of runs, and the remaining
+    seconds of the session.
     """
 
     run: str
@@ -48,7 +48,7 @@ class Live(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Look:
-    """Sums up blocks between two looks."""
+    """Summarizes the blocks between two updates."""
 
     def __init__(self, plan: Plan, run: RunPlan, instrument: Stream) -> None:
         self._instrument, self._run = instrument, run
@@ -70,15 +70,15 @@ class Look:
         self._at = time.monotonic()
 
     def add(self, block: Block) -> None:
-        """Take note of a block."""
+        """Add a block."""
         self._blocks.append(block)
 
     def due(self) -> bool:
-        """Whether it is time for a look."""
+        """Whether an update is due."""
         return time.monotonic() - self._at > LOOK
 
     def take(self, name: str, tally: Tally) -> Live:
-        """What was to be seen since the last look."""
+        """The state since the last update."""
         values = {}
         if any(len(block.samples) for block in self._blocks):
             raw = np.concatenate([block.samples for block in self._blocks])
@@ -110,12 +110,12 @@ def take(
     remarks: Remarks,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Tally:
-    """Take one run; what its blocks say beside their samples goes into `remarks`. It ends early where `stopped` says so.
+    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` returns True.
 
     Raises
     ------
     DriverError, OutputError
-        Where the instrument or the disk fails; what was measured until then is in the file.
+        The instrument or the disk fails; the data measured until then are in the file.
     """
     rate = plan.instrument.sample_rate
     drive = drive_of(*plan.original(run, repeat), rate)
@@ -141,7 +141,7 @@ def take(
             keep(block)
         whole = True
     except BaseException:
-        # The operator, the disk or the wire: the drive must not go on.
+        # Ended by the operator, the disk or the connection: the drive must stop.
         with suppress(DriverError):
             instrument.stop()
         raise

@@ -1,4 +1,4 @@
-"""A session on the terminal, or as JSON lines for a program; what nobody reads any more is left out, and the session goes on."""
+"""A session on the terminal, or as JSON lines for a program; output that nobody reads is dropped, and the session continues."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ BAR = 10
 
 
 class Terminal:
-    """The live view: a table for the run that lasts, a line for each that was taken.
+    """The live view: a table for the current run, a line for each measured run.
 
     Parameters
     ----------
     json
-        Lines for a program on standard output instead.
+        JSON lines for a program on standard output instead.
     """
 
     def __init__(self, *, json: bool) -> None:
@@ -57,44 +57,48 @@ class Terminal:
         self._quietly(self._display.stop)
         self._quietly(lambda: print(_question(configuration), file=sys.stderr, flush=True))
         if not sys.stdin.readline():
-            raise PlanError("nobody answers on standard input; --yes asks nothing where whoever calls sees to locking")
+            raise PlanError(
+                "standard input is closed, so nobody can answer; with --yes the program does not ask and the caller locks the rig"
+            )
         if not self._json:
             self._quietly(self._display.start)
 
     def shown(self, address: str) -> None:
-        """Tell where the page of the session is."""
+        """Print the address of the session's page."""
         self._say("view", {"address": address}, f"the session is shown at {address}")
 
     def say(self, text: str) -> None:
-        """Show lines of text beside the run that lasts."""
+        """Print lines of text above the table of the current run."""
         self._say("text", {"text": text}, text)
 
     def consent(self, run: str) -> Decision:
-        """Ask the operator whether a run is taken, and wait for the answer."""
+        """Ask the operator whether to measure a run, and wait for the answer."""
         self._quietly(self._display.stop)
-        question = f"Take {run}? Enter takes it, n leaves it out, q stops here."
+        question = f"Measure {run}? Enter starts it, n skips it, q stops here."
         self._quietly(lambda: print(question, file=sys.stderr, flush=True))
         answer = sys.stdin.readline()
         if not answer:
-            raise PlanError("nobody answers on standard input; --yes asks nothing where whoever calls sees to locking")
+            raise PlanError(
+                "standard input is closed, so nobody can answer; with --yes the program does not ask and the caller locks the rig"
+            )
         if not self._json:
             self._quietly(self._display.start)
         decisions: dict[str, Decision] = {"n": "skip", "q": "end"}
         return decisions.get(answer.strip().lower(), "take")
 
     def asked(self, run: str, question: str) -> None:
-        """Tell what the page asks; Enter answers here, too."""
+        """Print the page's question; Enter answers it here, too."""
         self._say("ask", {"run": run, "text": question}, f"{question} Press Enter here, or the button on the page.")
 
     def watch(self, live: Live) -> None:
-        """Show levels."""
+        """Show the levels."""
         if self._json:
             self._line("live", live)
         else:
             self._quietly(lambda: self._display.update(levels(live)))
 
     def taken(self, item: Taken) -> None:
-        """Show a run that was taken."""
+        """Print a measured run."""
         if self._json:
             self._line("taken", item)
         else:
@@ -110,7 +114,7 @@ class Terminal:
         data = msgspec.json.encode({"event": kind, **msgspec.to_builtins(content)}) + b"\n"
 
         def write() -> None:
-            # Not through the buffer of standard output: a thread that waits in there would hold up the end of the program.
+            # Bypasses the buffer of standard output: a thread waiting in it would delay the end of the program.
             left = memoryview(data)
             while left:
                 left = left[os.write(sys.stdout.fileno(), left) :]
@@ -118,7 +122,7 @@ class Terminal:
         self._quietly(write)
 
     def _quietly(self, show: Callable[[], object]) -> None:
-        # A pipe whose reader has ended, a terminal that was closed: what is measured is worth more than its picture.
+        # The reader of a pipe has ended or a terminal was closed: the measurement is more important than its display.
         if self._gone:
             return
         try:
@@ -128,7 +132,7 @@ class Terminal:
 
 
 def levels(live: Live) -> Group:
-    """The state of a run in at most 80 columns, where the channels' names are short: progress, a table, what to do."""
+    """The state of a run in at most 80 columns, if the channel names are short: progress, a table, advice."""
     from rich import box
     from rich.console import Group
     from rich.table import Table
@@ -142,7 +146,7 @@ def levels(live: Live) -> Group:
         shown = f"{'█' * min(round(BAR * share[name]), BAR):<{BAR}} {100 * share[name]:3.0f} %" if name in share else ""
         coherence = f"{live.coherence[name]:.2f}" if name in live.coherence else ""
         table.add_row(name, f"{rms:.3g}", f"{live.peak[name]:.3g}", shown, coherence)
-    told = [f"lost {live.lost}, overloads {live.overloads}, damaged on the way {live.damaged}"]
+    told = [f"lost {live.lost}, overloads {live.overloads}, damaged in transmission {live.damaged}"]
     return Group(Text(_progress(live)), table, *map(Text, told + advice(live.highest, live.full_scale)))
 
 
@@ -169,7 +173,7 @@ def _print(console: Console, item: Taken) -> None:
             f"{d.response} {100 * max(d.odd, d.even):.1f} % (noise {100 * d.noise:.1f} %)" for d in item.verdict.detections
         )
     if item.drift is not None and item.drift.sure:
-        told += f"; its clock runs {item.drift.ppm:+.0f} ± {item.drift.std:.0f} ppm against this machine's"
+        told += f"; its clock runs {item.drift.ppm:+.0f} ± {item.drift.std:.0f} ppm relative to the host's"
     console.print(told, markup=False, highlight=False)
     for sentence in item.verdict.advice:
         console.print(f"  {sentence}", markup=False, highlight=False)

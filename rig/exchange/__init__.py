@@ -1,1 +1,1 @@
-"""Measurements from and to other programs: import after a mapping, export for whoever reads on."""
+"""Measurements from and to other programs: import according to a mapping, and export."""

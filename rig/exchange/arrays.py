@@ -1,4 +1,4 @@
-"""Arrays of other programs: JSON, and numpy's .npy and .npz; nothing in them is unpickled."""
+"""Arrays of other programs: JSON, and numpy's .npy and .npz; nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
 
-#: Bytes of a JSON file: in memory it takes about ten times as many.
+#: Maximum bytes of a JSON file: in memory it takes about ten times as many.
 JSON_MOST = 256 << 20
-#: Keys that name an entry of a list, most telling first.
+#: Keys that name an entry of a list, in order of preference.
 NAMES = ("name", "channel", "label", "id", "title")
-#: Lists and objects are followed so deep.
+#: Maximum nesting of lists and objects.
 DEEP = 16
 
 
 def read_json(path: Path) -> ForeignTable:
-    """Arrays of a JSON file: of an object by their keys, of a list of objects by their keys or names; null is a lost sample."""
+    """Arrays of a JSON file: of an object by its keys, of a list of objects by their keys or names; null is a lost sample."""
     try:
         content = msgspec.json.decode(content_of(path, JSON_MOST))
     except msgspec.DecodeError as error:
-        raise RecordingError(f"{path} is not whole JSON ({error}); write it anew or copy it again from its source") from None
+        raise RecordingError(f"{path} is not complete JSON ({error}); write it again or copy it again from its source") from None
     except (UnicodeDecodeError, RecursionError) as error:
-        raise RecordingError(f"{path} is not JSON that can be read ({reason(error)}); write it as arrays by name") from None
+        raise RecordingError(f"{path} is not readable JSON ({reason(error)}); write it as arrays by name") from None
     found = table_of(path, _flattened("", content, 0))
     columns, remarks = completed(found.columns)
     return ForeignTable(
@@ -60,7 +60,7 @@ def read_npz(path: Path) -> ForeignTable:
             declared = sum(item.file_size for item in archive.infolist())
         if declared > EXPANSION * path.stat().st_size + SPARE:
             raise RecordingError(
-                f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times as much as is stored is read, so save it "
+                f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it "
                 "without compression"
             )
         with np.load(path, allow_pickle=False) as archived:
@@ -68,7 +68,7 @@ def read_npz(path: Path) -> ForeignTable:
     except RecordingError:
         raise
     except Exception as error:
-        # zipfile, zlib and numpy raise whatever a damaged byte leads them to.
+        # zipfile, zlib and numpy raise many kinds of errors on damaged bytes.
         raise RecordingError(
             f"{path} cannot be read as a .npz file ({reason(error)}); save plain arrays of numbers with numpy.savez"
         ) from None
@@ -117,7 +117,7 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
 
 
 def _numbers(value: list[Any]) -> Any:
-    # The list as an array of numbers, null as NaN; None where it is none.
+    # The list as an array of numbers, null as NaN; None if it is not one.
     try:
         values = np.array(value, dtype=np.float64)
     except (ValueError, TypeError):
@@ -127,5 +127,5 @@ def _numbers(value: list[Any]) -> Any:
 
 
 def _has_words(value: Any) -> bool:
-    # numpy takes "1.5" and true for numbers.
+    # numpy would accept "1.5" and true as numbers.
     return any(_has_words(item) if isinstance(item, list) else isinstance(item, str | bool) for item in value)

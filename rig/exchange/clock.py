@@ -1,4 +1,4 @@
-"""Columns of time: which column is one, in which unit, and the sample rate that it gives."""
+"""Time columns: detection, unit, and sample rate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import Column
 
-#: Seconds in a unit of time, as programs write it; small letters.
+#: Seconds per unit of time, as written by programs; lower case.
 TIME_UNITS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"), 1.0),
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds", "millisekunden"), 1e-3),
@@ -21,23 +21,23 @@ TIME_UNITS = {
 }  # fmt: skip
 _WORD = r"t|time|zeit|temps|tiempo|tempo|sec|secs|seconds?|sek|x_?value|timestamp|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
 _NAME = re.compile(rf"(?:.*[./])?(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?(?:\[\d+\])?", re.IGNORECASE)
-#: A time column may stray so many samples from an even grid.
+#: Allowed deviation of a time column from an even grid, in samples.
 JITTER = 0.1
-#: A clock that is rounded to steps strays up to half a step; a little more for the line through its readings.
+#: A clock rounded to steps deviates by up to half a step; plus a margin for the fitted line.
 ROUNDED = 0.51
-#: Readings that a clock's step is worked out from, and how close to whole steps they all must be.
+#: Number of readings used to determine a clock's step, and tolerance for whole steps.
 READINGS, WHOLE = 20_000, 1e-3
-#: Rounding shows in at least so many differences that are not the usual one; fewer are lost samples.
+#: Minimum number of unusual differences that indicates rounding; fewer are lost samples.
 UNUSUAL = 3
 
 
 def seconds_per(unit: str) -> float | None:
-    """Seconds in one of that unit of time; None where it is none."""
+    """Seconds per unit of time; None if it is not a unit of time."""
     return TIME_UNITS.get(unit.strip().strip("[]()").strip().lower())
 
 
 def time_unit(name: str, column: Column) -> str:
-    """The unit of a column of time: as the file says it, else as its name does, else seconds."""
+    """The unit of a time column: given by the file, otherwise by its name, otherwise seconds."""
     if column.unit:
         return column.unit
     found = _NAME.fullmatch(name)
@@ -59,50 +59,50 @@ def is_time(name: str, column: Column) -> bool:
 
 
 def column_rate(name: str, column: Column, here: str, unit: str = "") -> float:
-    """The sample rate that a column of time gives, Hz.
+    """Sample rate from a time column, Hz.
 
     Parameters
     ----------
     name, column
         The column.
     here
-        Where it stands, for refusals.
+        Its location, for error messages.
     unit
-        Its unit of time; what the file says where empty.
+        Its unit of time; the file's if empty.
 
     Raises
     ------
     PlanError
-        Where its unit is none of time.
+        Its unit is not a unit of time.
     RecordingError
-        Where it is not even.
+        It is not even.
     """
     said = unit or time_unit(name, column)
     factor = seconds_per(said)
     if factor is None:
-        raise PlanError(f"{here} is in {said!r}, which is no unit of time; give time_unit as s, ms, us, ns, min or h")
+        raise PlanError(f"{here} is in {said!r}, which is not a unit of time; give time_unit as s, ms, us, ns, min or h")
     return even_rate(np.asarray(column.values, dtype=np.float64), here, factor)
 
 
 def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
-    """The rate of an evenly spaced clock, Hz: the slope of the line through its readings.
+    """Rate of an evenly spaced clock, Hz: from the slope of a line through its readings.
 
-    A clock that is rounded, to milliseconds say, may stray from that line by half its step; the rate is then the whole number
-    of samples a second, where one agrees with all its readings.
+    A rounded clock, for example in milliseconds, may deviate from that line by half a step; the rate is then the integer rate in
+    Hz that agrees with all readings, if there is one.
 
     Parameters
     ----------
     time
-        Readings, shape (n,), NaN where one is missing.
+        Readings, shape (n,), NaN for missing ones.
     here
-        Where they stand, for refusals.
+        Their location, for error messages.
     factor
-        Seconds in one of their unit.
+        Seconds per unit of the readings.
 
     Raises
     ------
     RecordingError
-        Where the clock does not ascend, or strays.
+        The clock does not ascend, or is not even.
     """
     index = np.flatnonzero(np.isfinite(time)).astype(np.int64)
     readings = time[index]
@@ -118,7 +118,7 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
     worst = int(np.argmax(stray))
     if not period > 0.0 or stray[worst] > max(JITTER * period, ROUNDED * quantum):
         raise RecordingError(
-            f"{here} strays {stray[worst] / abs(period or 1.0):.2g} samples from an even grid at sample {index[worst]}; "
+            f"{here} deviates by {stray[worst] / abs(period or 1.0):.2g} samples from an even grid at sample {index[worst]}; "
             "split the run where samples are missing, or resample it evenly"
         )
     rate = 1.0 / period
@@ -127,7 +127,7 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
 
 
 def _quantum(readings: FloatArray) -> float:
-    # The largest power of ten that all readings are whole multiples of: the step that a printed clock is rounded to.
+    # The largest power of ten of which all readings are multiples: the rounding step of a printed clock.
     some = readings[:: max(1, len(readings) // READINGS)]
     for power in range(3, -10, -1):
         steps = some * 10.0**-power
@@ -137,7 +137,7 @@ def _quantum(readings: FloatArray) -> float:
 
 
 def _lost(index: IntArray, readings: FloatArray) -> bool:
-    # One or two odd differences among equal ones are lost samples; a rounded clock has many.
+    # One or two different intervals among equal ones are lost samples; a rounded clock has many.
     differences = np.round(np.diff(readings) / np.diff(index), 12)
     values, counts = np.unique(differences, return_counts=True)
     return len(values) > 1 and len(differences) - int(counts.max()) < UNUSUAL

@@ -1,4 +1,4 @@
-"""A mapping proposed from what the files hold; what was guessed says so."""
+"""Proposes a mapping from the content of files; guesses are marked."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.recording import GAIN
 from isorig.rig.files.rigtext import description_text
 
-#: Words in a column's name, and the wire bonder's channel that they stand for.
+#: Words in a column's name, and the wire bonder's channel that they denote.
 WORDS = (("heatblock", "heatblock"), ("heat", "heatblock"), ("prey", "heatblock"), ("table", "table"), ("head", "head"),
          ("drive", "head"), ("motor", "motor"))  # fmt: skip
 
-#: Words in a column's name, and the unit that is guessed where the file does not say it.
+#: Words in a column's name, and the unit guessed if the file does not give it.
 QUANTITIES = (
     ("force", "N"), ("kraft", "N"), ("displacement", "m"), ("position", "m"), ("weg", "m"), ("angular_velocity", "rad/s"),
     ("velocity", "m/s"), ("current", "A"), ("strom", "A"), ("voltage", "V"), ("spannung", "V"), ("torque", "N m"),
     ("angle", "rad"), ("winkel", "rad"),
 )  # fmt: skip
-#: Columns of fewer values next to longer ones are settings, not records.
+#: Columns with fewer values next to longer ones are settings, not records.
 SHORT = 16
 
 
 @dataclass(frozen=True)
 class _Part:
-    # Columns of a file that were sampled together: name in the draft, and source with its column.
+    # Columns of a file with a common sampling: name in the draft, and source with its column.
     table: ForeignTable
     group: str
     columns: dict[str, tuple[str, Column]]
@@ -48,37 +48,37 @@ class _Part:
 
 @dataclass(frozen=True)
 class Draft:
-    """A mapping in TOML, and of a rig other than the wire bonder a description in TOML that goes with it; "" where none does."""
+    """A mapping in TOML, and a description in TOML of a rig other than the wire bonder; "" if there is none."""
 
     mapping: str
     description: str = ""
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, beside: str = "rig.toml") -> Draft:
-    """A mapping: one run for each part of a file that was sampled together, with the channels that it has.
+    """A mapping: one run for each commonly sampled part of a file, with the channels that it has.
 
-    Where the columns are not those of the wire bonder, a description of a rig is proposed too.
+    If the columns are not those of the wire bonder, a description of a rig is proposed too.
 
     Parameters
     ----------
     tables
-        What the files hold.
+        Content of the files.
     folder
-        Where the mapping will stand.
+        Folder of the mapping.
     beside
-        Name of the file that the description will have there.
+        Name of the description's file in that folder.
 
     Raises
     ------
     RecordingError
-        Where none of them holds a time record.
+        None of them contains a time record.
     """
     parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
     if not parts:
         raise RecordingError(_no_records(tables))
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
     lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
-    # A column is one channel in all parts that have it; where parts hold different columns each lists its own.
+    # A column is one channel in all parts that have it; if parts have different columns, each lists its own.
     places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
     first = {place: next(part.columns[place] for part in parts if place in part.columns) for place in places}
@@ -148,21 +148,20 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
     if "transfer_function" in kinds:
         count = sum(spectrum.kind == "transfer_function" for spectrum in spectra)
         return (
-            f"{path} holds {count} transfer functions and no time record, and a recording is made of time records: export those "
-            "too"
+            f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those too"
         )
     if spectra:
         told = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
         return (
-            f"{path} holds only spectra without a phase ({told}); neither modes nor parameters can be fitted to them, so export "
+            f"{path} contains only spectra without phase ({told}); neither modes nor parameters can be fitted to them, so export "
             "the time records or the transfer functions"
         )
     remarks = "; ".join(remark for table in tables for remark in table.remarks)
-    return f"{path} holds no time record{f' ({remarks})' if remarks else ''}; export the time records as columns"
+    return f"{path} contains no time record{f' ({remarks})' if remarks else ''}; export the time records as columns"
 
 
 def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
-    """Columns by what stands before the last dot or slash, or after #: where groups hold the same names, each is a run."""
+    """Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run."""
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
     for source, column in table.columns.items():
         found = re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
@@ -180,7 +179,7 @@ def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
 
 
 def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
-    # What has one length and one rate was sampled together; clocks belong to the records of their length.
+    # Columns of equal length and rate were sampled together; clocks belong to the records of their length.
     clocks = {name: len(column.values) for name, (_, column) in columns.items() if is_time(name, column)}
     sampled: dict[tuple[int, float | None], dict[str, tuple[str, Column]]] = {}
     for name, (source, column) in columns.items():
@@ -199,7 +198,7 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     values = np.asarray(column.values, dtype=np.float64)
     finite = values[np.isfinite(values)]
     extent = f" from {finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""
-    note = "" if found else f"    # ? {f'the file says {column.unit!r}' if column.unit else 'the file does not say'}"
+    note = "" if found else f"    # ? {f'the file gives {column.unit!r}' if column.unit else 'not given by the file'}"
     sensitivity = "1.0    # ? column's unit per unit, e.g. V per m/s^2"
     if column.sensitivity != 1.0:
         sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
@@ -263,7 +262,7 @@ def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
-        lines.append("# sample_rate = 1024.0    # ? the file does not say; without it nothing can be imported")
+        lines.append("# sample_rate = 1024.0    # ? not given by the file; required for the import")
     if own:
         lines.append(f"channels = [{', '.join(_quoted(name) for name in own)}]")
     if other:
@@ -272,7 +271,7 @@ def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path
 
 
 def _number(table: ForeignTable, group: str, names: Sequence[str]) -> float | None:
-    # A single number that stands in the file, beside the columns or at its top.
+    # A single number in the file, next to the columns or at its top.
     places = [f"{group}.{name}" if group else name for name in names] + list(names)
     return next((table.numbers[place] for place in places if place in table.numbers), None)
 

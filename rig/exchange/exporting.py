@@ -1,4 +1,4 @@
-"""What other programs read: samples, transfer functions and parameter tables as frames, .mat and universal files."""
+"""Export formats for other programs: samples, transfer functions and parameter tables as frames, .mat and universal files."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from isorig.rig.transfer import Transfer
 
 #: Dataset 58: ordinate data types by SI unit (SDRC universal file; 8 displacement, 11 velocity, 12 acceleration, 13 force).
 ORDINATES = {"m": 8, "m/s": 11, "m/s^2": 12, "N": 13}
-#: Function type of a coherence; characters of a line, and of an entity's name.
+#: Function type of a coherence; maximum length of a line, and of an entity's name.
 COHERENCE, LINE, UFF_NAME = 6, 80, 10
-#: Directions of dataset 58 as mappings and recordings write them.
+#: Directions of dataset 58 as written in mappings and recordings.
 DIRECTIONS = {f"{sign}{axis}": (-k if sign == "-" else k) for k, axis in enumerate("xyz", 1) for sign in ("", "+", "-")}
-#: Longest name of a field in MATLAB.
+#: Maximum length of a field name in MATLAB.
 MATLAB_NAME = 63
 
 
 def samples_frame(run: Run) -> pd.DataFrame:
-    """The samples of a run in SI: time in s, and a column a channel, its unit in brackets."""
+    """The samples of a run in SI: time in s, and a column for each channel, its unit in brackets."""
     columns = {f"{name} [{channel.unit}]": channel.read() for name, channel in run.channels.items()}
     return pd.DataFrame({"time [s]": np.arange(len(run)) / run.sample_rate, **columns})
 
 
 def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
-    """Transfer functions, a row a line: what it is of, frequency in Hz, value, deviations, coherence."""
+    """Transfer functions, a row for each frequency: identification, frequency in Hz, value, standard deviations, coherence."""
     return pd.concat(
         [
             pd.DataFrame(
@@ -62,7 +62,7 @@ def parameters_frame(path: Path) -> pd.DataFrame:
     Raises
     ------
     PlanError
-        Where the file is neither.
+        The file is neither.
     """
     try:
         content = msgspec.json.decode(content_of(path))
@@ -76,17 +76,17 @@ def parameters_frame(path: Path) -> pd.DataFrame:
         rows = [{"name": name, **row} for name, row in table.items()]
         if any(not isinstance(value, str | int | float | None) for row in rows for value in row.values()):
             raise PlanError(
-                f"{path} has a parameter that is no number or word; give a file that rig characterize or diagnose wrote"
+                f"{path} has a parameter that is neither a number nor text; give a file that rig characterize or diagnose wrote"
             )
     except (KeyError, TypeError, AttributeError):
         rows = []
     if not rows:
-        raise PlanError(f"{path} holds no parameter table (its format is {kind!r}); give a parameters.json or a findings.json")
+        raise PlanError(f"{path} contains no parameter table (its format is {kind!r}); give a parameters.json or a findings.json")
     return pd.DataFrame(rows)
 
 
 def write_frame(frame: pd.DataFrame, path: Path) -> None:
-    """Write a frame as .csv or .parquet, whole or not at all."""
+    """Write a frame as .csv or .parquet, atomically."""
     with replaced(path) as temporary:
         if path.suffix.lower() == ".parquet":
             frame.to_parquet(temporary, index=False)
@@ -95,7 +95,7 @@ def write_frame(frame: pd.DataFrame, path: Path) -> None:
 
 
 def write_matlab(content: Mapping[str, Any], path: Path) -> None:
-    """Write a tree of arrays, numbers and words as a version 5 .mat file, compressed, whole or not at all."""
+    """Write a tree of arrays, numbers and text as a version 5 .mat file, compressed, atomically."""
     from scipy.io import savemat
 
     with replaced(path) as temporary:
@@ -114,11 +114,11 @@ def samples_tree(campaign: Campaign) -> dict[str, Any]:
         for run in campaign.runs
     }  # fmt: skip
     units = {name: channel.unit for run in campaign.runs for name, channel in run.channels.items()}
-    return {"runs": runs, "units": _fields(units), "rig": dict(campaign.known) or {"note": "nothing known beforehand"}}
+    return {"runs": runs, "units": _fields(units), "rig": dict(campaign.known) or {"note": "no known values"}}
 
 
 def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
-    """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, deviation, coherence."""
+    """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, std, coherence."""
     taken: set[str] = set()
     return {
         "frf": {
@@ -145,7 +145,7 @@ def _fields(values: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _name(text: str, taken: set[str]) -> str:
-    # A field of MATLAB begins with a letter, has letters, digits and underscores, and at most 63 of them.
+    # A field name in MATLAB starts with a letter, has letters, digits and underscores, and at most 63 of them.
     plain = re.sub(r"\W", "_", text, flags=re.ASCII)
     name = (plain if plain[:1].isalpha() else f"x{plain}")[: MATLAB_NAME - 3]
     while name in taken:
@@ -155,10 +155,11 @@ def _name(text: str, taken: set[str]) -> str:
 
 
 def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
-    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line says the run."""
+    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line names the
+    run."""
     short = next((run.id for run in campaign.runs if len(run) < 2), None)
     if short is not None:
-        raise PlanError(f"run {short!r} has one sample and a universal file needs two; choose others with --run, or export .mat")
+        raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")
     points = _Points(campaign)
     return [_si_units()] + [
         points.dataset(
@@ -173,7 +174,7 @@ def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
 def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, Any]]:
     """Transfer functions (function type 4) and their coherences (type 6) as datasets 58, after the units (164, SI).
 
-    In text: the package counts half the bytes of complex values in the head of a binary dataset.
+    In text: the package writes half the size of complex values to the header of a binary dataset.
     """
     points = _Points(campaign)
     sets = [_si_units()]
@@ -185,7 +186,7 @@ def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, An
 
 
 class _Points:
-    """Where a campaign's channels are in a universal file: a name of ten characters, node, direction and unit of each."""
+    """Identification of a campaign's channels in a universal file: a name of ten characters, node, direction and unit of each."""
 
     def __init__(self, campaign: Campaign) -> None:
         channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
@@ -235,15 +236,15 @@ def _si_units() -> dict[str, Any]:
 
 
 def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write datasets, whole or not at all."""
+    """Write datasets atomically."""
     import pyuff
 
     with replaced(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
-        # The package chooses by the name's ending and appends to what is there.
+        # The package uses the name's extension, and appends to existing files.
         beside = temporary.with_name(temporary.name + ".uff")
         try:
             file = pyuff.UFF(str(beside))
-            # Not "overwrite", which loses the head of a first binary dataset.
+            # Not "overwrite", which loses the header of a first binary dataset.
             file.write_sets(list(sets), "add")
             beside.replace(temporary)
         finally:

@@ -1,4 +1,4 @@
-"""HDF5 files of other programs: every dataset of numbers by its path; rates and units from the attributes next to it."""
+"""HDF5 files of other programs: every numeric dataset by its path; rates and units from adjacent attributes."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def read_hdf5(path: Path) -> ForeignTable:
     Raises
     ------
     RecordingError
-        Where it is a recording already, or damaged.
+        It is a recording already, or damaged.
     """
     items: list[tuple[str, Any]] = []
     try:
         with opened(path) as file:
             if file.attrs.get("format") in (FORMAT, FORMAT.encode()):
-                raise RecordingError(f"{path} is a recording already; use it as it is, or see it with rig check")
+                raise RecordingError(f"{path} is a recording already; use it directly, or list it with rig check")
             items += _attributes("", file)
             file.visititems(lambda name, item: items.extend(_items(name, item)))
     except RecordingError:

@@ -1,4 +1,4 @@
-"""From foreign files and a mapping to a campaign."""
+"""Converts files of other programs to a campaign, according to a mapping."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from isorig.rig.exchange.units import UNITS, known_unit, unit
 from isorig.rig.files.recording import Extra, write
 from isorig.rig.files.rigfile import read_description
 
-#: What a mapping may say of a sensor.
+#: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
 
 def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = None) -> Campaign:
-    """Read the files that a mapping names and write them as one recording, whole or not at all.
+    """Read the files named in a mapping and write them as one recording, atomically.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
     output
         The recording to write.
     data
-        The folder of the files; the mapping's own where None.
+        The folder of the files; that of the mapping if None.
 
     Raises
     ------
     PlanError, RecordingError
-        In one sentence: which file, run, channel or key, what was found, what to do.
+        In one sentence: the file, run, channel or key, what was found, what to do.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
             raise PlanError(
                 f"{mapping_path}: run {wanted.id!r} has the configuration {wanted.configuration!r}; {model.name} has "
                 f"{', '.join(model.configurations)}, so correct it"
-                + ("" if mapping.description else ", or name the rig's own description with description = FILE.toml")
+                + ("" if mapping.description else ", or give the rig's own description with description = FILE.toml")
             )
     tables: dict[str, ForeignTable] = {}
     runs = []
@@ -81,7 +81,7 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
             tables[wanted.file] = read_foreign(folder / wanted.file)
         runs.append(_run(wanted, mapping, tables[wanted.file]))
     campaign = Campaign(runs=tuple(runs), known=mapping.rig, description=description, source=str(output))
-    # The format lets a writer add attributes of its own.
+    # The format allows additional attributes.
     told = {
         name: {key: value for key in SENSOR if (value := getattr(channel, key))} for name, channel in mapping.channels.items()
     }  # fmt: skip
@@ -100,13 +100,13 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {n}" for name, n in lengths.items())
         raise RecordingError(
-            f"{here} has columns of unequal length ({told}); map columns that were sampled together, each group as a run with "
+            f"{here} has columns of unequal length ({told}); map columns with a common sampling, each group as a run with "
             "its own channels = [...]"
         )
     total = next(iter(lengths.values()))
     first, last = wanted.samples or (0, total)
     if last > total:
-        raise PlanError(f"{here} wants samples up to {last}, but its columns have {total}; correct samples")
+        raise PlanError(f"{here} requests samples up to {last}, but its columns have {total}; correct samples")
     lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
     lost = lost[(lost >= first) & (lost < last)]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
@@ -122,7 +122,7 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
 
 
 def _gaps(lost: IntArray) -> tuple[Gap, ...]:
-    # Lost samples in a row are one gap.
+    # Successive lost samples are one gap.
     rows = np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1)
     return tuple(Gap(first_tick=int(row[0]), count=len(row)) for row in rows if len(row))
 
@@ -131,20 +131,20 @@ def _column(table: ForeignTable, name: str, here: str) -> Column:
     if name not in table.columns:
         why = next((f" ({remark})" for remark in table.remarks if repr(name) in remark), "")
         raise PlanError(
-            f"{here} comes from column {name!r}, which is not there{why}; the file has {', '.join(table.columns) or 'no records'}"
+            f"{here} refers to column {name!r}, which is absent{why}; the file has {', '.join(table.columns) or 'no records'}"
         )
     return table.columns[name]
 
 
 def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | slice, here: str) -> Channel:
-    """A channel in SI: the file's own values are kept as raw samples, and the mapping becomes scale and offset.
+    """A channel in SI: the file's values are kept as raw samples, and the mapping becomes scale and offset.
 
     Raises
     ------
     PlanError
-        Where the file says another unit of the same quantity than the mapping does.
+        The file gives another unit of the same quantity than the mapping.
     RecordingError
-        Where a value is not finite.
+        A value is not finite.
     """
     meant = unit(wanted.unit, here)
     said = known_unit(column.unit)
@@ -152,18 +152,18 @@ def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | s
         other = UNITS[said]
         if other.quantity == meant.quantity and other.factor != meant.factor:
             raise PlanError(
-                f"{here} has unit {wanted.unit!r}, but the file says {said!r}, {other.factor / meant.factor:.6g} times as much; "
-                f"write unit = {said!r}, and where the file is wrong sensitivity = {other.factor / meant.factor:.6g} with it"
+                f"{here} has unit {wanted.unit!r}, but the file gives {said!r}, {other.factor / meant.factor:.6g} times as much; "
+                f"write unit = {said!r}, and if the file is wrong also sensitivity = {other.factor / meant.factor:.6g}"
             )
     values = column.values[kept]
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         at = int(np.flatnonzero(~np.isfinite(values))[0])
         row = int(np.arange(len(column.values))[kept][at])
         raise RecordingError(
-            f"{here}: column {wanted.source!r} holds {values[at]} at sample {row}; recordings hold finite numbers only, so cut "
+            f"{here}: column {wanted.source!r} contains {values[at]} at sample {row}; recordings have finite values only, so cut "
             "the run with samples = [first, last + 1] or correct the file"
         )
-    # The format keeps numbers; a file's logical values are 0 and 1.
+    # The format stores numbers; logical values become 0 and 1.
     samples: Samples = np.ascontiguousarray(values.astype(np.uint8) if values.dtype.kind == "b" else values)
     return Channel(
         name=name, samples=samples, quantity=wanted.quantity or meant.quantity, unit=meant.si,
@@ -179,12 +179,12 @@ def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here:
         column = _column(table, wanted.time, here)
         if len(column.values) != len(next(iter(columns.values())).values):
             raise PlanError(
-                f"{here}: column {wanted.time!r} has {len(column.values)} values and the channels "
-                f"{len(next(iter(columns.values())).values)}; give sample_rate, or the clock that goes with them"
+                f"{here}: column {wanted.time!r} has {len(column.values)} values but the channels have "
+                f"{len(next(iter(columns.values())).values)}; give sample_rate, or the time column of these channels"
             )
         return column_rate(wanted.time, column, f"{here}: column {wanted.time!r}", wanted.time_unit)
     rates = {column.sample_rate for column in columns.values()}
     rate = rates.pop() if len(rates) == 1 else None
     if rate is None:
-        raise PlanError(f"{here} says no common sample rate; give sample_rate in Hz, or time = the column that holds the time")
+        raise PlanError(f"{here} has no common sample rate; give sample_rate in Hz, or time = the time column")
     return rate

@@ -1,4 +1,4 @@
-"""LVM, the text format of LabVIEW's measurement files: read by the package lvm_read, never through its pickled copies."""
+"""LVM, the text format of LabVIEW's measurement files: read by the package lvm_read, without its pickled copies."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from isorig.rig.exchange.text import FILE_MOST, decoded
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
 
-#: Names of a clock's column, and of the column of remarks.
+#: Names of the time column, and of the comment column.
 X, COMMENT = "X_Value", "Comment"
 
 
 def read_lvm(path: Path) -> ForeignTable:
-    """Channels of each segment by name, with 1/, 2/ ... before it where there are several; rates and units from its head."""
+    """Channels of each segment by name, with 1/, 2/ ... before it if there are several; rates and units from the header."""
     import lvm_read
 
     text = decoded(content_of(path, FILE_MOST))
@@ -40,20 +40,20 @@ def read_lvm(path: Path) -> ForeignTable:
     except RecordingError:
         raise
     except Exception as error:
-        # The package raises whatever a head that it does not expect leads it to.
+        # The package raises many kinds of errors on unexpected headers.
         raise RecordingError(f"{path} cannot be read as LVM ({reason(error)}); save it again from LabVIEW, or as CSV") from None
     return ForeignTable(path=path, columns=columns, remarks=tuple(remarks))
 
 
 def _whole(text: str, path: Path) -> None:
-    # A line that was cut while it was written has fewer cells than the one before it.
+    # A line truncated during writing has fewer cells than the one before it.
     lines = text.rstrip().splitlines()
     if len(lines) > 1 and lines[-2].strip():
         separator = "\t" if "\t" in lines[-2] else ","
         wanted, found = (line.rstrip().count(separator) + 1 for line in lines[-2:])
         if found < wanted and lines[-2].lstrip()[:1] in "+-.0123456789":
             raise RecordingError(
-                f"{path}, line {len(lines)}, the last, has {found} of {wanted} cells: it was cut while it was written; delete "
+                f"{path}, line {len(lines)}, the last, has {found} of {wanted} cells: it was truncated during writing; delete "
                 "that line or copy the file again from its source"
             )
 
@@ -65,7 +65,7 @@ def _channels(segment: Mapping[str, Any], here: str, remarks: list[str]) -> Iter
         raise RecordingError(f"{here} has no samples; record it again")
     places = [k for k, name in enumerate(names) if name not in (X, COMMENT, "") and k < data.shape[1]]
     clocks = [k for k, name in enumerate(names) if name == X]
-    # Heads have a cell for each data column; where a clock stands before each channel, its cell is empty.
+    # Headers have a cell for each data column; if there is a time column before each channel, its cell is empty.
     shift = 1 if names and names[0] == X else 0
     for place in places:
         clock = max((k for k in clocks if k < place), default=None)
@@ -75,12 +75,12 @@ def _channels(segment: Mapping[str, Any], here: str, remarks: list[str]) -> Iter
         unit = str(units[place - shift]).strip() if 0 <= place - shift < len(units) else ""
         rate = _rate(None if clock is None else data[:, clock], step, f"{here}, {names[place]!r}")
         if rate is None and step > 0.0:
-            remarks.append(f"the interval of {names[place]!r}, {step:g} s, is rounded, so its sample rate is not known: give it")
+            remarks.append(f"the interval of {names[place]!r}, {step:g} s, is rounded, so its sample rate is unknown: give it")
         yield names[place], Column(values=data[:, place], sample_rate=rate, unit=unit)
 
 
 def _rate(clock: FloatArray | None, step: float, here: str) -> float | None:
-    # The head's interval has six digits, the clock's last reading says it better.
+    # The header's interval has six digits; the clock's last reading is more accurate.
     if clock is not None and np.isfinite(clock).sum() > 2:
         return column_rate(X, Column(values=clock), f"{here}: its clock")
     if not step > 0.0:
@@ -90,6 +90,6 @@ def _rate(clock: FloatArray | None, step: float, here: str) -> float | None:
     whole = np.arange(np.ceil(low), min(np.floor(high), np.ceil(low) + 2) + 1)
     if len(whole) == 1:
         return float(whole[0])
-    # Several whole rates agree with a rounded interval: one that it is exactly is meant, or nobody knows.
+    # Several integer rates agree with a rounded interval: the one with exactly this interval is used, otherwise none.
     exact = round(1.0 / step)
     return float(exact) if abs(1.0 / exact - step) <= 1e-12 * step else (1.0 / step if not len(whole) else None)

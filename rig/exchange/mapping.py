@@ -1,4 +1,4 @@
-"""The mapping file: which column of which file is which channel, in which unit, measured how."""
+"""The mapping file: which column of which file is which channel, in which unit, from which sensor."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from isorig.rig.exchange.units import unit
 from isorig.rig.files.recording import GAIN
 from isorig.rig.files.tomlfile import read_toml
 
-#: Names that the recording format keeps for itself; `gain` is the streamed gain and nothing else.
+#: Names reserved by the recording format; `gain` is the streamed gain only.
 RESERVED = ("gaps", "timing", "spectra")
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Anything in a mapping."""
+    """Any part of a mapping."""
 
 
 class ChannelMap(Part, frozen=True):
-    """Where a channel comes from: physical value = column / sensitivity + offset, in `unit`, then converted to SI.
+    """The source of a channel: physical value = column / sensitivity + offset, in `unit`, then converted to SI.
 
     Parameters
     ----------
@@ -34,15 +34,15 @@ class ChannelMap(Part, frozen=True):
     unit
         Unit of the physical value: m/s^2, g, mm, N, V ...
     sensitivity
-        Column's unit per unit of the channel, e.g. 0.2 V per m/s^2; 1 where the column is physical already.
+        Column's unit per unit of the channel, e.g. 0.2 V per m/s^2; 1 for physical values.
     offset
         Added after the sensitivity, in `unit`.
     quantity
-        What is measured where the unit does not say it (a position told in volts, say).
+        The measured quantity, if the unit does not determine it (a position in volts, for example).
     range
-        Full scale, in `unit`; beyond it the channel clips.
+        Full scale, in `unit`; larger values are clipped.
     sensor, place, direction
-        For whoever reads the recording.
+        Information for readers of the recording.
     """
 
     source: str
@@ -57,24 +57,24 @@ class ChannelMap(Part, frozen=True):
 
 
 class RunMap(Part, frozen=True):
-    """A run: its file, how the rig was set up, and what part of the file it is.
+    """A run: its file, configuration and gain, and the part of the file.
 
     Parameters
     ----------
     id, configuration, gain, excitation, started, band, period, use
         As in the recording format.
     file
-        Name of the file beside the mapping, or in the folder that the command is told.
+        Name of the file relative to the mapping, or to the folder given to the command.
     sample_rate
-        Hz; where absent, what the file says or what its column `time` gives.
+        Hz; by default from the file or from its time column.
     time
-        Name of the column that holds the time.
+        Name of the time column.
     time_unit
-        Unit of that column: s, ms, us, ns, min or h; where absent, as the file says it, else seconds.
+        Unit of that column: s, ms, us, ns, min or h; by default from the file, otherwise seconds.
     channels
-        The channels that this run has; all where absent.
+        The channels of this run; by default all.
     samples
-        First and last + 1 sample of the part; the whole file where absent.
+        First and last + 1 sample of the part; by default the whole file.
     sources
         Other columns for channels of this run, by channel name.
     """
@@ -97,7 +97,7 @@ class RunMap(Part, frozen=True):
 
 
 class Mapping(Part, frozen=True):
-    """A mapping. `rig` holds what is known beforehand (SI); `description` names the file of another rig's description."""
+    """A mapping. `rig` contains known values (SI); `description` is the file with another rig's description."""
 
     channels: dict[str, ChannelMap]
     runs: tuple[RunMap, ...]
@@ -106,7 +106,7 @@ class Mapping(Part, frozen=True):
 
 
 def read_mapping(path: Path) -> Mapping:
-    """Read a mapping and check it whole.
+    """Read and validate a mapping.
 
     Raises
     ------
@@ -134,20 +134,20 @@ def _check(mapping: Mapping, where: str) -> None:
     for run in mapping.runs:
         here = f"{where}: run {run.id!r}"
         if ids.count(run.id) > 1:
-            raise PlanError(f"{here} stands {ids.count(run.id)} times; give each run its own id")
+            raise PlanError(f"{here} occurs {ids.count(run.id)} times; give each run its own id")
         unknown = sorted(set(run.sources) - set(mapping.channels))
         if unknown:
             allowed = ", ".join(mapping.channels)
-            raise PlanError(f"{here} gives a source for {unknown[0]!r}, which is no channel; allowed are {allowed}")
+            raise PlanError(f"{here} gives a source for {unknown[0]!r}, which is not a channel; allowed are {allowed}")
         absent = next((name for name in run.channels if name not in mapping.channels), None)
         if absent is not None:
-            raise PlanError(f"{here} has the channel {absent!r}, which is none; allowed are {', '.join(mapping.channels)}")
+            raise PlanError(f"{here} has the channel {absent!r}, which does not exist; allowed are {', '.join(mapping.channels)}")
         _check_run(run, here)
 
 
 def _check_channel(name: str, channel: ChannelMap, here: str) -> None:
     if not name.isidentifier() or name in RESERVED:
-        raise PlanError(f"{here} cannot be called so; use letters, digits and underscores, and none of {', '.join(RESERVED)}")
+        raise PlanError(f"{here} is not a valid name; use letters, digits and underscores, and none of {', '.join(RESERVED)}")
     if not math.isfinite(channel.sensitivity) or channel.sensitivity == 0.0:
         raise PlanError(f"{here}.sensitivity is {channel.sensitivity:g}; give a finite number other than zero")
     if not math.isfinite(channel.offset):
@@ -157,7 +157,7 @@ def _check_channel(name: str, channel: ChannelMap, here: str) -> None:
     meant = unit(channel.unit, here)
     measured = channel.quantity or meant.quantity
     if name == GAIN and measured != GAIN:
-        raise PlanError(f"{here} measures {measured}; this name stands for the streamed gain, in 1 or %, so choose another")
+        raise PlanError(f"{here} measures {measured}; this name is reserved for the streamed gain, in 1 or %, so choose another")
 
 
 def _check_run(run: RunMap, here: str) -> None:
@@ -166,6 +166,6 @@ def _check_run(run: RunMap, here: str) -> None:
     if run.time_unit and seconds_per(run.time_unit) is None:
         raise PlanError(f"{here} has time_unit {run.time_unit!r}; give s, ms, us, ns, min or h")
     if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:
-        raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, counted from 0")
+        raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, starting at 0")
     if run.started is not None and run.started.tzinfo is None:
         raise PlanError(f"{here} has started without an offset from UTC; add one, e.g. +00:00")

@@ -19,11 +19,11 @@ from isorig.rig.files.hdf import SIGNATURE, opened, survived
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 from isorig.rig.files.output import reason
 
-#: Bytes of a version 5 file before its first variable, and the kind of a variable that is compressed.
+#: Header bytes of a version 5 file, and the type of a compressed variable.
 HEAD, COMPRESSED = 128, 15
-#: Bytes that MATLAB puts before what is HDF5.
+#: Bytes that MATLAB writes before the HDF5 content.
 MATLAB_BLOCK = 512
-#: Structs and cells are followed so deep, and so many of their parts are read.
+#: Maximum nesting of structs and cells, and maximum number of their parts.
 DEEP, PARTS_MOST = 16, 20_000
 
 
@@ -35,7 +35,7 @@ def read_matlab(path: Path) -> ForeignTable:
 
 
 def _is_version73(path: Path) -> bool:
-    # HDF5 behind a block of 512 bytes of MATLAB's own; other programs leave that away.
+    # HDF5 after a block of 512 bytes by MATLAB; other programs omit that block.
     with path.open("rb") as file:
         head = file.read(MATLAB_BLOCK + len(SIGNATURE))
     return head.startswith(SIGNATURE) or head[MATLAB_BLOCK:] == SIGNATURE
@@ -53,7 +53,7 @@ def _version5(path: Path, remarks: list[str]) -> Iterator[tuple[str, Any]]:
     except (MatReadError, ValueError, TypeError, NotImplementedError, IndexError, EOFError, OSError, MemoryError) as error:
         raise RecordingError(f"{path} cannot be read as a MATLAB file ({reason(error)}); save it again with save -v7") from None
     except Exception as error:
-        # scipy's parser and zlib raise whatever a damaged byte leads them to.
+        # scipy's parser and zlib raise many kinds of errors on damaged bytes.
         raise RecordingError(f"{path} is a damaged MATLAB file ({reason(error)}); copy it again from its source") from None
     for name, value in content.items():
         if name == "None" or type(value).__name__ == "MatlabOpaque":
@@ -63,8 +63,8 @@ def _version5(path: Path, remarks: list[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _bounded(path: Path) -> None:
-    # A variable that is compressed tells its size in its first bytes (MathWorks, "MAT-File Format", level 5): a few kilobytes
-    # must not become gigabytes.
+    # A compressed variable states its size in its first bytes (MathWorks, "MAT-File Format", level 5): a few kilobytes must not
+    # become gigabytes.
     with path.open("rb") as file:
         head = file.read(HEAD)
         order = ">" if head[-2:] == b"MI" else "<"
@@ -77,8 +77,8 @@ def _bounded(path: Path) -> None:
                     declared = struct.unpack(f"{order}II", begin)[1]
                     if declared > EXPANSION * size + SPARE:
                         raise RecordingError(
-                            f"{path} declares {declared >> 20} MiB in {size} bytes; at most {EXPANSION} times as much as is "
-                            "stored is read, so save it again without compression"
+                            f"{path} declares {declared >> 20} MiB in {size} bytes; at most {EXPANSION} times the "
+                            "stored size is read, so save it again without compression"
                         )
             file.seek(after)
 
@@ -90,7 +90,7 @@ def _flattened(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, Any
         for key, inner in value.items():
             yield from _flattened(f"{name}.{key}", inner, depth + 1)
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
-        # A struct array or a cell array: its elements, in MATLAB's order.
+        # The elements of a struct array or a cell array, in MATLAB's order.
         for k, inner in enumerate(np.ravel(np.asarray(value, dtype=object), order="F")[:PARTS_MOST]):
             yield from _flattened(f"{name}[{k}]", inner, depth + 1)
     elif isinstance(value, np.ndarray | int | float | complex | str | np.number):
@@ -112,7 +112,7 @@ def _version73(path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def _visit(file: h5py.File, name: str, item: Any, found: list[tuple[str, Any]], depth: int) -> None:
-    # MATLAB_class says what the numbers of a dataset are; "#refs#" holds what cells and struct arrays point to.
+    # MATLAB_class is the data type of a dataset; "#refs#" contains the targets of cells and struct arrays.
     if depth > DEEP or len(found) > PARTS_MOST:
         return
     if isinstance(item, h5py.Group):
@@ -120,7 +120,7 @@ def _visit(file: h5py.File, name: str, item: Any, found: list[tuple[str, Any]], 
             for key in item:
                 _visit(file, f"{name}.{key}", item[key], found, depth + 1)
         return
-    # MATLAB_empty marks a size in place of values.
+    # MATLAB_empty marks a size instead of values.
     if not isinstance(item, h5py.Dataset) or item.attrs.get("MATLAB_empty", 0):
         return
     if _class_of(item) == "char":
@@ -136,7 +136,7 @@ def _visit(file: h5py.File, name: str, item: Any, found: list[tuple[str, Any]], 
 
 
 def _referred(file: h5py.File, name: str, item: h5py.Dataset, found: list[tuple[str, Any]], depth: int) -> None:
-    # A cell array name{k}, or a field of a struct array: name(k).field is kept as name[k].field.
+    # A cell array name{k}, or a field of a struct array: name(k).field becomes name[k].field.
     before, _, field = name.rpartition(".")
     cell = _class_of(item) == "cell" or not before
     for k, reference in enumerate(np.asarray(item[()]).ravel()[:PARTS_MOST]):

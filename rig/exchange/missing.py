@@ -1,4 +1,4 @@
-"""Cells without a value: columns that are shorter, columns that were sampled more slowly, and samples that were lost."""
+"""Empty cells: shorter columns, columns with a lower sample rate, and lost samples."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import column_rate, is_time
 from isorig.rig.exchange.table import Column
 
-#: Share of a column's cells that may be lost samples; with more it is no record.
+#: Share of a column's cells that may be lost samples; with more it is not a record.
 LOST_MOST = 0.1
 
 
 def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]]:
-    """Columns whose empty cells (NaN) have a meaning, and sentences about those that have some.
+    """Columns with an interpretation of their empty cells (NaN), and sentences about them.
 
-    Empty cells at a column's end make it shorter; a value in every k-th cell alone makes it a record of 1/k of the rate; a few
-    empty cells are samples that were lost, which `Column.lost` says.
+    Empty cells at the end mean a shorter column; a value in every k-th cell only means a record with 1/k of the rate; a few empty
+    cells are lost samples, listed in `Column.lost`.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
             if not re.fullmatch(r"|column\d+|Unnamed.*", name):
                 remarks.append(f"column {name!r} is empty and is left out")
         elif len(there) == n - there[0] and there[0] > 0:
-            # Values begin late: the rows before them are lost samples of this column.
+            # Late first value: the rows before it are lost samples of this column.
             found[name] = replace(column, lost=np.flatnonzero(np.isnan(column.values)))
             remarks.append(f"column {name!r} has no value in its first {there[0]} rows")
         elif len(steps := np.unique(np.diff(there))) == 1:
@@ -49,7 +49,7 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
             found[name] = replace(column, values=kept, sample_rate=column.sample_rate or own)
             remarks.append(
                 f"column {name!r} has {len(kept)} values of {n}" + (f", one in every {every} rows" if every > 1 else "")
-                + ": it is a record of its own"
+                + ": it is treated as a separate record"
             )  # fmt: skip
         else:
             values = column.values[: there[-1] + 1]
@@ -59,7 +59,7 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
                 continue
             short = len(values) < n
             found[name] = replace(column, values=values, lost=lost, sample_rate=column.sample_rate or (rate if short else None))
-            remarks.append(f"column {name!r} has no value in {len(lost)} of {len(values)} rows: they are kept as gaps")
+            remarks.append(f"column {name!r} has no value in {len(lost)} of {len(values)} rows: they are stored as gaps")
     return found, remarks
 
 

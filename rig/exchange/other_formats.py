@@ -1,4 +1,4 @@
-"""Formats that fewer labs have: TDMS of LabVIEW (an extra of this package) and WAV."""
+"""Less common formats: TDMS of LabVIEW (an extra of this package) and WAV."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from isorig.rig.files.output import reason
 
 
 class _Said:
-    """Keeps what a package warns of instead of printing it."""
+    """Collects the warnings of a package instead of printing them."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
 
     def keep(self, record: logging.LogRecord) -> bool:
-        """Keep a warning, and let it go no further."""
+        """Collect a warning, and stop its propagation."""
         self.lines.append(record.getMessage())
         return False
 
 
 def read_tdms(path: Path) -> ForeignTable:
-    """Channels as group/name, with the rate and unit that their properties say; channels without samples are left out."""
+    """Channels as group/name, with rate and unit from their properties; channels without samples are left out."""
     try:
         from nptdms import TdmsFile, log
     except ImportError:
@@ -35,7 +35,7 @@ def read_tdms(path: Path) -> ForeignTable:
     columns: dict[str, Column] = {}
     empty: list[str] = []
     said = _Said()
-    # The package's loggers print on their own.
+    # The package's loggers print directly.
     console = log.log_manager.console_handler
     console.addFilter(said.keep)
     try:
@@ -53,7 +53,7 @@ def read_tdms(path: Path) -> ForeignTable:
                         unit=str(channel.properties.get("unit_string", "")),
                     )  # fmt: skip
         if said.lines:
-            # It reads what is there of a file that was cut short; how much is missing nobody knows.
+            # It reads the available part of a truncated file; the missing amount is unknown.
             raise ValueError(said.lines[0])
     except Exception as error:
         # The package raises bare exceptions, KeyError and struct.error on damaged files.
@@ -67,13 +67,13 @@ def read_tdms(path: Path) -> ForeignTable:
 
 
 def read_wav(path: Path) -> ForeignTable:
-    """Channels as channel[0], channel[1] ...; whole numbers are the converter's own steps, whatever their width."""
+    """Channels as channel[0], channel[1] ...; integers are converter counts of any width."""
     from scipy.io import wavfile
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)
-            # A file that ends before its samples do is cut, which the package only warns of.
+            # A file that ends before its samples do is truncated; the package only warns.
             warnings.filterwarnings("error", message="Reached EOF prematurely", category=wavfile.WavFileWarning)
             rate, values = wavfile.read(path)
         bits = _bits(path)
@@ -81,14 +81,15 @@ def read_wav(path: Path) -> ForeignTable:
         # scipy raises ValueError, struct.error or UnboundLocalError on damaged files.
         raise RecordingError(f"{path} cannot be read as WAV ({reason(error)}); copy it again from its source") from None
     if values.dtype.kind == "i" and 0 < bits < 8 * values.dtype.itemsize:
-        # 24 bits come in the upper three of four bytes.
+        # 24-bit samples are in the upper three of four bytes.
         values = values >> (8 * values.dtype.itemsize - bits)
     columns = {name: Column(values=v, sample_rate=float(rate)) for name, v in vectors_of("channel", values).items()}
     return ForeignTable(path=path, columns=columns)
 
 
 def _bits(path: Path) -> int:
-    # Bits of a sample, from the chunk "fmt " (Microsoft, "Multimedia Programming Interface", RIFF WAVE): scipy does not say them.
+    # Bits of a sample, from the chunk "fmt " (Microsoft, "Multimedia Programming Interface", RIFF WAVE): scipy does not return
+    # them.
     with path.open("rb") as file:
         order = ">" if file.read(12)[:4] == b"RIFX" else "<"
         while len(head := file.read(8)) == 8:

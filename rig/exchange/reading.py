@@ -1,4 +1,4 @@
-"""Which reader reads which file."""
+"""The reader for each file format."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.table import ForeignTable
 from isorig.rig.files.inputs import regular
 
-#: Reader by the ending of the name, as module:function; loaded when it is needed.
+#: Reader by file name extension, as module:function; loaded when needed.
 READERS: Mapping[str, str] = {
     ".mat": "matlab:read_matlab",
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), "text:read_text"),
@@ -28,7 +28,7 @@ def read_foreign(path: Path) -> ForeignTable:
     Raises
     ------
     RecordingError
-        In one sentence: what is wrong with the file and what to do.
+        In one sentence: the fault of the file and what to do.
     """
     place = READERS.get(path.suffix.lower())
     if place is None:
@@ -43,5 +43,5 @@ def read_foreign(path: Path) -> ForeignTable:
     except OSError as error:
         raise RecordingError(f"{path} cannot be read ({error.strerror or error}); give the path of a file") from None
     if not table.columns and not table.spectra:
-        raise RecordingError(f"{path} holds no records of numbers; export the time records too")
+        raise RecordingError(f"{path} contains no numeric records; export the time records too")
     return table

@@ -1,4 +1,4 @@
-"""Transfer functions that other programs worked out, as they are fitted and drawn here."""
+"""Transfer functions estimated by other programs, for fits and plots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import ForeignTable
 
-#: Lines of one distance, as a share of it.
+#: Tolerance for equal frequency steps, as a share of a step.
 EVEN = 1e-3
 
 
@@ -22,23 +22,23 @@ def read_responses(path: Path) -> list[Frf]:
     Raises
     ------
     RecordingError
-        Where it has none: what it has, and what to do.
+        It has none: what it has, and what to do.
     """
     table = read_foreign(path)
     found = responses_of(table)
     if not found:
         if any(spectrum.kind == "transfer_function" for spectrum in table.spectra):
-            raise RecordingError(f"{path} holds transfer functions with unevenly spaced lines; export them at even ones")
+            raise RecordingError(f"{path} contains transfer functions with uneven frequency steps; export them with even ones")
         has = "time records; import it" if table.columns else "spectra without a phase; export the transfer functions"
-        raise RecordingError(f"{path} holds no transfer function but {has}")
+        raise RecordingError(f"{path} contains no transfer function but {has}")
     return found
 
 
 def responses_of(table: ForeignTable) -> list[Frf]:
-    """The transfer functions of a table that have evenly spaced lines.
+    """The transfer functions of a table with even frequency steps.
 
-    Their coherence is the file's where it has one, else 1; how many averages they are of no file says, so `averages` is 1 and
-    the deviations say nothing.
+    Their coherence is the file's if it has one, otherwise 1. The number of averages is unknown, so `averages` is 1 and the
+    standard deviations are meaningless.
     """
     coherences = {(s.response, s.reference): s for s in table.spectra if s.kind == "coherence"}
     return [

@@ -1,4 +1,4 @@
-"""What a foreign file holds, whatever its format: columns by name."""
+"""Content of a file of another program, for all formats: columns by name."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import IntArray, Spectrum
 
-#: Columns that one array of several axes becomes at most.
+#: Maximum number of columns from one multidimensional array.
 COLUMNS_MOST = 256
 
-#: The streamed gain in files whose `gain` is a run's one number.
+#: Name of the streamed gain in files whose `gain` is a single number for the run.
 STREAMED = "gain_streamed"
 
 
@@ -27,15 +27,15 @@ class Column:
     Parameters
     ----------
     values
-        As they stand there, shape (n,).
+        As stored, shape (n,).
     sample_rate
-        Hz, where the file says it.
+        Hz, if given by the file.
     unit
-        Unit of the physical value, as the file says it.
+        Unit of the physical value, if given by the file.
     sensitivity
-        What the file's values are in that unit: physical value = values / sensitivity.
+        Conversion to that unit: physical value = values / sensitivity.
     lost
-        Indices of samples that the file has no value of.
+        Indices of samples without a value in the file.
     """
 
     values: NDArray[Any]
@@ -47,7 +47,7 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignTable:
-    """The columns of a file, the single numbers next to them, spectra that it holds, and remarks on what was found in it."""
+    """The columns of a file, the single numbers next to them, its spectra, and remarks on its content."""
 
     path: Path
     columns: Mapping[str, Column]
@@ -57,9 +57,10 @@ class ForeignTable:
 
 
 def vectors_of(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """A vector by its name; an array of more axes as vectors along its longest, called name[0], name[1] ... or name[0,2] ...
+    """A vector by its name; a multidimensional array as vectors along its longest axis, named name[0], name[1] ... or name[0,2]
+    ...
 
-    It is empty where the array would become more than `COLUMNS_MOST` vectors.
+    Empty if the array would become more than `COLUMNS_MOST` vectors.
     """
     values = np.squeeze(np.asarray(values))
     if values.ndim == 1:

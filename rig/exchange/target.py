@@ -1,4 +1,4 @@
-"""Which writer writes what, by the ending of the output's name."""
+"""The writer for each export format, by file name extension."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def export_campaign(
     resolution: float = 0.25,
     binary: bool = True,
 ) -> list[Path]:
-    """Export a recording; the paths written.
+    """Export a recording; returns the paths written.
 
     Raises
     ------
     PlanError
-        Where the output's ending or a run's name is not known.
+        The output's extension or a run's name is unknown.
     """
     ending = _ending(output, ENDINGS)
     with open_recording(source) as whole:
@@ -63,7 +63,7 @@ def _samples(campaign: Campaign, output: Path, ending: str, *, binary: bool) -> 
 
 
 def export_parameters(source: Path, output: Path) -> list[Path]:
-    """Export the parameter table of a parameters.json or findings.json; the paths written."""
+    """Export the parameter table of a parameters.json or findings.json; returns the paths written."""
     ending = _ending(output, (".mat", ".csv", ".parquet"))
     frame = exporting.parameters_frame(source)
     if ending == ".mat":
@@ -76,7 +76,7 @@ def export_parameters(source: Path, output: Path) -> list[Path]:
 def _ending(output: Path, allowed: Sequence[str]) -> str:
     ending = output.suffix.lower()
     if ending not in allowed:
-        raise PlanError(f"{output} ends in {ending or 'nothing'}; this can be exported to {', '.join(allowed)}")
+        raise PlanError(f"{output} ends in {ending or 'nothing'}; allowed are {', '.join(allowed)}")
     return ending
 
 

@@ -1,4 +1,4 @@
-"""Text files of columns: comma, semicolon, tab or blanks between them, decimal point or comma, a head or none."""
+"""Text files with columns: separated by comma, semicolon, tab or blanks, decimal point or comma, with or without a header."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from isorig.rig.exchange.units import known_unit
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
 
-#: Separator and decimal mark, in the order in which they are tried.
+#: Separator and decimal mark, in order of preference.
 STYLES = ((";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", "."), (r"\s+", "."), (r"\s+", ","))
-#: Separators that a head's line of names may have in place of the data's.
+#: Separators that a line of names may have instead of the data's.
 HEAD_SEPARATORS = (",", ";", "\t", r"\s{2,}", r"\s+")
-#: Bytes of a text file: as numbers in memory it takes about as many.
+#: Maximum bytes of a text file: as numbers in memory it takes about as many.
 FILE_MOST = 1 << 30
-#: The head ends within so many lines.
+#: Maximum number of header lines.
 HEAD_LINES = 200
-#: Lines at the end whose digits are compared.
+#: Number of lines at the end whose digits are compared.
 LAST_LINES = 50
-#: A time of the day, with or without its date.
+#: A time of day, with or without its date.
 _CLOCK = re.compile(
     r"(?:(?P<date>\d{4}[-/]\d\d?[-/]\d\d?|\d\d?[./]\d\d?[./]\d{4})[ T])?(?P<h>\d\d?):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?Z?"
 )
@@ -50,7 +50,7 @@ _STEP = re.compile(
 
 @dataclass(frozen=True)
 class _Style:
-    # How a file's columns are written, and the line (from 0) in which the first values stand.
+    # Format of a file's columns, and the index of the line with the first values.
     separator: str
     decimal: str
     first: int
@@ -59,12 +59,12 @@ class _Style:
 
 
 def read_text(path: Path) -> ForeignTable:
-    """The columns of a text file; names, units and the sample rate come from its head where that has them.
+    """The columns of a text file; names, units and the sample rate are taken from its header if present.
 
     Raises
     ------
     RecordingError
-        Where there are no columns of numbers, or a line is cut or holds what is no number: which line, which cell.
+        There are no columns of numbers, or a line is truncated or contains a cell that is not a number: which line, which cell.
     """
     text = decoded(content_of(path, FILE_MOST))
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[: 1 << 20]).readlines()[:HEAD_LINES]]
@@ -85,7 +85,7 @@ def read_text(path: Path) -> ForeignTable:
 
 
 def decoded(raw: bytes) -> str:
-    """The text of a file: UTF-8, UTF-16 with a mark at its begin, or Latin-1."""
+    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Latin-1."""
     try:
         return raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
@@ -119,13 +119,11 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         last, fields = number, _fields(line, style.separator)
         here = f"{path}, line {number}"
         if len(fields) > style.count and any(fields[style.count :]):
-            raise RecordingError(
-                f"{here} has {len(fields)} cells where the lines before it have {style.count}; correct that line"
-            )
+            raise RecordingError(f"{here} has {len(fields)} cells but the lines before it have {style.count}; correct that line")
         wrong = next((k for k, field in enumerate(fields) if not _is_value(field, style.decimal)), None)
         if wrong is not None:
             raise RecordingError(
-                f"{here}, column {wrong + 1} holds {fields[wrong]!r}, which is no number; correct or cut that line"
+                f"{here}, column {wrong + 1} contains {fields[wrong]!r}, which is not a number; correct or cut that line"
             )
         if len(fields) < style.count:
             short.append((number, len(fields)))
@@ -133,7 +131,7 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         number, count = short[0]
         if len(short) == 1 and number == last:
             raise RecordingError(
-                f"{path}, line {number}, the last, has {count} of {style.count} cells: it was cut while it was written; delete "
+                f"{path}, line {number}, the last, has {count} of {style.count} cells: it was truncated during writing; delete "
                 "that line or copy the file again from its source"
             )
         if [n for n, _ in short] != list(range(number, last + 1)):
@@ -141,7 +139,7 @@ def _blame(text: str, style: _Style, path: Path) -> None:
 
 
 def _cut(text: str, style: _Style, path: Path) -> None:
-    # A last line without an end, whose last number has fewer digits than those of all lines before it, was cut within it.
+    # A last line without an end of line, whose last number has fewer digits than all lines before it, was truncated within it.
     if text.endswith("\n"):
         return
     lines = text[-(1 << 14) :].splitlines()[-LAST_LINES:]
@@ -155,7 +153,8 @@ def _cut(text: str, style: _Style, path: Path) -> None:
 
 
 def _style(lines: Sequence[str], path: Path) -> _Style:
-    # The style in which two lines in a row are values throughout: one that a line of the head fits, then the most columns.
+    # The style in which two successive lines are values throughout: preferably one that fits a header line, then the most
+    # columns.
     best: tuple[tuple[bool, int], _Style] | None = None
     for separator, decimal in STYLES:
         for k, line in enumerate(lines):
@@ -193,7 +192,7 @@ def _is_value(field: str, decimal: str) -> bool:
 
 
 def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
-    # Names and units: from the last line of the head with a name for each column, or a line of units and the names above it.
+    # Names and units: from the last header line with a name for each column, or a line of units and the names above it.
     rows = [fields for line in reversed(head) if (fields := _named(line, style.separator, style.count))]
     if not rows:
         rows = [fields for line in reversed(head) if (fields := _other_names(line, style.count))][:1]
@@ -214,7 +213,7 @@ def _named(line: str, separator: str, count: int) -> list[str] | None:
 
 
 def _other_names(line: str, count: int) -> list[str] | None:
-    # Names with another separator than the data's, as numpy.savetxt writes them.
+    # Names with another separator than the data's, as written by numpy.savetxt.
     for separator in HEAD_SEPARATORS:
         fields = _named(line, separator, count)
         if fields and all(fields) and count > 1:
@@ -253,7 +252,7 @@ def _rate(head: Sequence[str]) -> float | None:
 
 
 def _seconds(column: pd.Series[str]) -> FloatArray:
-    # Seconds since the first reading of a clock; it may pass midnight where it has no date.
+    # Seconds since the first reading of a clock; it may pass midnight if it has no date.
     parts = column.str.extract(_CLOCK)
     seconds = np.zeros(len(column))
     for part, size in (("h", 3600.0), ("m", 60.0), ("s", 1.0)):

@@ -1,4 +1,5 @@
-"""Named arrays, numbers and words of a file as a table: rates, units and frequency axes are looked for next to each array."""
+"""Converts named arrays, numbers and texts of a file to a table: rates, units and frequency axes are searched for near each
+array."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from isorig.analysis.campaign import FloatArray, Spectrum
 from isorig.rig.exchange.clock import is_time
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
 
-#: Names of a sample rate (Hz) and of a sample interval (s), in small letters without anything between them.
+#: Names of a sample rate (Hz) and of a sample interval (s), in lower case without separators.
 RATES = frozenset((
     "fs", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency", "srate", "fsamp", "fsample", "abtastrate",
     "samplespersecond", "fshz", "sampleratehz",
@@ -25,19 +26,19 @@ STEPS = frozenset((
     "increment", "xincrement", "xincr", "wfincrement", "delta", "dts",
 ))  # fmt: skip
 FREQUENCIES = frozenset(("f", "freq", "freqs", "frequency", "frequencies", "frequenz", "hz", "fhz", "freqhz", "frequencyhz"))
-#: Parts of a structure that hold its abscissa, and names that say nothing beside their structure's own.
+#: Parts of a structure with its abscissa, and generic names that add nothing to their structure's name.
 ABSCISSAE = ("x_values", "x", "abscissa", "time", "quantity")
 UNIT_WORDS = ("unit", "units")
-#: What stands behind an array's name where something is its own: an attribute of a dataset.
+#: Separator after an array's name for its own attributes (attributes of a dataset).
 OWN = "#"
 PLAIN = frozenset(("values", "value", "data", "y", "samples", "signal", "h"))
-#: A column of transfer functions that is real and lies between 0 and this is a coherence.
+#: A real column of transfer functions with values between 0 and this is a coherence.
 COHERENT = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
 class _Content:
-    # What a file holds, by name.
+    # Content of a file, by name.
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
@@ -51,11 +52,11 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
     path
         The file.
     items
-        Name and array, number or text; names have their structures before them, joined by `dot`.
+        Name and array, number or text; names are preceded by their structures, joined by `dot`.
     remarks
-        What was found on the way.
+        Findings.
     dot
-        What stands between the parts of a name.
+        Separator between the parts of a name.
     """
     content = _sorted(items)
     columns: dict[str, Column] = {}
@@ -68,7 +69,7 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
             continue
         axis = _frequencies(name, len(next(iter(vectors.values()))), content, dot)
         if values.dtype.kind == "c" and axis is None:
-            said.append(f"{name!r} is complex and no frequency axis of its length stands next to it; it is left out")
+            said.append(f"{name!r} is complex but has no frequency axis of its length; it is left out")
         elif axis is not None:
             if _leaf(name, dot) not in FREQUENCIES:
                 spectra += _spectra(vectors, axis, content, dot, len(spectra))
@@ -99,13 +100,13 @@ def _leaf(name: str, dot: str) -> str:
 
 
 def _around(name: str, dot: str) -> list[str]:
-    # The structures that a name stands in, innermost first, each with the separator behind it.
+    # The structures around a name, innermost first, each with its separator.
     parts = name.split(dot)[:-1]
     return [dot.join(parts[:k]) + dot for k in range(len(parts), 0, -1)] + [""]
 
 
 def _near(name: str, found: Mapping[str, float], dot: str) -> Iterable[tuple[str, float]]:
-    # What stands in the same structure as a name or in one around it, and in their abscissae: leaf and value, nearest first.
+    # The items in the same structure as a name or in one around it, and in their abscissae: leaf and value, nearest first.
     places = [f"{before}{part}" for before in _around(name, dot) for part in ("", *(f"{each}{dot}" for each in ABSCISSAE))]
     for place in (f"{name}{OWN}{dot}", *places):
         for other, value in found.items():
@@ -127,7 +128,7 @@ def _rate(name: str, content: _Content, dot: str) -> float | None:
 
 
 def _word(name: str, content: _Content, dot: str) -> str:
-    # The unit of an array: name_unit, units.name in a structure around it, or its own structure's where its name is plain.
+    # The unit of an array: name_unit, units.name in a structure around it, or its own structure's unit if its name is generic.
     before, leaf = _around(name, dot), name.rsplit(dot, 1)[-1]
     places = [f"{name}_{word}" for word in UNIT_WORDS] + [f"{each}units{dot}{leaf}" for each in before]
     if _leaf(name, dot) in PLAIN:
@@ -136,7 +137,7 @@ def _word(name: str, content: _Content, dot: str) -> str:
 
 
 def _frequencies(name: str, size: int, content: _Content, dot: str) -> FloatArray | None:
-    # The frequency axis of an array, Hz; None where it is no function of frequency.
+    # The frequency axis of an array, Hz; None if it is not a function of frequency.
     for before in _around(name, dot):
         near = {
             key[len(before) :]: np.squeeze(values) for key, values in content.arrays.items()
@@ -169,7 +170,7 @@ def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Co
         leaf = _leaf(plain, dot)
         kind = "coherence" if coherent or leaf.startswith("coh") else "transfer_function" if is_complex else _real_kind(leaf)
         if kind == "coherence" and found and found[-1].kind == "transfer_function":
-            # A coherence stands behind the function that it is of.
+            # A coherence follows the function to which it belongs.
             response, reference = found[-1].response, found[-1].reference
         found.append(
             Spectrum(

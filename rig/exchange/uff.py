@@ -18,15 +18,15 @@ from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import known_unit
 from isorig.rig.files.output import reason
 
-#: Function types of dataset 58 that are over frequency, and what the recording format calls them.
+#: Function types of dataset 58 over frequency, and their names in the recording format.
 KINDS = {
     2: "auto_spectrum", 3: "cross_spectrum", 4: "transfer_function", 5: "transfer_function", 6: "coherence",
     9: "power_spectral_density", 12: "spectrum",
 }  # fmt: skip
 GENERAL, TIME_RESPONSE = 0, 1
-#: Specific data types of dataset 58: SI unit and the exponents of length and force that its unit system goes with.
+#: Specific data types of dataset 58: SI unit, and the exponents of length and force for conversion from its unit system.
 TYPES = {8: ("m", 1, 0), 9: ("N", 0, 1), 11: ("m/s", 1, 0), 12: ("m/s^2", 1, 0), 13: ("N", 0, 1)}
-#: Of the abscissa: time and frequency.
+#: Data types of the abscissa: time and frequency.
 TIME, FREQUENCY = 17, 18
 AXES = {
     0: "",
@@ -43,27 +43,27 @@ AXES = {
     6: "+rz",
     -6: "-rz",
 }
-#: What stands before a channel's whole name in the fourth and fifth line of a dataset that this program writes.
+#: Text before a channel's full name in the fourth and fifth line of a dataset written by this program.
 RESPONSE, REFERENCE = "response ", "reference "
-#: Hz in a unit of frequency, in small letters.
+#: Hz per unit of frequency, in lower case.
 FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 0.5 / np.pi, "rpm": 1.0 / 60.0}
 
 
 @dataclass(frozen=True)
 class _System:
-    # A unit system as dataset 164 says it: file units per m and per N.
+    # A unit system as given by dataset 164: file units per m and per N.
     name: str = ""
     length: float = 1.0
     force: float = 1.0
 
 
 def read_uff(path: Path) -> ForeignTable:
-    """Time records as columns, functions of frequency as spectra; what is neither is left out and a remark says so.
+    """Time records as columns, functions of frequency as spectra; others are left out with a remark.
 
     Raises
     ------
     RecordingError
-        Where the file is damaged, or nothing in it can be used: why.
+        The file is damaged, or nothing in it can be used: why.
     """
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
@@ -83,14 +83,14 @@ def read_uff(path: Path) -> ForeignTable:
         count = int(item["num_pts"])
         if len(values) < count:
             raise RecordingError(
-                f"{path}, {here} has {len(values)} of {count} values: the file was cut; copy it again from its source"
+                f"{path}, {here} has {len(values)} of {count} values: the file was truncated; copy it again from its source"
             )
         x, values = x[:count], values[:count]
         said = _function(item, (response, reference), x, values, system, columns, spectra)
         if said:
             remarks.append(f"{here} {said}; it is left out")
     if not columns and not spectra and remarks:
-        raise RecordingError(f"{path} holds nothing that can be used: {remarks[0]}")
+        raise RecordingError(f"{path} contains nothing usable: {remarks[0]}")
     return ForeignTable(path=path, columns=columns, spectra=tuple(spectra), remarks=tuple(remarks))
 
 
@@ -98,13 +98,13 @@ def _sets(path: Path) -> list[dict[str, Any]]:
     import pyuff
 
     try:
-        # The package prints what it does.
+        # The package prints its progress.
         with contextlib.redirect_stdout(io.StringIO()):
             file = pyuff.UFF(str(path))
             places = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (58, 164)]
             return [file.read_sets(k) for k in places]
     except Exception as error:
-        # The package raises bare exceptions for anything that it does not understand.
+        # The package raises bare exceptions for anything unexpected.
         raise RecordingError(
             f"{path} cannot be read as a universal file ({reason(error)}); export it again as dataset 58"
         ) from None
@@ -121,7 +121,7 @@ def _function(
     item: Mapping[str, Any], names: tuple[str, str], x: FloatArray, values: Any, system: _System, columns: dict[str, Column],
     spectra: list[Spectrum],
 ) -> str:  # fmt: skip
-    # Add a function to the columns or the spectra; otherwise why it is neither.
+    # Add a function to the columns or the spectra; otherwise return why it is neither.
     kind, axis_unit, over = int(item.get("func_type", 0)), _label(item, "abscissa_axis_units_lab"), _over(item)
     if over == FREQUENCY and kind in (GENERAL, *KINDS):
         return _spectrum(item, names, x * FREQUENCY_UNITS.get(axis_unit.lower(), 1.0), values, system, spectra)
@@ -139,7 +139,7 @@ def _function(
 
 
 def _over(item: Mapping[str, Any]) -> int:
-    # What the abscissa is: its data type where it says one, else its unit, else what the function type needs.
+    # Type of the abscissa: its data type if given, otherwise by its unit, otherwise as required by the function type.
     kind, axis = int(item.get("func_type", 0)), int(item.get("abscissa_spec_data_type", 0))
     unit = _label(item, "abscissa_axis_units_lab")
     if axis not in (0, 1):
@@ -158,13 +158,13 @@ def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float | str:
     step = (float(item.get("abscissa_inc") or 0.0) or float(x[-1] - x[0]) / (len(x) - 1)) * factor
     if not 0.0 < step < np.inf:
         return f"has the sample interval {step:g} s"
-    # The increment has six digits: a whole number of samples a second within its rounding is what was meant.
+    # The increment has six digits: an integer rate within its rounding is used.
     whole = round(1.0 / step)
     return float(whole) if abs(1.0 / step - whole) <= 5e-6 * whole else 1.0 / step
 
 
 def _names(sets: Sequence[Mapping[str, Any]], end: str) -> list[str]:
-    # A name at several nodes or in several directions has them behind it.
+    # A name with several nodes or directions gets them appended.
     plain = [_place(item, end) for item in sets]
     dofs = [(item.get(f"{end}_node", 0), item.get(f"{end}_dir", 0)) for item in sets]
     several = {name for name in plain if len({dof for other, dof in zip(plain, dofs, strict=True) if other == name}) > 1}
@@ -187,14 +187,14 @@ def _label(item: Mapping[str, Any], key: str) -> str:
 
 
 def _unit(item: Mapping[str, Any], part: str, system: _System) -> tuple[str, float]:
-    # Unit and sensitivity: the axis label says the unit of the values, else the unit system (164) does with the data type.
+    # Unit and sensitivity: the axis label gives the unit of the values, otherwise the unit system (164) and the data type do.
     label, kind = _label(item, f"{part}_axis_units_lab"), int(item.get(f"{part}_spec_data_type", 0))
     si, length, force = TYPES.get(kind, ("", 0, 0))
     factor = system.length**length * system.force**force
     known = known_unit(label)
     if known is not None and (factor == 1.0 or known != si):
         return known, 1.0
-    # Where the label is the SI unit and the unit system is not SI, the values are in the unit system: labels are for the eye.
+    # If the label is the SI unit but the unit system is not SI, the values are in the unit system: labels are for display.
     return (si or label), factor
 
 
@@ -207,7 +207,7 @@ def _spectrum(
     spectra: list[Spectrum],
 ) -> str:  # fmt: skip
     if len(frequency) < 2 or not (np.isfinite(frequency).all() and (np.diff(frequency) > 0.0).all()):
-        return "has frequencies that do not ascend"
+        return "has frequencies that are not ascending"
     kind = KINDS.get(int(item.get("func_type", 0)), "transfer_function" if np.iscomplexobj(values) else "spectrum")
     above, below = _unit(item, "ordinate", system), _unit(item, "orddenom", system)
     scale = below[1] / above[1] if kind == "transfer_function" else 1.0

@@ -1,4 +1,4 @@
-"""Units of other programs, and the SI unit that the recording format keeps for each."""
+"""Units of other programs, and the SI unit of the recording format for each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from isorig.rig.errors import PlanError
 
 @dataclass(frozen=True, kw_only=True)
 class Unit:
-    """What a unit measures, the SI unit it becomes, and the factor between them."""
+    """The quantity of a unit, its SI unit, and the conversion factor."""
 
     quantity: Quantity
     si: str
@@ -43,9 +43,9 @@ UNITS = {
     for quantity, factors in _FACTORS.items()
     for name, factor in factors.items()
 }
-#: What a converter counts in: a unit of no quantity.
+#: Units of converter counts, without a physical quantity.
 COUNTS = ("count", "counts", "cts", "ticks", "lsb", "LSB", "inc", "increments")
-#: How other programs write the same, in the order in which it is undone.
+#: Other spellings, in the order of their replacement.
 _SPELLINGS = (("µ", "u"), ("μ", "u"), ("²", "^2"), ("**", "^"), ("/s2", "/s^2"), ("/s/s", "/s^2"), ("m s^-2", "m/s^2"))
 _WORDS = {
     "gn": "g", "g_n": "g", "G": "g", "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "newton": "N", "Newton": "N",
@@ -55,12 +55,12 @@ _WORDS = {
     "revolution": "rev", "revolutions": "rev", "inch": "in", "inches": "in", "mils": "mil", "thou": "mil", "kips": "kip",
     "ft lbf": "lbf ft", "in lbf": "lbf in", "ft-lb": "lbf ft", "lb-ft": "lbf ft", "in-lb": "lbf in", "lb-in": "lbf in",
 }  # fmt: skip
-#: A torque written without a space between force and length, or with a point or a hyphen there.
+#: A torque without a space between force and length, or with a dot or a hyphen.
 _TORQUE = re.compile(r"(N|kN|mN|lbf|ozf)[ .·*-]?(m|cm|mm|in|ft)")
 
 
 def known_unit(text: str) -> str | None:
-    """The table's name of a unit as other programs write it; None where it is not in the table."""
+    """The table's name of a unit, for any known spelling; None if it is not in the table."""
     name = text.strip().strip("[]()").strip()
     for old, new in _SPELLINGS:
         name = name.replace(old, new)
@@ -71,18 +71,18 @@ def known_unit(text: str) -> str | None:
 
 
 def unit(text: str, where: str) -> Unit:
-    """The unit of that name.
+    """The unit with that name.
 
     Raises
     ------
     PlanError
-        Where it is not in the table; `where` says which key.
+        It is not in the table; `where` names the key.
     """
     name = known_unit(text)
     if name is None and text.strip() in COUNTS:
         raise PlanError(
-            f"{where} has unit {text!r}, which says nothing of what is measured; give the physical unit (deg, mm, V ...) and as "
-            "sensitivity how many counts one of it makes"
+            f"{where} has unit {text!r}, which is not a physical unit; give the physical unit (deg, mm, V ...) and, as "
+            "sensitivity, the number of counts per unit"
         )
     if name is None:
         raise PlanError(f"{where} has unit {text!r}; known are {', '.join(UNITS)}, so convert the data or set its sensitivity")

@@ -1,1 +1,1 @@
-"""Files: recordings, models, rig descriptions, results; written whole, read with limits."""
+"""Files: recordings, models, rig descriptions, results; written atomically, read with size limits."""

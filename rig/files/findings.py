@@ -1,4 +1,4 @@
-"""A diagnosis as the files that other programs read: findings.json, the two models, the report."""
+"""A diagnosis as files for other programs: findings.json, the two models, the report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from isorig.rig.report.diagnosis import diagnosis_page
 
 
 def findings(diagnosis: Diagnosis, origin: Mapping[str, str], limit: float | None = None) -> dict[str, Any]:
-    """The content of findings.json; `limit` is the time limit that was given, s."""
+    """The content of findings.json; `limit` is the given time limit, s."""
     return {
         "format": "rig-findings",
         "format_version": 2,
@@ -39,8 +39,8 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str], limit: float | Non
         "evidence": [sign.text for sign in diagnosis.signs],
         "adequacy": {
             "worst": diagnosis.worst, "threshold": diagnosis.enough, "baseline_rig": diagnosis.calibration,
-            "how": "Largest error of a run and channel over what noise and the simulation's own limit allow; the threshold is "
-            "raised to 1.2 times what the baseline's own rig gets, simulated with the data's noise, where that is in doubt.",
+            "how": "Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in "
+            "cases of doubt the threshold is 1.2 times the ratio of the baseline's own rig, simulated with the data's noise.",
         },
         "tolerance": diagnosis.tolerance,
         "cut_short": diagnosis.cut_short,
@@ -68,7 +68,7 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str], limit: float | Non
 
 
 def parameters(fitted: Fit) -> dict[str, Any]:
-    """Fitted values with deviations and units, by path."""
+    """Fitted values with standard uncertainties and units, by path."""
     std = fitted.std
     return {path: {"value": value, "std": std[path], "unit": unit_of(path)} for path, value in fitted.values.items()}
 
@@ -122,10 +122,10 @@ def write_findings(
     limit: float | None = None,
     page: bool = True,
 ) -> None:
-    """Write the contract's four files into a folder, and rivals.json; without report.html where no page is asked for.
+    """Write the contract's four files into a folder, and rivals.json; without report.html if no page is requested.
 
-    `origin` tells where the findings come from: the baseline's name, the recording's name and hash, this program's version;
-    `limit` is the time limit that was given, s.
+    `origin` is the source of the findings: the baseline's name, the recording's name and hash, this program's version;
+    `limit` is the given time limit, s.
     """
     content = findings(diagnosis, origin, limit)
     began = min((run.started for run in campaign.runs if run.started is not None), default=None)

@@ -1,7 +1,7 @@
-"""HDF5 files from others: walked through by another process before they are opened here.
+"""HDF5 files from other programs: another process checks them before they are opened here.
 
-The library behind h5py crashes on some damaged files, never ends on others, and a small file may declare what fills the memory.
-`isorig.rig.files.hdf_walk` finds that out in a process of its own, and refuses files that lead out of themselves.
+The library behind h5py crashes on some damaged files and hangs on others, and a small file may declare more data than fits into
+memory. `isorig.rig.files.hdf_walk` detects this in a separate process, and rejects files with external links.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ import h5py
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.output import reason
 
-#: Seconds in which the other process has to show that it goes on, and in which it has to start.
+#: Seconds within which the other process has to show progress, and within which it has to start.
 STILL, START = 6.0, 60.0
-#: Bytes of a MATLAB file that are read in a second at least.
+#: Minimum reading speed for a MATLAB file, bytes per second.
 SPEED = 10 << 20
-#: Files whose walk is remembered, so that a command that opens one twice walks once.
+#: Number of files whose check is remembered, so that a command that opens a file twice checks it once.
 REMEMBERED = 64
-#: Bytes of chunks that are kept of each dataset while it is read: runs are read from front to back.
+#: Bytes of chunks cached for each dataset while it is read: runs are read from start to end.
 CHUNK_CACHE = 1 << 20
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -38,7 +38,7 @@ Kind = Literal["hdf5", "matlab"]
 
 
 class _Walker:
-    """The other process, and the thread that listens to it."""
+    """The other process, and the thread that reads its answers."""
 
     def __init__(self) -> None:
         self.pid = os.getpid()
@@ -51,10 +51,10 @@ class _Walker:
         assert self._process.stdout is not None
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         if self._answer(START) is None:
-            raise RecordingError(f"{sys.executable} could not be started to look at a file; check the installation")
+            raise RecordingError(f"{sys.executable} could not be started to check a file; check the installation")
 
     def ask(self, kind: Kind, path: Path, patience: float) -> dict[str, str] | None:
-        """What it says of a file; None where it died or stood still over it."""
+        """The answer for a file; None if the process crashed or hung on it."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps([kind, os.fsdecode(path)]) + "\n")
@@ -64,7 +64,7 @@ class _Walker:
         return self._answer(patience)
 
     def end(self) -> None:
-        """End it."""
+        """End the process."""
         self._process.kill()
         self._process.wait()
 
@@ -92,7 +92,7 @@ _walked: OrderedDict[tuple[int, int, int, int], None] = OrderedDict()
 
 
 def survived(path: Path) -> None:
-    """Refuse a file of MATLAB's version 5 whose reading ends a process, or does not end.
+    """Reject a file of MATLAB's version 5 whose reading crashes or hangs a process.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def survived(path: Path) -> None:
 
 
 def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
-    # A process that was forked has its parent's pipes: it starts a walker of its own.
+    # A forked process shares its parent's pipes, so it starts another checking process.
     if _walker and _walker[0].pid != os.getpid():
         _walker.clear()
     if not _walker:
@@ -114,7 +114,7 @@ def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
     answer = _walker[0].ask(kind, path.absolute(), patience)
     if answer is None:
         _walker.pop().end()
-        raise RecordingError(f"{path} is damaged so that reading it does not come to an end; copy it again from its source")
+        raise RecordingError(f"{path} is damaged so that reading it never ends; copy it again from its source")
     return answer
 
 
@@ -130,11 +130,11 @@ def _walk(path: Path, begin: bytes) -> None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file for reading, after it was walked through.
+    """An HDF5 file open for reading, after the check.
 
     Raises
     ------
-    RecordingError
+    In one sentence: the fault of the file, and what to do.
         In one sentence: what is wrong with the file, and what to do.
     """
     begin, identity = _begin(path)
@@ -158,8 +158,8 @@ def _begin(path: Path) -> tuple[bytes, tuple[int, int, int, int]]:
         if path.is_dir():
             raise RecordingError(f"{path} is a folder, not a recording; give the path of a file")
         if not path.is_file():
-            # A pipe would never answer.
-            raise RecordingError(f"{path} is no file; give the path of a recording")
+            # A pipe would block forever.
+            raise RecordingError(f"{path} is not a file; give the path of a recording")
         with path.open("rb") as stream:
             begin = stream.read(len(SIGNATURE))
     except FileNotFoundError:
@@ -175,5 +175,5 @@ def _unreadable(path: Path, begin: bytes, told: str) -> str:
     if begin != SIGNATURE:
         return f"{path} is not an HDF5 file; give a recording, or import the file first"
     if "truncated" in told:
-        return f"{path} is cut short ({path.stat().st_size} bytes); copy it again from its source"
-    return f"{path} is damaged or was never closed ({told}); copy it again, or recover it where its recorder was killed"
+        return f"{path} is truncated ({path.stat().st_size} bytes); copy it again from its source"
+    return f"{path} is damaged or was never closed ({told}); copy it again, or recover it if its recorder was killed"

@@ -1,7 +1,7 @@
-"""A process that walks through HDF5 files from others, so that what crashes or never ends there does not happen to the caller.
+"""A process that checks HDF5 files from other programs, so that crashes and endless loops do not affect the caller.
 
-`hdf` starts it; it imports nothing of this package. A line of JSON on standard input names a kind and a file; another on
-standard output answers, dots before it say that it goes on. Files of MATLAB's version 5 are read here for the same reason.
+`hdf` starts it; it imports nothing of this package. A JSON line on standard input names a kind and a file; a JSON line on
+standard output is the answer, preceded by dots that show progress. Files of MATLAB's version 5 are read here for the same reason.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from typing import Any
 import h5py
 from h5py import h5a, h5d, h5i, h5l, h5o
 
-#: Bytes that a file may declare for each byte that it has, beyond SPARE: what compresses further holds no measurement.
+#: Bytes that a file may declare per byte of its size, in addition to SPARE: data that compress further are not measurements.
 EXPANSION, SPARE = 100, 64 << 20
-#: Bytes of a chunk, and of an attribute.
+#: Maximum size of a chunk, and of an attribute, bytes.
 CHUNK_MOST, ATTRIBUTE_MOST = 64 << 20, 1 << 20
-#: Links of a group, attributes of an object, links that lead to one object, objects of a file.
+#: Maximum number of links in a group, attributes of an object, links to one object, objects in a file.
 LINKS_MOST, ATTRIBUTES_MOST, REPEATS_MOST, OBJECTS_MOST = 20_000, 1000, 16, 200_000
-#: Bytes that are read at once, and that the process may need beyond what it begins with.
+#: Bytes read at once, and additional memory that the process may use.
 STRIDE, MEMORY = 4 << 20, 4 << 30
 
 
 class RefusedError(Exception):
-    """What the file holds that no file may; one sentence but for the file's name."""
+    """Content that is not allowed; one sentence without the file's name."""
 
 
 class Walk:
-    """One file: every object that hard links lead to, its attributes, and its samples where they are stored in chunks."""
+    """One file: all objects reached by hard links, their attributes, and their samples if stored in chunks."""
 
     def __init__(self, file: h5py.File, size: int) -> None:
         self._size = size
@@ -39,12 +39,12 @@ class Walk:
         self._waiting: list[tuple[str, Any]] = [("/", file["/"].id)]
 
     def run(self) -> None:
-        """Walk.
+        """Check the file.
 
         Raises
         ------
         RefusedError
-            At the first object that may not be.
+            The first object that is not allowed.
         """
         while self._waiting:
             self._group(*self._waiting.pop())
@@ -54,19 +54,19 @@ class Walk:
         links = group.links
         count = group.get_num_objs()
         if count > LINKS_MOST:
-            raise RefusedError(f"{where!r} holds {count} objects; at most {LINKS_MOST} are read, so split the file")
+            raise RefusedError(f"{where!r} contains {count} objects; at most {LINKS_MOST} are read, so split the file")
         names: list[bytes] = []
         links.iterate(names.append)
         for name in names:
             here = where.rstrip("/") + "/" + name.decode("utf-8", "replace")
             kind = links.get_info(name).type
             if kind == h5l.TYPE_EXTERNAL:
-                raise RefusedError(f"{here!r} is a link to another file; copy what it leads to into this one")
+                raise RefusedError(f"{here!r} is a link to another file; copy its target into this one")
             if kind == h5l.TYPE_SOFT:
-                # It ends inside this file, which holds no link that leads out, or nowhere.
+                # It ends within this file, which has no external links, or nowhere.
                 continue
             if kind != h5l.TYPE_HARD:
-                raise RefusedError(f"{here!r} is a link of a kind of its own; copy what it leads to into this file")
+                raise RefusedError(f"{here!r} is a user-defined link; copy its target into this file")
             self._object(here, group, name)
 
     def _object(self, here: str, group: Any, name: bytes) -> None:
@@ -76,7 +76,7 @@ class Walk:
         if self._links[address] > REPEATS_MOST:
             raise RefusedError(f"{here!r} is linked more than {REPEATS_MOST} times; write what was measured once for each run")
         if len(self._links) > OBJECTS_MOST:
-            raise RefusedError(f"the file holds more than {OBJECTS_MOST} objects; split it")
+            raise RefusedError(f"the file contains more than {OBJECTS_MOST} objects; split it")
         kind = h5i.get_type(item)
         if kind == h5i.GROUP:
             if self._links[address] == 1:
@@ -103,15 +103,15 @@ class Walk:
             self._attributes(here, dataset)
         plan, shape = dataset.get_create_plist(), dataset.shape or ()
         if plan.get_external_count():
-            raise RefusedError(f"{here!r} is stored outside of the file; copy its values into the file")
+            raise RefusedError(f"{here!r} is stored in another file; copy its values into this file")
         if plan.get_layout() == h5d.VIRTUAL:
-            raise RefusedError(f"{here!r} is put together from other data; copy its values into the file")
+            raise RefusedError(f"{here!r} is a virtual dataset; copy its values into the file")
         declared = math.prod(shape) * dataset.get_type().get_size()
         self._declared += declared
         if self._declared > EXPANSION * self._size + SPARE:
             raise RefusedError(
                 f"{here!r} makes {self._declared >> 20} MiB that are declared in {self._size} bytes; at most {EXPANSION} times "
-                "as much as is stored is read, so write the file anew without compression"
+                "the stored size is read, so write the file again without compression"
             )
         if not declared:
             return
@@ -132,7 +132,7 @@ class Walk:
         wanted = math.prod(-(-n // c) for n, c in zip(shape, chunk, strict=True))
         stored = dataset.get_num_chunks()
         if stored != wanted:
-            raise RefusedError(f"{here!r} declares {wanted} chunks and {stored} are stored; copy the file again from its source")
+            raise RefusedError(f"{here!r} declares {wanted} chunks but {stored} are stored; copy the file again from its source")
         if again:
             return
         values = h5py.Dataset(dataset)
@@ -149,11 +149,11 @@ class Walk:
 
 
 def _tried(read: Callable[[], object]) -> None:
-    # What cannot be read is told by whoever needs it; here it matters that it ends.
+    # Read errors are reported by the actual reader; here it only matters that reading ends.
     try:
         read()
     except MemoryError:
-        raise RefusedError(f"it needs more than {MEMORY >> 30} GiB to be read; write it anew without compression") from None
+        raise RefusedError(f"reading it needs more than {MEMORY >> 30} GiB; write it again without compression") from None
     except Exception:
         pass
 
@@ -164,7 +164,7 @@ def _beat() -> None:
 
 
 def answer(path: str) -> dict[str, str]:
-    """What is to be said of a file: nothing, why it may not be read, or why it cannot be opened."""
+    """The result for a file: empty, why it may not be read, or why it cannot be opened."""
     try:
         with open(path, "rb") as stream:  # noqa: PTH123
             size = stream.seek(0, 2)
@@ -177,14 +177,14 @@ def answer(path: str) -> dict[str, str]:
     except RefusedError as refused:
         return {"refused": str(refused)}
     except MemoryError:
-        return {"refused": f"it needs more than {MEMORY >> 30} GiB to be read; write it anew without compression"}
+        return {"refused": f"reading it needs more than {MEMORY >> 30} GiB; write it again without compression"}
     except Exception as error:
         return {"damaged": (str(error).splitlines() or [type(error).__name__])[0]}
     return {}
 
 
 def answer_matlab(path: str) -> dict[str, str]:
-    """What is to be said of a file of MATLAB's version 5: what is wrong with it otherwise is told by whoever reads it."""
+    """The result for a file of MATLAB's version 5: other faults are reported by the actual reader."""
     from scipy.io import loadmat
 
     try:
@@ -203,7 +203,7 @@ def _limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (begun + MEMORY, begun + MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     except (ImportError, OSError, ValueError):
-        # Not on this system: chunks and attributes are limited all the same.
+        # Not on this system: chunks and attributes are limited anyway.
         pass
 
 

@@ -15,18 +15,18 @@ from isorig.rig.files.output import write_json
 
 
 def write_model(path: str | Path, model: RigModel, *, origin: datetime | None = None) -> Path:
-    """Write a model, whole or not at all; `origin` is the campaign's first sample, where a drifting model counts from."""
+    """Write a model atomically; `origin` is the time of the campaign's first sample, the zero of a drifting model."""
     content = {"format": "rig-model", "format_version": 1, "model": to_tree(model)}
     return write_json(path, content | ({"origin": origin.isoformat()} if origin is not None else {}))
 
 
 def read_model(path: str | Path) -> tuple[RigModel, datetime | None]:
-    """The model in a JSON file, and the time from which it counts.
+    """The model in a JSON file, and the time of its zero.
 
     Raises
     ------
     PlanError
-        Where the file is not a model.
+        The file is not a model.
     """
     path = Path(path)
     try:

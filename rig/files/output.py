@@ -1,4 +1,4 @@
-"""Results on disk: written whole under a temporary name, then put in place."""
+"""Results on disk: written under a temporary name, then renamed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def replaced(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place when the block ends well, and is removed when it does not."""
+    """A temporary path next to `path` that replaces it if the block succeeds, and is removed otherwise."""
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -43,7 +43,7 @@ def replaced(path: str | Path) -> Iterator[Path]:
 
 
 def sweep(path: Path) -> None:
-    """Remove what programs that were killed have left of `replaced`; for whoever alone writes this file now."""
+    """Remove leftovers of `replaced` from killed programs; only for the single writer of this file."""
     left = re.compile(re.escape(f".{path.name}.") + "[a-z0-9_]{8}")
     with suppress(OSError):
         for other in path.parent.iterdir():
@@ -51,24 +51,24 @@ def sweep(path: Path) -> None:
                 other.unlink(missing_ok=True)
 
 
-#: Characters that are told of what another program's error says: it may quote a file at length.
+#: Maximum number of characters quoted from another program's error: it may quote a file at length.
 REASON = 200
 
 
 def reason(error: BaseException) -> str:
-    """What an error says, in a line that can be shown."""
+    """The text of an error, in one displayable line."""
     told = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0] or type(error).__name__
     told = "".join(letter if letter.isprintable() else "?" for letter in told)
     return told if len(told) <= REASON else told[:REASON] + " ..."
 
 
 def reserve(path: Path, size: int) -> None:
-    """Take room for a file of so many bytes on the disk, where the system can: HDF5 does not survive a disk that is full.
+    """Reserve disk space for a file, if the system supports it: HDF5 does not survive a full disk.
 
     Raises
     ------
     OSError
-        Where there is no room.
+        There is not enough space.
     """
     if hasattr(os, "posix_fallocate") and size > 0:
         with path.open("r+b") as file:
@@ -76,7 +76,7 @@ def reserve(path: Path, size: int) -> None:
 
 
 def _sync(path: Path) -> None:
-    # To the disk itself, so that a power loss does not take what was there before and what is there now.
+    # To the disk, so that a power loss cannot destroy both the old and the new content.
     if path.is_dir() and os.name == "nt":
         return
     handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
@@ -87,7 +87,7 @@ def _sync(path: Path) -> None:
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write text whole or not at all."""
+    """Write text atomically."""
     with replaced(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)

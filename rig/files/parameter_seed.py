@@ -1,4 +1,4 @@
-"""What seeds the simulator: a parameter table, by the joint fit or by half-power, with deviations and with what is assumed."""
+"""Simulator parameters from a parameter table, by the joint fit or by half-power, with uncertainties and assumptions."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.parameter_table import Level, ParameterFile, read_parameters
 
 Method = Literal["joint", "half-power"]
-#: What a plot or a sentence calls a table by its method.
+#: Name of a method in plots and sentences.
 CALLED: Mapping[Method, str] = {"joint": "joint fit", "half-power": "half-power"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seed:
-    """The wire bonder's values by the names of `THESIS`, their deviations, and what is to be said of them.
+    """The wire bonder's values by the names of `THESIS`, their standard uncertainties, and notes.
 
     Parameters
     ----------
     values, stds
-        SI; a value that is exact or assumed has no deviation.
+        SI; an exact or assumed value has no standard uncertainty.
     assumed
-        Names that the table does not give, so that the thesis's value stands in.
+        Names missing from the table, for which the thesis's value is used.
     notes
-        Sentences: how a value came about where that is not plain.
+        Sentences on the origin of values, where it is not obvious.
     levels
-        The drive as it was measured, by gain and excitation.
+        The measured drive levels, by gain and excitation.
     """
 
     values: Mapping[str, float]
@@ -47,28 +47,28 @@ class Seed:
         return wire_bonder(self.values)
 
     def with_value(self, name: str, value: float, std: float) -> Seed:
-        """The same with another value, which is then not assumed."""
+        """The same with another value, which then does not count as assumed."""
         return replace(
             self, values={**self.values, name: value}, stds={**self.stds, name: std},
             assumed=tuple(other for other in self.assumed if other != name),
         )  # fmt: skip
 
     def drawn(self, draws: int, seed: int) -> Iterator[RigModel]:
-        """Rigs with the values drawn from their deviations, each by itself; none where nothing has a deviation."""
+        """Rigs with values drawn independently from their standard uncertainties; none if there are no uncertainties."""
         generator = np.random.default_rng(seed)
         for _ in range(draws if any(self.stds.values()) else 0):
-            # A mass, a frequency or a friction force is never below zero; far out there a draw is no guide.
+            # Masses, frequencies and friction forces are never negative; draws that far out are discarded.
             yield wire_bonder({k: max(generator.normal(v, self.stds.get(k, 0.0)), 0.01 * v) for k, v in self.values.items()})
 
     def level(self, gain: float, excitation: str) -> float | None:
-        """Size of the drive at a gain, by the nearest gain at which that excitation was measured; None where none was."""
+        """Drive level at a gain, from the nearest gain at which that excitation was measured; None if there is none."""
         kind = [level for level in self.levels if level.excitation == excitation]
         near = min(kind, key=lambda level: abs(np.log(level.gain / gain)), default=None)
         return None if near is None else near.value * gain / near.gain
 
     @property
     def told(self) -> list[str]:
-        """What has to be said of the values before anything is simulated with them."""
+        """Notes to be printed before a simulation with these values."""
         said = list(self.notes)
         if self.assumed:
             names = ", ".join(f"{name.replace('_', ' ')} {self.values[name]:g}" for name in self.assumed)
@@ -76,23 +76,23 @@ class Seed:
         return said
 
 
-#: The thesis's table, which is what a simulation without a parameter table is of.
+#: The thesis's table, used for simulations without a parameter table.
 OF_THESIS = Seed(values=THESIS)
 
 
 def read_seed(path: Path | None, method: Method = "joint") -> Seed:
-    """The seed in a parameters.json; the thesis's own table where there is no file.
+    """The parameters in a parameters.json; the thesis's table if there is no file.
 
     Raises
     ------
     PlanError
-        Where the file is not a parameter table, or does not have what the method needs.
+        The file is not a parameter table, or lacks what the method needs.
     """
     return OF_THESIS if path is None else seed_of(read_parameters(path), method, str(path))
 
 
 def seed_of(file: ParameterFile, method: Method, where: str) -> Seed:
-    """The seed of a parameter table that was read."""
+    """The parameters from a parameter table."""
     values, stds = dict(THESIS), dict.fromkeys(THESIS, 0.0)
     found = dict(file.values)
     notes: list[str] = []
@@ -106,19 +106,19 @@ def seed_of(file: ParameterFile, method: Method, where: str) -> Seed:
 
 
 def _half_power(file: ParameterFile, where: str, notes: list[str]) -> dict[str, tuple[float, float]]:
-    # Half-power where it holds; where it is refused the fit of the mode, which sees the same peak, and that is said.
+    # Half-power if it is applicable; otherwise the modal fit of the same peak, with a note.
     found: dict[str, tuple[float, float]] = {}
     for body in ("table", "heatblock", "motor"):
         read = file.read_off.get(body)
         if read is None:
             raise PlanError(
-                f"{where} has no reading of the {body}'s peak, which half-power needs; run rig characterize on a recording whose "
-                "drive reaches it, or take --method joint"
+                f"{where} has no value for the {body}'s peak, which half-power needs; run rig characterize on a recording whose "
+                "drive excites it, or use --method joint"
             )
         if not read.half_power:
-            notes.append(f"Half-power is refused for the {body} ({read.refused}), so the fit of its mode stands in.")
+            notes.append(f"Half-power is not applicable to the {body} ({read.refused}), so the modal fit is used instead.")
         found[f"{body}_frequency"], found[f"{body}_damping"] = read.frequency, read.damping
     if file.surface is not None:
-        # As the thesis did: the table's effective mass and damping are where the error surface is least.
+        # As in the thesis: the table's effective mass and damping are at the minimum of the error surface.
         found["table_mass"], found["table_damping"] = file.surface
     return found

@@ -1,4 +1,4 @@
-"""A parameter table as the files that other programs read."""
+"""A parameter table as files for other programs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_json, write_text
 
-#: Bodies whose peak is read by itself.
+#: Bodies with a separate evaluation of their peak.
 READ_OFF = ("table", "heatblock", "motor")
 COLUMNS = ("value", "std", "unit", "method", "note")
 
@@ -32,19 +32,19 @@ def characterize_campaign(campaign: Campaign, tell: Callable[[str], None]) -> Ch
     Raises
     ------
     RecordingError
-        Where the recording is of another rig, or lacks what the rig needs.
+        The recording is of another rig, or lacks what the rig needs.
     """
     if campaign.description is not None:
-        raise RecordingError(f"{campaign.source} is of another rig; the parameter table knows the wire bonder, use rig diagnose")
+        raise RecordingError(f"{campaign.source} is of another rig; the parameter table is for the wire bonder, use rig diagnose")
     return characterize(campaign, baseline_model(campaign), progress=tell)
 
 
 def write_characterization(
     folder: Path, campaign: Campaign, found: Characterization, beside: Mapping[str, Any] | None = None
 ) -> Path:
-    """Write parameters.json, the same table as CSV, and the fitted model; the path of the first.
+    """Write parameters.json, the same table as CSV, and the fitted model; returns the path of the first.
 
-    `beside` goes into parameters.json as further keys.
+    `beside` is added to parameters.json as further keys.
     """
     table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
     text = io.StringIO()
@@ -63,13 +63,13 @@ def write_characterization(
     return write_json(folder / "parameters.json", content)
 
 
-#: Segments of a record that tell how steady its drive was.
+#: Number of segments of a record used to estimate the variation of its drive level.
 SEGMENTS = 16
 Pair = tuple[float, float]
 
 
 class Level(msgspec.Struct, frozen=True, kw_only=True):
-    """The drive as it was measured: rms of noise and its like, peak of moves, with its deviation from stretch to stretch."""
+    """The measured drive: rms of noise and similar signals, peak of moves, with its standard deviation between segments."""
 
     gain: float
     excitation: str
@@ -81,7 +81,8 @@ class Level(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOff:
-    """A body's frequency and damping as read off one peak, (value, std) each; by half-power, or why that was refused."""
+    """Natural frequency and damping ratio of a body from one peak, (value, std) each; by half-power, or why it is not
+    applicable."""
 
     frequency: Pair
     damping: Pair
@@ -96,15 +97,15 @@ class ParameterFile:
     Parameters
     ----------
     campaign, measured
-        Of which campaign, measured when.
+        The campaign, and its date.
     values
-        (value, std) by name where there is a value; the head's mass among them where the table has it.
+        (value, std) by name for available values; includes the head's mass if the table has it.
     read_off
-        The readings of single peaks by body.
+        The values from single peaks, by body.
     surface
-        (value, std) of the table's mass and damping where the error surface is least; None where there is none.
+        (value, std) of the table's mass and damping at the minimum of the error surface; None if there is none.
     levels
-        The drive by gain and excitation.
+        The drive levels by gain and excitation.
     """
 
     campaign: str
@@ -116,7 +117,7 @@ class ParameterFile:
 
 
 def drive_levels(campaign: Campaign, channel: str = "head") -> tuple[Level, ...]:
-    """The size of the recorded drive by gain and excitation; each run's stretches tell its deviation."""
+    """The recorded drive level by gain and excitation; its uncertainty from segments of each run."""
     found: dict[tuple[float, str], list[tuple[float, float]]] = {}
     for run in campaign.runs:
         values = run.read(channel) - float(np.mean(run.read(channel)))
@@ -140,7 +141,7 @@ def read_parameters(path: Path) -> ParameterFile:
     Raises
     ------
     PlanError
-        Where the file is not a parameter table.
+        The file is not a parameter table.
     """
     try:
         content = msgspec.json.decode(content_of(path))

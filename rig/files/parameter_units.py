@@ -6,12 +6,12 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.laws import LAWS
 from isorig.analysis.model.rig_model import GROUND, RigModel
 
-#: Of the parts of a rig that are no laws, and of every law's parameters.
+#: Of the parts of a rig other than laws, and of every law's parameters.
 UNITS = {
     "mass": "kg", "factor": "kg", "stiffness": "N/m", "damping": "N s/m", "lock_stiffness": "N/m", "lock_damping": "N s/m",
     "delay": "s", "limit": "m/s^2", **{name: p.unit for law in LAWS for name, p in law.parameters.items()},
 }  # fmt: skip
-#: The same of a part that turns.
+#: The same for a rotating part.
 TURNED = {
     "kg": "kg m^2", "N": "N m", "N/m": "N m/rad", "N s/m": "N m s/rad", "N/m^3": "N m/rad^3", "N s^2/m^2": "N m s^2/rad^2",
     "m": "rad", "m/s": "rad/s",
@@ -19,9 +19,9 @@ TURNED = {
 
 
 def unit_of(path: str, model: RigModel | None = None) -> str:
-    """SI unit of the parameter at a dotted path; "1" where it has none.
+    """SI unit of the parameter at a dotted path; "1" if it has none.
 
-    Of a model that is given, parts that turn have the units of a rotation, and the drive's factor that of its channel.
+    With a model, rotating parts have the units of a rotation, and the drive's factor has the unit that follows from its channel.
     """
     *way, last = path.split(".")
     unit = UNITS.get(last, "1")

@@ -1,7 +1,7 @@
 """The recording format, version 1: reader, writer, validator. All values SI.
 
-What is required is checked when a file is opened, samples when they are read. Attributes, datasets and groups that are not
-known are ignored.
+Required attributes are checked when a file is opened, samples when they are read. Unknown attributes, datasets and groups are
+ignored.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from isorig.rig.files.output import reason, replaced, reserve
 
 FORMAT, VERSION = "rig-recording", 1
 UNITS = frozenset(SI_UNIT.values())
-#: Datasets of a run that are no channel; "gain" is one, though none that a sensor recorded.
+#: Datasets of a run that are not channels; "gain" is one, although no sensor recorded it.
 NOT_CHANNELS = frozenset({"gaps", "timing"})
 GAIN = "gain"
-#: Rows of a chunk, and of the blocks in which files are read and written.
+#: Rows of a chunk, and of the blocks for reading and writing.
 ROWS = 1 << 16
-#: What is written can be read by HDF5 1.10 (2016) and newer.
+#: Written files can be read by HDF5 1.10 (2016) and newer.
 LIBVER = ("v110", "v110")
 #: The wire bonder's channels.
 SENSORS = ("head", "motor", "table", "heatblock")
-#: Ticks that a gap has at most: a day at 100 kHz is 2**33.
+#: Maximum length of a gap in ticks: a day at 100 kHz is 2**33.
 LOST_MOST = 1 << 40
-#: What a recording holds at most.
+#: Maximum sizes of a recording's parts.
 RUNS_MOST, CHANNELS_MOST, SPECTRA_MOST = 2000, 256, 1000
-#: What a channel may tell of its sensor beside what the format asks for.
+#: Optional attributes of a channel that describe its sensor.
 SENSOR = ("sensor", "place", "direction")
 
 
 class Stored:
-    """A channel's raw samples on disk: read by slice, each slice checked."""
+    """A channel's raw samples on disk: read by slice, with a check of each slice."""
 
     def __init__(self, dataset: h5py.Dataset, where: str) -> None:
         self._dataset, self._where = dataset, where
@@ -59,7 +59,7 @@ class Stored:
         Raises
         ------
         RecordingError
-            Where they cannot be read, or are not finite.
+            They cannot be read, or are not finite.
         """
         try:
             raw = np.asarray(self._dataset[key])
@@ -69,18 +69,18 @@ class Stored:
             at = int(np.flatnonzero(~np.isfinite(raw))[0])
             raise RecordingError(
                 f"{self._where} holds {raw[at]} at sample {at + (key.start or 0)}; "
-                "recordings hold finite numbers only, so cut the run or measure it again"
+                "recordings contain finite numbers only, so cut the run or measure it again"
             )
         return raw
 
 
 @contextmanager
 def open_recording(path: str | Path) -> Iterator[Campaign]:
-    """The campaign in a file, its channels read from disk as they are asked for.
+    """The campaign in a file; its channels are read from disk on demand.
 
     Raises
     ------
-    RecordingError
+    In one sentence, with the run, the channel, the value found and what to do.
         In one sentence, naming the run, the channel, the value found and what to do.
 
     Examples
@@ -108,7 +108,7 @@ def read(path: str | Path) -> Campaign:
     Raises
     ------
     RecordingError
-        As `open_recording`.
+        As for `open_recording`.
 
     Examples
     --------
@@ -134,9 +134,9 @@ def _campaign(file: h5py.File, path: Path) -> Campaign:
     if not isinstance(version, int | np.integer) or int(version) != VERSION:
         raise RecordingError(f"{where} has format_version {version!r}, but this program reads {VERSION}; convert the file")
     if not isinstance(file.get("runs"), h5py.Group) or not len(file["runs"]):
-        raise RecordingError(f"{where} holds no runs; record or import at least one")
+        raise RecordingError(f"{where} contains no runs; record or import at least one")
     if len(file["runs"]) > RUNS_MOST:
-        raise RecordingError(f"{where} holds {len(file['runs'])} runs; at most {RUNS_MOST} are read, so split it")
+        raise RecordingError(f"{where} contains {len(file['runs'])} runs; at most {RUNS_MOST} are read, so split it")
     runs = [_run(group, name, where) for name, group in file["runs"].items()]
     if all(run.started is not None for run in runs):
         runs.sort(key=lambda run: run.started or datetime.max)
@@ -164,10 +164,10 @@ def _run(group: Any, name: str, where: str) -> Run:
     if not isinstance(group, h5py.Group):
         raise RecordingError(f"{here} is not a group; a run is a group with channels")
     if len(group) > CHANNELS_MOST:
-        raise RecordingError(f"{here} holds {len(group)} channels; at most {CHANNELS_MOST} are read, so split it")
+        raise RecordingError(f"{here} contains {len(group)} channels; at most {CHANNELS_MOST} are read, so split it")
     unprintable = next((key for key in (name, *group) if not key.isprintable()), None)
     if unprintable is not None:
-        raise RecordingError(f"{where} holds {unprintable!r}, a name that cannot be shown; rename it")
+        raise RecordingError(f"{where} contains {unprintable!r}, a name that cannot be displayed; rename it")
     attrs = group.attrs
     for key in ("configuration", "sample_rate", "gain"):
         if key not in attrs:
@@ -198,9 +198,9 @@ def _run(group: Any, name: str, where: str) -> Run:
 def _channels(group: h5py.Group, here: str) -> dict[str, Channel]:
     for key, item in group.items():
         if item is None:
-            raise RecordingError(f"{here}: {key!r} leads to data that is not in the file; copy it again with its data")
+            raise RecordingError(f"{here}: {key!r} links to data that are not in the file; copy it again with its data")
         if key in SENSORS and not isinstance(item, h5py.Dataset):
-            raise RecordingError(f"{here}: {key!r} is a group; a channel is a dataset of numbers, so write it anew")
+            raise RecordingError(f"{here}: {key!r} is a group; a channel is a dataset of numbers, so write it again")
     channels = {
         key: _channel(item, key, here)
         for key, item in group.items()
@@ -216,7 +216,7 @@ def _channel(dataset: h5py.Dataset, name: str, where: str) -> Channel:
     if dataset.ndim != 1:
         raise RecordingError(f"{here} has {dataset.ndim} dimensions; a channel has one, so store it flat")
     if dataset.dtype.kind not in "iuf":
-        raise RecordingError(f"{here} holds {dataset.dtype} values; a channel holds numbers, so convert it")
+        raise RecordingError(f"{here} contains {dataset.dtype} values; a channel contains numbers, so convert it")
     usual = ("gain", "1") if name == GAIN else ("acceleration", "m/s^2")
     quantity = _text(dataset.attrs.get("quantity", usual[0]), f"{here}: quantity")
     if quantity not in get_args(Quantity):
@@ -251,9 +251,9 @@ def _text(value: Any, what: str) -> str:
         try:
             value = value.decode()
         except UnicodeDecodeError:
-            raise RecordingError(f"{what} is not UTF-8 text; write it anew") from None
+            raise RecordingError(f"{what} is not UTF-8 text; write it again") from None
     if not isinstance(value, str):
-        raise RecordingError(f"{what} is {'missing' if value is None else repr(value)}, not text; write it anew")
+        raise RecordingError(f"{what} is {'missing' if value is None else repr(value)}, not text; write it again")
     return value
 
 
@@ -293,25 +293,23 @@ def _gaps(group: h5py.Group, where: str, stored: int) -> tuple[Gap, ...]:
         return ()
     table = group["gaps"]
     if not isinstance(table, h5py.Dataset) or table.dtype.names is None or {"first_tick", "count"} - set(table.dtype.names):
-        raise RecordingError(f"{where} has gaps without the columns first_tick and count; write the table anew")
+        raise RecordingError(f"{where} has gaps without the columns first_tick and count; write the table again")
     if table.ndim != 1 or len(table) > stored + 1:
-        raise RecordingError(
-            f"{where} has {table.size} gaps and {stored} samples; a gap stands between two samples, so correct it"
-        )
+        raise RecordingError(f"{where} has {table.size} gaps but {stored} samples; a gap is between two samples, so correct it")
     rows = table[:]
     gaps = tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in rows)
     for gap in gaps:
         if gap.first_tick < 0 or gap.count < 1:
             raise RecordingError(
-                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap begins at tick 0 or later "
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap starts at tick 0 or later "
                 "and has at least one, so correct it"
             )
     lost = end = 0
     for gap in sorted(gaps, key=lambda gap: gap.first_tick):
         if not end <= gap.first_tick <= stored + lost or gap.count > LOST_MOST:
             raise RecordingError(
-                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}, where {stored + lost} ticks end or a gap "
-                "stands; correct the table"
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}, beyond the end at {stored + lost} ticks or "
+                "inside another gap; correct the table"
             )
         lost, end = lost + gap.count, gap.first_tick + gap.count
     return gaps
@@ -321,22 +319,24 @@ def _spectra(group: h5py.Group, where: str) -> tuple[Spectrum, ...]:
     if not isinstance(group.get("spectra"), h5py.Group):
         return ()
     if len(group["spectra"]) > SPECTRA_MOST:
-        raise RecordingError(f"{where} holds {len(group['spectra'])} spectra; at most {SPECTRA_MOST} are read, so split it")
+        raise RecordingError(f"{where} contains {len(group['spectra'])} spectra; at most {SPECTRA_MOST} are read, so split it")
     return tuple(_spectrum(item, name, f"{where}, spectrum {name!r}") for name, item in group["spectra"].items())
 
 
 def _spectrum(group: Any, name: str, here: str) -> Spectrum:
     if not isinstance(group, h5py.Group) or not all(isinstance(group.get(k), h5py.Dataset) for k in ("frequency", "values")):
-        raise RecordingError(f"{here} lacks the datasets frequency and values; a spectrum needs both, so write it anew")
+        raise RecordingError(f"{here} lacks the datasets frequency and values; a spectrum needs both, so write it again")
     frequency, values = np.asarray(group["frequency"][()]), np.asarray(group["values"][()])
     if frequency.dtype.kind not in "iuf" or values.dtype.kind not in "iufc":
-        raise RecordingError(f"{here} holds {frequency.dtype} and {values.dtype} values; it holds numbers, so convert them")
+        raise RecordingError(
+            f"{here} contains {frequency.dtype} and {values.dtype} values; a spectrum contains numbers, so convert them"
+        )
     if frequency.ndim != 1 or frequency.shape != values.shape:
-        raise RecordingError(f"{here} has {values.shape} values at {frequency.shape} frequencies; make them of one length")
+        raise RecordingError(f"{here} has {values.shape} values at {frequency.shape} frequencies; make them equally long")
     if not (np.isfinite(frequency).all() and np.isfinite(values).all()):
-        raise RecordingError(f"{here} holds values that are not finite; measure it again or remove it")
+        raise RecordingError(f"{here} contains values that are not finite; measure it again or remove it")
     if (np.diff(frequency) <= 0.0).any():
-        raise RecordingError(f"{here} has frequencies that do not ascend; sort them")
+        raise RecordingError(f"{here} has frequencies that are not ascending; sort them")
     attrs = group.attrs
     return Spectrum(
         name=name, kind=_text(attrs.get("kind", "transfer_function"), f"{here}: kind"),
@@ -352,7 +352,7 @@ def _spectrum(group: Any, name: str, here: str) -> Spectrum:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """What is kept of a run beyond the format.
+    """Data of a run in addition to the format.
 
     Parameters
     ----------
@@ -368,16 +368,16 @@ class Extra:
 
 
 def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | None = None) -> None:
-    """Write a campaign as a recording, whole or not at all, with what is kept of its runs (by id) beyond the format.
+    """Write a campaign as a recording atomically, with additional data of its runs (by id).
 
-    Samples go from their place to the file block by block. Everything in the file is under a checksum.
+    Samples are copied to the file block by block. Everything in the file has a checksum.
 
     Raises
     ------
     RecordingError
-        Where the campaign holds what a reader would refuse.
+        The campaign contains something that a reader would reject.
     OutputError
-        Where the place cannot be written.
+        The file cannot be written.
 
     Examples
     --------
@@ -390,10 +390,10 @@ def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | No
     for run in campaign.runs:
         for what, name in (("run", run.id), *(("channel", name) for name in run.channels)):
             if not name or "/" in name or name in (".", ".."):
-                raise RecordingError(f"a {what} is called {name!r}; give it a name without a slash")
+                raise RecordingError(f"a {what} has the name {name!r}; give it a name without a slash")
     with replaced(path) as temporary:
         try:
-            # Format bounds: what HDF5 1.10 (2016) writes has checksums on all its metadata.
+            # Format bounds: files of HDF5 1.10 (2016) have checksums on all metadata.
             with h5py.File(temporary, "w", libver=LIBVER):
                 pass
             reserve(temporary, _room(campaign, extras or {}))
@@ -409,7 +409,7 @@ def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | No
 
 
 def _room(campaign: Campaign, extras: Mapping[str, Extra]) -> int:
-    # Whole chunks of samples, and what describes them; what is not needed is given back when the file is closed.
+    # Whole chunks of samples, and metadata; unused space is released when the file is closed.
     stored: list[Samples] = [table for extra in extras.values() for table in extra.tables.values()]
     stored += [channel.samples for run in campaign.runs for channel in run.channels.values()]
     stored += [values for run in campaign.runs for s in run.spectra for values in (s.frequency, s.values)]
@@ -441,7 +441,7 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
             about = {"quantity": channel.quantity, "unit": channel.unit, "scale": channel.scale, "offset": channel.offset}
             about |= channel.about
             about |= {"range": channel.full_scale, **extra.channels.get(channel.name, {})}
-            # A gain that rests is the same number again and again.
+            # A constant gain is the same number repeated.
             _tell(store(group, channel.name, channel.samples, compressed=channel.quantity == "gain"), about)
         if run.gaps:
             store(group, "gaps", np.array([(g.first_tick, g.count) for g in run.gaps], [("first_tick", "i8"), ("count", "i8")]))
@@ -461,7 +461,7 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
 
 
 def _tell(item: Any, told: Mapping[str, Any]) -> None:
-    # Text of a fixed length: HDF5 keeps text of variable length where no checksum covers it.
+    # Text of fixed length: HDF5 stores text of variable length outside of the checksums.
     for key, value in told.items():
         if isinstance(value, str):
             encoded = value.encode()
@@ -471,7 +471,7 @@ def _tell(item: Any, told: Mapping[str, Any]) -> None:
 
 
 def store(group: h5py.Group, name: str, samples: Samples, *, compressed: bool = False) -> h5py.Dataset:
-    """Write a dataset under a checksum, block by block."""
+    """Write a dataset with checksums, block by block."""
     n, first = samples.shape[0], np.asarray(samples[:1])
     chunk = min(max(n, 1), ROWS)
     how = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compressed else {}

@@ -1,4 +1,4 @@
-"""A rig as a user names it: a built-in one, a description in TOML, or a fitted model in JSON."""
+"""A rig as given by a user: a built-in one, a description in TOML, or a fitted model in JSON."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ SHIPPED = {path.stem: path for path in sorted((Path(__file__).resolve().parents[
 
 @dataclass(frozen=True, kw_only=True)
 class GivenRig:
-    """A rig with where it came from.
+    """A rig and its source.
 
     Parameters
     ----------
     model
         The rig.
     origin
-        The time that a drifting model counts from; None where it does not say.
+        The time of a drifting model's zero; None if it is not given.
     description
-        The text in TOML, where it was given so.
+        The text in TOML, if it was given in this form.
     """
 
     model: RigModel
@@ -39,7 +39,7 @@ class GivenRig:
 
 
 def read_rig(given: str | Path) -> GivenRig:
-    """The rig of that name or in that file.
+    """The rig with that name or in that file.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def read_rig(given: str | Path) -> GivenRig:
     Raises
     ------
     PlanError
-        In one sentence: the key, what stands there, what may.
+        In one sentence: the key, the value found, the allowed values.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def read_rig(given: str | Path) -> GivenRig:
     if path.suffix.lower() != ".toml":
         if path.suffix.lower() != ".json" and not path.exists():
             raise PlanError(
-                f"{path} is no rig: there are {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}; name one of these, a .toml "
+                f"{path} is not a rig; give {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}, a .toml "
                 "description or a model.json"
             )
         model, origin = read_model(path)
@@ -74,12 +74,12 @@ def read_rig(given: str | Path) -> GivenRig:
 
 
 def rig_of(campaign: Campaign) -> RigModel:
-    """The rig that a campaign was measured on: the one that it describes, or the wire bonder.
+    """The rig of a campaign: the one described in it, or the wire bonder.
 
     Raises
     ------
     PlanError
-        Where the description cannot be used.
+        The description cannot be used.
     """
     if campaign.description is None:
         return wire_bonder()
@@ -87,7 +87,7 @@ def rig_of(campaign: Campaign) -> RigModel:
 
 
 def read_description(path: Path) -> tuple[RigModel, str]:
-    """A rig and its text from the TOML file that describes it.
+    """A rig and its description from a TOML file.
 
     Raises
     ------
@@ -109,4 +109,4 @@ def _described(text: str, what: str) -> tuple[RigModel, str]:
     except ModelError as error:
         raise PlanError(f"{what}: {error}") from None
     except RecursionError:
-        raise PlanError(f"{what} is nested too deep; write the rig's parts as flat tables") from None
+        raise PlanError(f"{what} is nested too deeply; write the rig's parts as flat tables") from None

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves open, for whoever plans the next run: rivals.json, with every surviving cause as a fitted model."""
+"""The open questions of a diagnosis, for planning the next run: rivals.json, with every remaining cause as a fitted model."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json
 
 NAME = "rivals.json"
-#: Causes that are compared where none earns a name: the best, and no more of one kind and place than one.
+#: Number of causes compared if none is named: the best ones, at most one of each kind and place.
 UNDECIDED = 3
 AGAIN = "diagnose the recording again with this version of the program"
 
 
 class TakenRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run in hand, as far as its drive can be made again: `drive_rms` and `drive_peak` are of the recorded channel."""
+    """An existing run, as far as its drive can be generated again: `drive_rms` and `drive_peak` are of the recorded channel."""
 
     id: str
     configuration: str
@@ -45,7 +45,7 @@ class TakenRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
-    """A cause as a fitted model; cause and location are empty of the model without one."""
+    """A cause as a fitted model; cause and location are empty for the model without one."""
 
     cause: str
     location: str
@@ -54,7 +54,7 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
     covariance: list[list[float]]
 
     def variant(self) -> Variant:
-        """The same in memory."""
+        """The same as an object in memory."""
         return Variant(
             cause=self.cause, location=self.location, model=from_tree(self.model),
             free=tuple(_free(tree) for tree in self.free), covariance=np.array(self.covariance).reshape(len(self.free), -1),
@@ -62,10 +62,10 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OpenSet(msgspec.Struct, frozen=True, kw_only=True):
-    """Causes that stand together.
+    """Causes that are still possible.
 
-    `why` is "indistinguishable" where the diagnosis says so and "undecided" where none earned a name. `twins` lead to the same
-    equations as one of the models, so that no run of this rig parts them: pairs of cause and location.
+    `why` is "indistinguishable" if the diagnosis says so and "undecided" if none was named. `twins` have the same equations as
+    one of the models, so that no run of this rig distinguishes them: pairs of cause and location.
     """
 
     why: Literal["indistinguishable", "undecided"]
@@ -74,7 +74,7 @@ class OpenSet(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Rivals(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a proposal needs of a diagnosis."""
+    """Everything that a proposal needs from a diagnosis."""
 
     campaign: str
     verdict: str
@@ -93,7 +93,7 @@ class Rivals(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str]) -> Path:
-    """Write rivals.json beside the findings."""
+    """Write rivals.json next to the findings."""
     drive = diagnosis.extended.model.drive.channel
     content = Rivals(
         campaign=origin["recording"], verdict=diagnosis.verdict, baseline=origin["baseline"],
@@ -113,7 +113,7 @@ def read_rivals(folder: Path) -> Rivals:
     Raises
     ------
     PlanError
-        Where the folder holds no diagnosis, or one of an older version.
+        The folder contains no diagnosis, or one of an older version.
     """
     path = folder / NAME
     try:
@@ -122,8 +122,8 @@ def read_rivals(folder: Path) -> Rivals:
             each.variant()
     except FileNotFoundError:
         if (folder / "findings.json").is_file():
-            raise PlanError(f"{folder} has findings.json and no {NAME}; {AGAIN}") from None
-        raise PlanError(f"{folder} holds no diagnosis; give the folder that rig diagnose -o wrote") from None
+            raise PlanError(f"{folder} has findings.json but no {NAME}; {AGAIN}") from None
+        raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
     except OSError as error:
         raise PlanError(f"{path} cannot be read ({error.strerror}); give the folder that rig diagnose -o wrote") from None
     except (msgspec.MsgspecError, ModelError, TypeError, ValueError, UnicodeDecodeError, RecursionError):
@@ -181,7 +181,7 @@ def _model(cause: str, location: str, fitted: Fit) -> FittedModel:
 
 
 def fitted_model(cause: str, location: str, model: RigModel, free: Sequence[Free], covariance: FloatArray) -> FittedModel:
-    """A fitted model as the file has it."""
+    """A fitted model as stored in the file."""
     return FittedModel(
         cause=cause, location=location, model=to_tree(model), free=[_tree(each) for each in free],
         covariance=np.nan_to_num(covariance).tolist(),
@@ -189,7 +189,7 @@ def fitted_model(cause: str, location: str, model: RigModel, free: Sequence[Free
 
 
 def _tree(free: Free) -> dict[str, Any]:
-    # JSON knows no infinity: a bound that is none is left out.
+    # JSON has no infinity: an infinite bound is omitted.
     tree: dict[str, Any] = msgspec.to_builtins(free)
     return {key: value for key, value in tree.items() if value not in (np.inf, -np.inf)} | (
         {"unbounded_below": True} if free.low == -np.inf else {}

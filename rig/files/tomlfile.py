@@ -1,4 +1,4 @@
-"""TOML files that people write, read with one-sentence refusals."""
+"""TOML files written by people, read with one-sentence error messages."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ T = TypeVar("T")
 
 
 def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "") -> T:
-    """Read a file into what its keys stand for.
+    """Read a file and convert its keys.
 
     Parameters
     ----------
     path
-        The file; a byte order mark in front is passed over.
+        The file; a leading byte order mark is skipped.
     convert
-        From plain dicts and lists, by `msgspec.convert`.
+        Converts plain dicts and lists, by `msgspec.convert`.
     what
         Noun with its article, for messages.
     hint
-        What else helps where there is no such file, to follow the sentence.
+        Additional advice if there is no such file, appended to the sentence.
 
     Raises
     ------
@@ -45,6 +45,6 @@ def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, 
     except tomllib.TOMLDecodeError as error:
         raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
     except RecursionError:
-        raise PlanError(f"{path} is nested too deep; write {what} with flat tables") from None
+        raise PlanError(f"{path} is nested too deeply; write {what} with flat tables") from None
     except msgspec.ValidationError as error:
         raise PlanError(f"{path}: {str(error).replace('`', '')}; correct that key") from None

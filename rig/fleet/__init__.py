@@ -1,1 +1,1 @@
-"""A fleet of rigs: every recording diagnosed once, every parameter followed."""
+"""A fleet of rigs: every recording is diagnosed once, every parameter tracked."""

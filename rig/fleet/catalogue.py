@@ -1,15 +1,15 @@
-"""The catalogue of a fleet: Parquet files that pandas and SQL read, and the only thing that keeps state.
+"""The catalogue of a fleet: Parquet files for pandas and SQL, and the only state of a fleet.
 
 ::
 
     fleet/
       folders/     one small file for each folder that was added
-      answers/     one small file for each answer, and compacted ones (all-*.parquet); long format, a row a parameter
-      changes/     one small file for each change whose cause was looked for
+      answers/     one small file for each answer, and merged ones (all-*.parquet); long format, a row for each parameter
+      changes/     one small file for each change whose cause was searched for
       diagnoses/   findings.json and the models of each answer
 
-An answer belongs to the content of a recording, the version of the program and the baseline; these name its file, so writing it
-twice does no harm. Every file is written whole under a temporary name and then put in place.
+An answer is identified by the content of a recording, the version of the program and the baseline; these give the name of its
+file, so writing it twice is harmless. Every file is first written under a temporary name and then renamed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from isorig.rig.files.output import replaced
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns of an answer; the last five say what is needed to tell a recording again without reading it.
+#: Columns of an answer; the last five identify a recording without reading it.
 SCHEMA = pa.schema(
     [
         ("rig", pa.string()), ("campaign", pa.string()), ("started", pa.timestamp("us", "UTC")), ("parameter", pa.string()),
@@ -50,20 +50,20 @@ CHANGES = pa.schema(
         ("unit", pa.string()), ("share", pa.float64()), ("alike", pa.bool_()),
     ]
 )  # fmt: skip
-#: Small files from which on an update makes one file of them.
+#: Number of small files above which an update merges them.
 COMPACT = 200
-#: Verdicts of recordings that gave no parameters: refused for what is in them, stopped by the time limit, failed for another
-#: reason, and replaced by another recording at the same place.
+#: Verdicts of recordings without parameters: rejected for their content, stopped by the time limit, failed for another reason,
+#: and replaced by another recording at the same path.
 REFUSED, LATE, FAILED, SUPERSEDED = "refused", "timed out", "failed", "superseded"
 WITHOUT = (REFUSED, LATE, FAILED, SUPERSEDED)
-#: Name of the row that keeps the time limit of a diagnosis that it stopped or cut short, s.
+#: Name of the row with the time limit of a diagnosis that was stopped or cut short by it, s.
 LIMIT = "time_limit"
 
 R = TypeVar("R")
 
 
 class Parameter(msgspec.Struct, frozen=True, kw_only=True):
-    """A value that a diagnosis gave: its path in the model, or cause, place and name; NaN where there is no deviation."""
+    """A value from a diagnosis: its path in the model, or cause, place and name; NaN for a missing standard uncertainty."""
 
     name: str
     value: float
@@ -72,27 +72,27 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What a diagnosis said of a recording.
+    """The result of diagnosing a recording.
 
     Parameters
     ----------
     rig, campaign
-        Names of the folder and of the file without its ending.
+        Names of the folder and of the file without its extension.
     started
-        When the first run began, where the recording says so.
+        Start of the first run, if the recording gives it.
     verdict
-        Of the diagnosis, or one of `WITHOUT`.
+        Verdict of the diagnosis, or one of `WITHOUT`.
     cause, alike
-        Named causes as "cause at place", joined by " + "; all that the data cannot tell from them likewise, among them the kind
-        of a form and the forms of a kind.
+        Named causes as "cause at place", joined by " + "; all causes indistinguishable from them, including the kind of a form
+        and the forms of a kind.
     reason
-        Why there is no answer, or only a partial one, in a sentence.
+        Why there is no answer, or a partial one only, in a sentence.
     content, version, baseline
-        SHA-256 of the recording, version of the program, name of the baseline: together the key.
+        SHA-256 of the recording, version of the program, name of the baseline: the key.
     path, size, modified
-        Where the recording was seen, its bytes, and its time of modification in ns.
+        Path of the recording, its size in bytes, and its modification time in ns.
     parameters
-        What was fitted.
+        The fitted parameters.
     """
 
     rig: str
@@ -112,7 +112,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def key(self) -> str:
-        """Name of the answer's file without its ending."""
+        """Name of the answer's file without its extension."""
         return key_of(self.content, self.version, self.baseline)
 
 
@@ -127,33 +127,33 @@ class Catalogue:
     Parameters
     ----------
     folder
-        Where they are; made when something is put there.
+        Their folder; created when something is stored in it.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def existing(self) -> Catalogue:
-        """The same catalogue.
+        """The catalogue itself, if it exists.
 
         Raises
         ------
         RigError
-            Where there is none.
+            It does not exist.
         """
         if not (self.folder / "folders").is_dir():
-            raise RigError(f"{self.folder} is no fleet's catalogue; make one with rig fleet add FOLDER, or name another with -c")
+            raise RigError(f"{self.folder} is not a fleet's catalogue; create it with rig fleet add FOLDER, or give another -c")
         return self
 
     # Folders
 
     def add_folder(self, folder: Path, rig: str | None) -> None:
-        """Remember a folder of recordings, all of one rig where it is named."""
+        """Add a folder of recordings, all of one rig if it is named."""
         name = hashlib.sha256(str(folder).encode()).hexdigest()[:16]
         _write(self.folder / "folders" / f"{name}.parquet", pa.table({"folder": [str(folder)], "rig": [rig]}, schema=FOLDERS))
 
     def folders(self) -> dict[Path, str | None]:
-        """The folders that were added, and the rig that each stands for."""
+        """The folders that were added, and the rig of each."""
         rows = [row for path in (self.folder / "folders").glob("*.parquet") for row in _load(path, FOLDERS).to_pylist()]
         return {Path(row["folder"]): row["rig"] for row in sorted(rows, key=lambda row: str(row["folder"]))}
 
@@ -164,17 +164,17 @@ class Catalogue:
         return self.folder / "diagnoses" / key[:2] / key
 
     def put(self, answer: Answer) -> None:
-        """Store an answer in the place of an earlier one of its key.
+        """Store an answer, replacing an earlier one with the same key.
 
         Raises
         ------
         OutputError
-            Where it could not be written; nothing else is touched then.
+            It could not be written; nothing else is changed.
         """
         _write(self.folder / "answers" / answer.key[:2] / f"{answer.key}.parquet", _rows(answer))
 
     def answers(self) -> pd.DataFrame:
-        """All answers, a row a parameter, in the order of rig and time; those without parameters have one row."""
+        """All answers, a row for each parameter, sorted by rig and time; those without parameters have one row."""
         frame: pd.DataFrame = self.table().to_pandas()
         return frame
 
@@ -193,9 +193,9 @@ class Catalogue:
         return sorted((self.folder / "answers").glob("all-*.parquet"), key=lambda path: (path.stat().st_mtime_ns, path.name))
 
     def compact(self, fewest: int = COMPACT) -> None:
-        """Make one file of all answers, where there are at least so many small ones.
+        """Merge all answers into one file, if there are at least this many small ones.
 
-        Broken off at any point it leaves every answer in at least one file; two at once do no harm.
+        If interrupted at any point, every answer is in at least one file; two processes at once do no harm.
         """
         if len(self._small_answers()) < fewest:
             return
@@ -208,12 +208,12 @@ class Catalogue:
             content = stream.getvalue()
             target = self.folder / "answers" / f"all-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
             _put_in_place(target, lambda temporary: temporary.write_bytes(content))
-            # What is older goes first: broken off here, a small file still comes before what was compacted.
+            # Older files are removed first: if this is interrupted, a small file still takes precedence over merged ones.
             for path in whole:
                 if path != target:
                     path.unlink(missing_ok=True)
             for path, stamp in zip(small, stamps, strict=True):
-                # One that was written anew in the meantime stays.
+                # A small file that was rewritten in the meantime stays.
                 if path.exists() and path.stat().st_mtime_ns == stamp:
                     path.unlink(missing_ok=True)
 
@@ -222,25 +222,25 @@ class Catalogue:
     # Changes
 
     def put_change(self, name: str, rows: Sequence[dict[str, object]]) -> None:
-        """Store which causes explain a change, best first."""
+        """Store the causes that explain a change, best first."""
         _write(self.folder / "changes" / f"{name}.parquet", pa.Table.from_pylist(list(rows), schema=CHANGES))
 
     def explained(self) -> set[str]:
-        """Names of the changes whose cause was looked for."""
+        """Names of the changes whose cause was searched for."""
         return {path.stem for path in (self.folder / "changes").glob("*.parquet")}
 
     def change(self, name: str) -> list[dict[str, Any]]:
-        """What explains a change, best first; empty where nothing does.
+        """The explanations of a change, best first; empty if there is none.
 
         Raises
         ------
         RigError
-            Where it was not looked for.
+            It was not searched for.
         """
         return self.changes([name])[name]
 
     def changes(self, names: Iterable[str] | None = None) -> dict[str, list[dict[str, Any]]]:
-        """What explains each change that was looked into, by its name, best first; empty where nothing does."""
+        """The explanations of each change that was analysed, by its name, best first; empty if there is none."""
         rows: dict[str, list[dict[str, Any]]] = {}
         for name in sorted(self.explained()) if names is None else names:
             found = _load(self.folder / "changes" / f"{name}.parquet", CHANGES).to_pylist()
@@ -249,7 +249,7 @@ class Catalogue:
 
 
 def retried(function: Callable[[], R]) -> R:
-    """The function's result; called again where a file was compacted away under its hands."""
+    """The function's result; the function is called again if a file was merged away while it was read."""
     for _ in range(20):
         try:
             return function()
@@ -269,7 +269,7 @@ def _rows(answer: Answer) -> pa.Table:
 
 
 def _latest(small: Iterable[Path], whole: Iterable[Path]) -> pa.Table:
-    # A small file is newer than what was compacted; of compacted files that a break left side by side either will do.
+    # A small file is newer than merged ones; of two merged files left by an interruption either will do.
     tables = [_load(path, SCHEMA) for path in whole]
     merged = tables[0] if tables else SCHEMA.empty_table()
     for table in (*tables[1:], *_batches(small)):
@@ -295,7 +295,7 @@ def _load(path: Path, schema: pa.Schema) -> pa.Table:
         raise
     except (OSError, pa.ArrowInvalid, ValueError) as error:
         told = (str(error).splitlines() or [""])[0]
-        raise RigError(f"{path} is damaged ({told}); remove it and run rig fleet update, which makes it again") from None
+        raise RigError(f"{path} is damaged ({told}); remove it and run rig fleet update, which creates it again") from None
 
 
 def _save(place: Any, table: pa.Table) -> None:

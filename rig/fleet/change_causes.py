@@ -1,4 +1,4 @@
-"""Which cause explains a change: the campaign after it diagnosed with the fit from before it as the baseline."""
+"""The cause of a change: diagnoses the campaign after it with the fit from before it as the baseline."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from isorig.rig.fleet.catalogue import Catalogue, key_of
 from isorig.rig.fleet.history import FALSE_PER_MONTH, Fleet, Incident, Rig, followed
 from isorig.rig.fleet.sentences import incident_words
 
-#: Explanations of a change that are kept.
+#: Number of explanations stored for a change.
 KEPT = 8
 
 
 class Question(msgspec.Struct, frozen=True, kw_only=True):
-    """A change whose cause is looked for.
+    """A change whose cause is searched for.
 
     Parameters
     ----------
     catalogue
         Folder of the catalogue.
     name
-        Of the file in it that holds the explanations.
+        Name of the file with the explanations.
     rig, version, baseline
-        Whose change, in which diagnoses.
+        The rig, and the diagnoses used.
     before, after
         Content of the recording before the change, and of the one that raised the alarm.
     path
-        Where that one is.
+        Path of the latter.
     levels, scatter
-        Level of each parameter before the change, and its deviation from campaign to campaign (relative of a positive one).
+        Level of each parameter before the change, and its campaign-to-campaign scatter (relative for a positive parameter).
     changed
         The parameters that raised an alarm.
     """
@@ -58,14 +58,14 @@ class Question(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def name_of(fleet: Fleet, incident: Incident) -> str:
-    """Name of the file that holds a change's explanations."""
+    """Name of the file with a change's explanations."""
     rig = fleet.rigs[incident.rig]
     parts = (rig.name, rig.version, fleet.baseline, rig.campaigns[incident.alarm].content, str(incident.last_before))
     return hashlib.sha256("|".join(parts).encode()).hexdigest()[:24]
 
 
 def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[Question]:
-    """The changes whose cause was not looked for yet."""
+    """The changes whose cause was not searched for yet."""
     known = catalogue.explained()
     for incident in fleet.incidents:
         name = name_of(fleet, incident)
@@ -95,7 +95,7 @@ def _before(fleet: Fleet, rig: Rig, incident: Incident) -> tuple[dict[str, float
 
 
 def explain(question: Question) -> str:
-    """Look for the cause of a change and store what explains it; why not, where the recording or the earlier fit is unusable."""
+    """Search for the cause of a change and store its explanations; returns why not, if recording or earlier fit are unusable."""
     try:
         _explain(question)
     except (*REFUSALS, OSError) as refusal:
@@ -124,7 +124,7 @@ def _explain(question: Question) -> None:
         }
         for rank, e in enumerate(found[:KEPT])
     ]  # fmt: skip
-    # One line without a cause says that it was looked for.
+    # A row without a cause records that the search was done.
     blank = {"cause": "", "location": "", "parameter": "", "unit": "", "alike": False} | dict.fromkeys(
         ("old", "new", "std", "share"), math.nan
     )
@@ -134,9 +134,9 @@ def _explain(question: Question) -> None:
 def look(
     catalogue: Catalogue, baseline: str, *, scheduler: str | None = None, false_per_month: float = FALSE_PER_MONTH
 ) -> Iterator[str]:
-    """Follow the fleet, look for the causes of changes that were not looked for yet, and tell each in a line.
+    """Track the fleet, search for the causes of new changes, and yield a line for each.
 
-    A cause that cannot be looked for (its recording is gone) is told and looked for again the next time.
+    A cause that cannot be searched for (its recording is gone) is reported and tried again the next time.
     """
     answers = catalogue.answers()
     if not (answers[answers.baseline == baseline].started.notna()).any():
@@ -145,4 +145,4 @@ def look(
     by_name = {name_of(fleet, incident): incident for incident in fleet.incidents}
     for question, failure in shared_out(explain, questions(catalogue, fleet), scheduler):
         told = incident_words(fleet, by_name[question.name], None if failure else catalogue.change(question.name))
-        yield told + (f"; its cause cannot be looked for: {failure}" if failure else "")
+        yield told + (f"; its cause cannot be determined: {failure}" if failure else "")

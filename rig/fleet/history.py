@@ -1,4 +1,4 @@
-"""What became of a fleet: each rig's parameters over time, its changes, and which rig is odd, worked out from the catalogue."""
+"""History of a fleet: each rig's parameters over time, its changes, and outlying rigs, computed from the catalogue."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from isorig.rig.fleet.catalogue import SUPERSEDED, WITHOUT
 if TYPE_CHECKING:
     import pandas as pd
 
-#: False alarms that the whole fleet may raise in a month, and the days of one.
+#: Allowed false alarms per month in the whole fleet, and the days of a month.
 FALSE_PER_MONTH, MONTH = 1.0, 365.25 / 12.0
-#: Days between campaigns where nothing says how often a rig is measured.
+#: Days between campaigns, if the interval of a rig is unknown.
 WEEK = 7.0
-#: Probability that any rig of a sound fleet is called odd.
+#: Probability that a rig of a fleet without outliers is called an outlier.
 ODD_RISK = 0.05
-#: A cause is new where so many of so many campaigns in a row name it, and as many before named nothing like it.
+#: A cause is new if this many of this many successive campaigns name it, and as many before named no similar cause.
 NAMED, OF, CLEAN = 2, 3, 3
-#: Size of a parameter's change, in deviations, from which on it dates a change better than the name of a cause.
+#: Size of a parameter's change, in standard deviations, above which it dates a change better than the name of a cause.
 PLAIN = 8.0
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A campaign of a rig as its answer tells it: when, what was named, and which recording."""
+    """A campaign of a rig from its answer: date, named causes, and recording."""
 
     name: str
     started: float
@@ -52,7 +52,7 @@ class Campaign:
 
     @property
     def date(self) -> datetime:
-        """When it began."""
+        """Its start."""
         return date_of(self.started)
 
 
@@ -65,13 +65,13 @@ class Track:
     name, unit
         The parameter's path, or cause, place and name.
     log
-        Whether the logarithm is followed (it is positive throughout the fleet), so that differences are relative.
+        Whether the logarithm is tracked (if the parameter is positive throughout the fleet), so that differences are relative.
     campaigns
         Index of each value's campaign in the rig's list.
     series
-        What is followed.
+        The tracked values.
     followed
-        What became of it.
+        The result of tracking.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Track:
         return math.exp(value) if self.log else value
 
     def moved(self, change: Change) -> str:
-        """A change in words: by how much, with its deviation."""
+        """A change in words: its size, with the standard uncertainty."""
         if self.log:
             share, std = math.expm1(change.after - change.before), math.exp(change.after - change.before) * change.std
             return f"{100.0 * share:+.2g} ± {100.0 * std:.1g} %"
@@ -95,7 +95,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Named:
-    """A cause that the diagnoses of a rig name from some campaign on, and did not before."""
+    """A cause that the diagnoses of a rig name from some campaign on, and did not name before."""
 
     cause: str
     first: int
@@ -104,18 +104,18 @@ class Named:
 
 @dataclass(frozen=True, kw_only=True)
 class Incident:
-    """A day on which a rig changed: all that changed then.
+    """A date on which a rig changed: all changes of that date.
 
     Parameters
     ----------
     rig
         Its name.
     changes
-        The parameters that changed, the most certain first.
+        The parameters that changed, the most significant first.
     named
-        Causes that are named from then on.
+        Causes named from then on.
     last_before, first_after
-        Index of the rig's campaigns between which it happened, with 95 % certainty.
+        Indices of the rig's campaigns between which it happened, with 95 % certainty.
     first
         Index of the most likely first campaign after it.
     alarm
@@ -138,13 +138,13 @@ class Rig:
     Parameters
     ----------
     name
-        The folder that its recordings are in.
+        The folder of its recordings.
     campaigns
-        Those that are followed, in the order of time.
+        The tracked campaigns, in order of time.
     version
-        The version of the program that all of them were diagnosed with.
+        The version of the program of all their diagnoses.
     waiting
-        Number of campaigns that this version has not diagnosed yet, or that only it has: they are not followed.
+        Number of campaigns not diagnosed by this version yet, or only by a newer one: they are not tracked.
     tracks
         Parameters by name.
     incidents
@@ -170,15 +170,15 @@ class Fleet:
     rigs
         By name.
     scatter
-        Variance between campaigns of each parameter.
+        Campaign-to-campaign variance of each parameter.
     limits
-        Thresholds of each parameter's sums.
+        Thresholds of each parameter's CUSUM charts.
     false_per_month
-        False alarms that the whole fleet may raise.
+        Allowed false alarms per month in the whole fleet.
     siblings
-        Each parameter beside the other rigs: names of the rigs compared, and the comparison.
+        Each parameter compared with the other rigs: names of the rigs, and the comparison.
     notes
-        Sentences about recordings that could not be used or followed.
+        Sentences about recordings that could not be used or tracked.
     """
 
     baseline: str
@@ -197,29 +197,29 @@ class Fleet:
 
 
 def date_of(days: float) -> datetime:
-    """The date of so many days after 1970."""
+    """The date from a number of days since 1970."""
     return EPOCH + timedelta(days=days)
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = FALSE_PER_MONTH) -> Fleet:
-    """Follow every parameter of every rig.
+    """Track every parameter of every rig.
 
     Parameters
     ----------
     answers
-        The catalogue's.
+        From the catalogue.
     baseline
-        The diagnoses to follow.
+        The diagnoses to use.
     false_per_month
-        False alarms that the whole fleet may raise in a month.
+        Allowed false alarms per month in the whole fleet.
 
     Raises
     ------
     RigError
-        Where no campaign can be followed, or the rate is not positive.
+        No campaign can be tracked, or the rate is not positive.
     """
     if not false_per_month > 0.0:
-        raise RigError(f"{false_per_month:g} false alarms a month were asked for; ask for more than none")
+        raise RigError(f"the rate of false alarms is {false_per_month:g} a month; give a positive one")
     mine = answers[(answers.baseline == baseline) & (answers.verdict != SUPERSEDED)]
     usable = mine[~mine.verdict.isin(WITHOUT)]
     dated = usable[usable.started.notna()].sort_values(["rig", "started", "content"], kind="stable")
@@ -229,7 +229,7 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = F
         if not (usable.content == row.content).any()
     ]
     notes += [
-        f"{row.rig} {row.campaign} is not followed: the recording does not say when it began"
+        f"{row.rig} {row.campaign} is not tracked: the recording does not give its start time"
         for row in usable[usable.started.isna()].drop_duplicates("content").itertuples()
     ]
     if not len(dated):
@@ -266,8 +266,8 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = F
 
 
 def _one_version(rows: pd.DataFrame) -> tuple[pd.DataFrame, str, int]:
-    # A new version of the program is a change of its own, so a rig is followed in one version only: the newest of those that have
-    # diagnosed the most of its campaigns. Until the newest has caught up, its campaigns wait.
+    # A new program version can itself change values, so a rig is tracked in one version only: the newest of those that have
+    # diagnosed most of its campaigns. Until the newest version has diagnosed as many, its campaigns wait.
     counts = rows.groupby("version").content.nunique()
     version = max(counts.index, key=lambda v: (counts[v], _ordered(v)))
     return rows[rows.version == version], str(version), int(rows.content.nunique() - counts[version])
@@ -295,7 +295,7 @@ def _raw_tracks(rows: pd.DataFrame, positive: pd.Series[bool]) -> dict[str, tupl
 
 
 def _in_rig(rows: pd.DataFrame) -> NDArray[np.int64]:
-    # Index of each row's campaign in the rig's list: rows come in the order of time, those of a campaign together.
+    # Index of each row's campaign in the rig's list: rows are sorted by time, those of a campaign are adjacent.
     content = rows.content.tolist()
     fresh = [False, *(a != b for a, b in pairwise(content))]
     return np.cumsum(fresh)
@@ -330,7 +330,7 @@ def _tests_per_month(rigs: Iterable[Mapping[str, tuple[tuple[int, ...], str, Ser
 
 
 def _coarse(freedom: float) -> float:
-    # Thresholds are worked out once for a step of a tenth.
+    # Thresholds are computed once for each step of a tenth.
     return float(1.1 ** np.floor(np.log(max(freedom, 1.0)) / np.log(1.1)))
 
 
@@ -347,7 +347,7 @@ def _named(campaigns: Sequence[Campaign]) -> list[Named]:
                 if clean >= CLEAN:
                     found.append(Named(cause=cause, first=first, alarm=k))
                 standing = True
-            # Campaigns in a row that named nothing like it, up to those that are asked now.
+            # Successive campaigns without a similar cause before the tested ones.
             before = near[max(k - OF + 1, 0)]
             clean = 0 if before else clean + (k - OF + 1 >= 0)
             if standing and not any(near[i] for i in recent):
@@ -356,7 +356,7 @@ def _named(campaigns: Sequence[Campaign]) -> list[Named]:
 
 
 def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[Named]) -> tuple[Incident, ...]:
-    # Changes whose intervals from the last campaign before to the alarm meet are one day's.
+    # Changes with overlapping intervals (from the last campaign before to the alarm) belong to one date.
     pieces: list[tuple[int, int, int, int, int, Any]] = []
     for track in tracks.values():
         for change in track.followed.changes:
@@ -377,7 +377,7 @@ def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[Named]) ->
 
 def _incident(rig: str, group: Sequence[tuple[int, int, int, int, int, Any]]) -> Incident:
     changes = sorted((p[5] for p in group if p[4] == 0), key=lambda pair: -abs(pair[1].size))
-    # Dated by the parameter that changed most plainly; by the first cause that is named where no parameter did so.
+    # Dated by the most significant parameter change; if there is none, by the first new cause.
     causes = [p for p in group if p[4] == 1]
     plain = bool(changes) and (abs(changes[0][1].size) >= PLAIN or not causes)
     main = next(p for p in group if p[5] is changes[0]) if plain else min(causes, key=lambda p: p[2])

@@ -1,4 +1,4 @@
-"""One recording of a fleet diagnosed, by whichever process or machine takes the job."""
+"""Diagnosis of one recording of a fleet, in any process or on any machine."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from isorig.rig.diagnose_many import answered, diagnose_file, program_version
 from isorig.rig.errors import REFUSALS, OutputError, RigError, TimeLimitError
 from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Answer, Catalogue, Parameter
 
-#: Errors that say that there is no room, whoever's quota it is.
+#: Errors for missing disk space or quota.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):
-    """A recording to be diagnosed, and the catalogue that its answer goes to.
+    """A recording to be diagnosed, and the catalogue for its answer.
 
     Parameters
     ----------
     catalogue
         Folder of the catalogue.
     answer
-        The answer as far as it is known before: whose, which recording, which version and baseline.
+        The known part of the answer: rig, recording, version and baseline.
     limit
-        Seconds that it may take.
+        Time limit, seconds.
     pages
-        Whether report.html is written too.
+        Whether to write report.html too.
     again
-        Whether it is diagnosed though there are findings of it.
+        Whether to diagnose it although there are findings.
     """
 
     catalogue: str
@@ -47,14 +47,14 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Told(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a job.
+    """The result of a job.
 
     Parameters
     ----------
     answer
-        What was stored; None where another process works on it at this moment.
+        The stored answer; None if another process is working on it.
     stop
-        Why there is no use in going on; empty where there is.
+        Why the update cannot continue; empty if it can.
     """
 
     answer: Answer | None = None
@@ -62,7 +62,7 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def answer_job(job: Job) -> Told:
-    """Diagnose a recording, store the answer, and tell it."""
+    """Diagnose a recording, store the answer, and return it."""
     if program_version() != job.answer.version:
         return Told(
             stop=f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
@@ -98,7 +98,7 @@ def _answered(job: Job, folder: Path) -> Answer:
         if error.errno in FULL:
             raise OutputError(f"{job.catalogue}: {error.strerror}; make room and update again") from None
         return msgspec.structs.replace(blank, verdict=FAILED, reason=f"{path}: {error}; update again")
-    except Exception as error:  # one recording that breaks the program must not stop a thousand others
+    except Exception as error:  # one recording that crashes the program must not stop a thousand others
         told = f"{path}: the program failed ({type(error).__name__}: {error}); report it, and update again with --again"
         return msgspec.structs.replace(blank, verdict=FAILED, reason=told)
     try:
@@ -110,12 +110,12 @@ def _answered(job: Job, folder: Path) -> Answer:
 
 
 def from_findings(folder: Path, blank: Answer) -> Answer:
-    """The answer that findings.json and baseline.json of a folder hold.
+    """The answer from findings.json and baseline.json of a folder.
 
     Raises
     ------
     RigError
-        Where they are not what a diagnosis writes.
+        They are not the output of a diagnosis.
     """
     try:
         found = msgspec.json.decode((folder / "findings.json").read_bytes())
@@ -141,12 +141,12 @@ def from_findings(folder: Path, blank: Answer) -> Answer:
         )  # fmt: skip
     except (OSError, msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise RigError(
-            f"{folder} does not hold what a diagnosis writes ({error}); remove it and update again with --again"
+            f"{folder} does not contain the output of a diagnosis ({error}); remove it and update again with --again"
         ) from None
 
 
 def _same(step: Mapping[str, Any]) -> list[str]:
-    # One campaign may tell what kind of thing sits at a place, the next one of which form it is: that is no other cause.
+    # One campaign may identify the kind at a place, the next one its form: these are not different causes.
     forms = (step["kind"],) if step["level"] == "form" else FORMS.get(step["kind"], ())
     return [f"{word} at {step['location']}" for word in forms]
 
@@ -164,10 +164,10 @@ def _parameter(name: str, row: dict[str, Any]) -> Parameter | None:
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[bool]:
-    """Whether no other process works in a folder; none can as long as the block lasts.
+    """Whether no other process works in a folder; none can during the block.
 
-    The lock is the system's and ends with its process. Where there are no such locks, two processes may do the same work twice,
-    which costs time and nothing else. An empty folder is removed at the end.
+    The lock belongs to the system and ends with its process. Without such locks, two processes may do the same work twice, which
+    costs time only. An empty folder is removed at the end.
     """
     try:
         import fcntl
@@ -179,11 +179,13 @@ def alone_in(folder: Path) -> Iterator[bool]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
-    except FileNotFoundError:  # another one has just removed it
+    except FileNotFoundError:  # another process has just removed it
         yield False
         return
     except OSError as error:
-        raise OutputError(f"{folder} cannot be made ({error.strerror}); make room, or choose another catalogue with -c") from None
+        raise OutputError(
+            f"{folder} cannot be created ({error.strerror}); make room, or give another catalogue with -c"
+        ) from None
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -194,7 +196,7 @@ def alone_in(folder: Path) -> Iterator[bool]:
             yield True
             return
         try:
-            # Another one may have removed the folder between its opening and the lock.
+            # Another process may have removed the folder between its opening and the lock.
             yield folder.exists() and os.fstat(handle).st_ino == folder.stat().st_ino
         finally:
             with contextlib.suppress(OSError):

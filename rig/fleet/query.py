@@ -1,4 +1,4 @@
-"""The catalogue asked in SQL, through DuckDB where it is installed."""
+"""SQL queries of the catalogue through DuckDB, if it is installed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from isorig.rig.fleet.catalogue import Catalogue
 
 
 def asked(catalogue: Catalogue, query: str) -> str:
-    """The rows that a query gives, as CSV; the table `answers` is the catalogue's.
+    """The rows of a query as CSV; the table `answers` is the catalogue.
 
-    The query sees that table and nothing else: no file, no network.
+    The query can access this table only: no file, no network.
 
     Raises
     ------
     RigError
-        Where DuckDB is not installed, or the query is wrong.
+        DuckDB is not installed, or the query is wrong.
     """
     try:
         import duckdb
@@ -28,7 +28,7 @@ def asked(catalogue: Catalogue, query: str) -> str:
     with duckdb.connect(config={"threads": 1}) as connection:
         answers = catalogue.table()
         place = answers.schema.get_field_index("started")
-        # Without its zone, which is UTC: DuckDB would need another package to hand it back.
+        # Without its time zone, which is UTC: DuckDB would need another package to return it.
         connection.register("answers", answers.set_column(place, "started", answers.column(place).cast(pa.timestamp("us"))))
         connection.execute("set enable_external_access = false; set lock_configuration = true")
         try:

@@ -1,4 +1,4 @@
-"""The recordings of a fleet: found in its folders, told by content, and whose rig each is of."""
+"""The recordings of a fleet: found in its folders, identified by content, and assigned to rigs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ENDING = ".h5"
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """A recording on disk; `content` is the SHA-256 of its bytes, empty until it was read."""
+    """A recording on disk; `content` is the SHA-256 of its bytes, empty until it is read."""
 
     path: Path
     rig: str
@@ -26,20 +26,20 @@ class Recording:
 
     @property
     def campaign(self) -> str:
-        """Name of the file without its ending."""
+        """Name of the file without its extension."""
         return self.path.stem
 
     @property
     def stamp(self) -> tuple[str, int, int]:
-        """What says without reading it that a file is the one seen before."""
+        """Identifies an unchanged file without reading it."""
         return str(self.path), self.size, self.modified
 
 
 def recordings_under(folders: Mapping[Path, str | None]) -> Iterator[Recording]:
-    """Every recording in the folders and below, in the order of their paths, each once.
+    """Every recording in the folders and their subfolders, sorted by path, each once.
 
-    A recording is of the rig that the folder was added for, else of the rig that its own folder is named after. Hidden files and
-    folders are left out.
+    The rig of a recording is the one given for the added folder, otherwise the name of the recording's folder. Hidden files and
+    folders are ignored.
     """
     seen: set[Path] = set()
     for folder, rig in folders.items():
@@ -52,13 +52,13 @@ def recordings_under(folders: Mapping[Path, str | None]) -> Iterator[Recording]:
                 seen.add(path)
                 try:
                     stat = path.stat()
-                except OSError:  # gone since the folder was listed
+                except OSError:  # removed since the folder was listed
                     continue
                 yield Recording(path=path, rig=rig or path.parent.name, size=stat.st_size, modified=stat.st_mtime_ns)
 
 
 def identified(recordings: Iterable[Recording], known: Mapping[tuple[str, int, int], str]) -> list[Recording]:
-    """The recordings with their content: as it is known of an unchanged file, else read. One that cannot be read has none."""
+    """The recordings with their content: the known one of an unchanged file, otherwise read. It is empty for unreadable files."""
 
     def one(recording: Recording) -> Recording:
         content = known.get(recording.stamp)

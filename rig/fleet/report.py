@@ -1,4 +1,4 @@
-"""The page of a fleet: all rigs at a glance, what changed first, and a page for each rig; one file that works offline."""
+"""The page of a fleet: an overview of all rigs, latest changes first, and a page for each rig; one file that works offline."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import Fleet, Incident, Rig, Track, date_of
 from isorig.rig.fleet.sentences import (
     bad_campaigns,
-    beside,
     borne_out,
     cause_words,
     change_words,
     day,
+    difference_words,
     explained,
     in_order,
     incident_words,
@@ -31,24 +31,25 @@ from isorig.rig.report.page import Cell, Link, Page, Report, Section, Table, bui
 from isorig.rig.report.sections import number, words
 from isorig.rig.report.sparkline import sparkline
 
-#: Changes that the first page tells, the latest first, and recordings without an answer that it names.
+#: Changes listed on the first page, the latest first, and recordings without an answer that it lists.
 LATEST, NAMED = 40, 20
-#: Share of what the best cause explains, from which on another one is listed.
+#: Share of the improvement by the best cause, above which another one is listed.
 WORTH_TELLING = 0.01
-#: Campaigns that a rig's page lists, the latest first.
+#: Campaigns listed on a rig's page, the latest first.
 LISTED = 60
 
 GLANCE = (
-    "A row a rig, those that changed last first. A small picture shows a parameter over the latest campaigns, each to its own "
-    "scale; a dot is the first campaign after a change."
+    "One row for each rig, those with the latest changes first. A small chart shows a parameter over the latest campaigns, each "
+    "with its own scale; a dot is the first campaign after a change."
 )
 SCATTER = (
-    "A parameter alarms where it leaves its level by more than campaigns of one rig differ anyway: the deviation between "
-    "campaigns, estimated from all rigs, beside the deviation that a fit gives for itself. The thresholds are those of its sums."
+    "A parameter raises an alarm if it leaves its level by more than the campaign-to-campaign scatter of one rig. The table "
+    "shows the standard deviation between campaigns, estimated from all rigs, the standard uncertainty of a fit, and the "
+    "thresholds of the CUSUM charts."
 )
 OVER_TIME = (
-    "Each campaign's fit with its deviation, and the level that it is compared with. Shaded: when a parameter changed, with 95 % "
-    "certainty."
+    "Each campaign's fit with its standard uncertainty, and the level that it is compared with. Shaded: date of a change, with "
+    "95 % certainty."
 )
 
 Explanations = Mapping[str, Sequence[dict[str, Any]]]
@@ -85,13 +86,13 @@ def _summary(fleet: Fleet) -> list[str]:
     told = [
         f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
-        f"Of the changes of parameters at most {fleet.false_per_month:g} a month in the whole fleet is a false alarm on average.",
+        f"On average, at most {fleet.false_per_month:g} a month of the parameter changes in the whole fleet is a false alarm.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:
         told.append(
-            f"{waiting} campaigns are not followed yet: rigs are followed in one version of the program only, so run rig fleet "
-            "update until all campaigns are diagnosed by the same."
+            f"{waiting} campaigns are not tracked yet: rigs are tracked in one version of the program only, so run rig fleet "
+            "update until the same version has diagnosed all campaigns."
         )
     return told
 
@@ -102,17 +103,17 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
         found = explanations.get(name_of(fleet, incident))
         what = "; ".join(change_words(track, change) for track, change in incident.changes[:3])
         more = len(incident.changes) - 3
-        what += f"; {more} parameters more" if more > 0 else ""
+        what += f"; {more} more parameters" if more > 0 else ""
         named = "; ".join(f"{words(n.cause)} is named" for n in incident.named)
         campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
         rows.append(
             (
                 day(campaign.date), Link(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
-                "; ".join(part for part in (what, named) if part), "not looked for" if found is None else explained(found),
+                "; ".join(part for part in (what, named) if part), "not searched for" if found is None else explained(found),
             )
         )  # fmt: skip
     if not rows:
-        return Section(title="What changed", text=["No parameter has left its level, and no cause is named that was not before."])
+        return Section(title="What changed", text=["No parameter has left its level, and no new cause is named."])
     more = len(fleet.incidents) - len(rows)
     return Section(
         title="What changed",
@@ -156,15 +157,15 @@ def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
                 (
                     Link(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
                     f"{track.plain(track.followed.level):.4g} {track.unit}", f"{track.plain(found.middle):.4g} {track.unit}",
-                    beside(found.away[k]),
+                    difference_words(found.away[k]),
                 )
             )  # fmt: skip
     if not rows:
-        return Section(title="Odd rigs", text=["No rig differs from the others more than they do among themselves."])
-    columns = ("rig", "parameter", "its level", "the others' mean", "away, deviations of the others")
+        return Section(title="Outlying rigs", text=["No rig differs from the others by more than their spread."])
+    columns = ("rig", "parameter", "its level", "the others' mean", "difference, standard deviations of the others")
     return Section(
         title="Odd rigs",
-        text=["These differ from the others more than they do among themselves, though they may not have changed."],
+        text=["These rigs differ from the others by more than their spread, even if they have not changed."],
         tables=[Table(columns=columns, rows=rows)],
     )
 
@@ -180,7 +181,7 @@ def _scatter(fleet: Fleet) -> Section:
         shown = "too few campaigns" if limits is None else ", ".join(f"{limit:.2g}" for limit in limits)
         rows.append((parameter_words(name), size, own, f"{found.freedom:.0f}", shown))
     return Section(
-        title="Scatter between campaigns",
+        title="Campaign-to-campaign scatter",
         text=[SCATTER],
         tables=[Table(columns=("parameter", "between campaigns", "of a fit", "degrees of freedom", "thresholds"), rows=rows)],
     )  # fmt: skip
@@ -193,7 +194,7 @@ def _without(fleet: Fleet) -> list[Section]:
     text = [f"{note}." if not note.endswith(".") else note for note in fleet.notes[:NAMED]]
     return [
         Section(
-            title="Recordings that are not followed", text=[*text, *([f"And {more} more: rig fleet show."] if more > 0 else [])]
+            title="Recordings that are not tracked", text=[*text, *([f"And {more} more: rig fleet show."] if more > 0 else [])]
         )
     ]
 
@@ -201,11 +202,11 @@ def _without(fleet: Fleet) -> list[Section]:
 def _page(fleet: Fleet, rig: Rig, explanations: Explanations, anchors: Mapping[str, str]) -> Page:
     sections = [_change_section(fleet, incident, explanations) for incident in reversed(rig.incidents)]
     far = [
-        f"{campaign.name} ({day(campaign.date)}) lies far off in {', '.join(names)}, but not its neighbours: a bad campaign."
+        f"{campaign.name} ({day(campaign.date)}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
         for campaign, names in bad_campaigns(rig)
     ]
     if far:
-        sections.append(Section(title="Campaigns out of line", text=far))
+        sections.append(Section(title="Outlying campaigns", text=far))
     sections += [_parameters(fleet, rig), Section(title="Over time", charts=[_chart(rig)]), _campaigns(rig)]
     return Page(
         name=anchors[rig.name], title=rig.name, verdict=f"{state_of(fleet, rig)}.".capitalize(), sections=sections
@@ -225,18 +226,18 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
                 f"{day(own[0].date)} to {day(own[1].date)}", day(own[2].date),
             )
         )  # fmt: skip
-    columns = ("parameter", "before", "after", "unit", "by", "deviations", "kind", "when (95 %)", "alarm")
+    columns = ("parameter", "before", "after", "unit", "by", "standard deviations", "kind", "when (95 %)", "alarm")
     tables = [Table(columns=columns, rows=rows)] if rows else []
     text = [f"{incident_words(fleet, incident, None)}.", *what_else(fleet, incident)]
     if found is None:
-        text.append("Which cause explains it was not looked for: run rig fleet update.")
+        text.append("The cause of this change was not searched for yet: run rig fleet update.")
     elif not found:
-        text.append("The diagnosis of the difference finds no cause beyond the scatter between campaigns.")
+        text.append("The diagnosis of the difference finds no cause beyond the campaign-to-campaign scatter.")
     else:
         text.append(f"The diagnosis of the difference, with the fit from before as the baseline: {explained(found)}.")
         tables.append(
             Table(
-                columns=("cause", "share of the best's gain", "as likely as the best"),
+                columns=("cause", "improvement relative to the best", "as likely as the best"),
                 rows=[
                     (cause_words(row), f"{100.0 * row['share']:.3g} %", "yes" if row["alike"] else "no")
                     for row in found
@@ -254,13 +255,13 @@ def _parameters(fleet: Fleet, rig: Rig) -> Section:
         rigs, found = fleet.siblings[name]
         level = track.plain(track.followed.level)
         std = level * track.followed.std if track.log else track.followed.std
-        away = beside(found.away[rigs.index(rig.name)])
+        away = difference_words(found.away[rigs.index(rig.name)])
         rows.append(
             (parameter_words(name), number(level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
         )  # fmt: skip
     return Section(
-        title="Parameters beside the other rigs",
-        tables=[Table(columns=("parameter", "level", "std", "unit", "away from the others, deviations", ""), rows=rows)],
+        title="Parameters compared with the other rigs",
+        tables=[Table(columns=("parameter", "level", "std", "unit", "difference, standard deviations", ""), rows=rows)],
     )
 
 
@@ -292,7 +293,7 @@ def _label(track: Track) -> str:
 
 
 def _levels(track: Track) -> tuple[FloatArray, FloatArray]:
-    # A level from each change to the next, broken between; a drift as a slope.
+    # A constant level between changes; a drift as a slope.
     time, x, y = track.series.time, [], []
     changes = track.followed.changes
     begin = 0

@@ -1,4 +1,4 @@
-"""A fleet in words: what changed, when, by how much, and what else happened then."""
+"""Sentences about a fleet: what changed, when, by how much, and coinciding events."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from isorig.analysis.trends.change import Change
 from isorig.rig.fleet.catalogue import Answer
 from isorig.rig.fleet.history import Campaign, Fleet, Incident, Rig, Track
 
-#: A pause in the measurements of so many usual intervals is worth telling.
+#: A pause in the measurements of this many usual intervals is reported.
 PAUSE = 3.0
-#: Changes whose size, over all campaigns since, is below so many deviations were not borne out.
+#: Changes whose size, over all campaigns since, is below this many standard deviations are not confirmed.
 BORNE_OUT = 3.0
 
 
 def parameter_words(name: str) -> str:
-    """A parameter as it is read: "links.isolation.stiffness" is the stiffness of isolation."""
+    """A parameter in words: "links.isolation.stiffness" is the stiffness of isolation."""
     parts = name.split(".")
     if parts[0] in ("links", "contacts", "bodies", "sensors"):
         return f"{_plain(parts[-1])} of {_plain(parts[1])}"
@@ -39,29 +39,29 @@ def answer_words(answer: Answer) -> str:
 
 
 def day(when: datetime) -> str:
-    """A date as it is written."""
+    """A date in words."""
     return when.strftime("%Y-%m-%d")
 
 
 def period(fleet: Fleet, incident: Incident) -> str:
-    """When it happened, with 95 % certainty."""
+    """Its date, with 95 % certainty."""
     campaigns = fleet.rigs[incident.rig].campaigns
     before, after = campaigns[incident.last_before], campaigns[incident.first_after]
     return f"{day(before.date)} to {day(after.date)}"
 
 
 def change_words(track: Track, change: Change) -> str:
-    """What became of a parameter."""
+    """A change of a parameter in words."""
     unit = f" {track.unit}" if track.unit not in ("", "1") else ""
     told = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
     told += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
-    return told if abs(change.size) >= BORNE_OUT else f"{told}, not borne out by the campaigns since"
+    return told if abs(change.size) >= BORNE_OUT else f"{told}, not confirmed by the campaigns since"
 
 
 def explained(rows: Sequence[Mapping[str, object]]) -> str:
-    """What explains a change, from the rows of its file."""
+    """The explanations of a change, from the rows of its file."""
     if not rows:
-        return "no cause found beyond the scatter between campaigns"
+        return "no cause found beyond the campaign-to-campaign scatter"
     first, *others = [cause_words(row) for row in rows if row["alike"]]
     return first + (f"; as likely: {', '.join(others)}" if others else "")
 
@@ -77,10 +77,10 @@ def cause_words(row: Mapping[str, object]) -> str:
 
 
 def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str, object]] | None) -> str:
-    """A change of a rig in a line; `rows` is what explains it, None where that was not looked for."""
+    """A change of a rig in a line; `rows` are its explanations, None if they were not searched for."""
     parts = [change_words(track, change) for track, change in incident.changes[:3]]
     if len(incident.changes) > 3:
-        parts.append(f"{len(incident.changes) - 3} parameters more")
+        parts.append(f"{len(incident.changes) - 3} more parameters")
     parts += [f"{_plain(named.cause)} is named from {_of(fleet, incident, named.first)} on" for named in incident.named]
     why = "" if rows is None else f"; explained by {explained(rows)}" if rows else f"; {explained(rows)}"
     return f"{incident.rig} changed, {period(fleet, incident)}: {'; '.join(parts)}{why}"
@@ -91,7 +91,7 @@ def _of(fleet: Fleet, incident: Incident, at: int) -> str:
 
 
 def what_else(fleet: Fleet, incident: Incident) -> list[str]:
-    """Sentences: what else happened when a rig changed."""
+    """Sentences about events that coincide with a change."""
     rig = fleet.rigs[incident.rig]
     begin, end = rig.campaigns[incident.last_before].started, rig.campaigns[incident.first_after].started
     told = []
@@ -99,18 +99,18 @@ def what_else(fleet: Fleet, incident: Incident) -> list[str]:
     if others:
         names = ", ".join(dict.fromkeys(other.rig for other in others))
         told.append(
-            f"At the same time changed: {names}. What several rigs share (surroundings, method, sensors' calibration) may be why."
+            f"Changed at the same time: {names}. A common reason is possible (surroundings, method, sensors' calibration)."
         )
     told += _pause(rig, incident)
     before, after = rig.campaigns[incident.last_before], rig.campaigns[incident.alarm]
     if before.verdict != after.verdict:
-        told.append(f"The verdict went from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
+        told.append(f"The verdict changed from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
     gone, new = sorted(before.causes - after.causes), sorted(after.causes - before.causes)
     if gone:
         told.append(f"No longer named: {_plain(', '.join(gone))}.")
     if new:
         told.append(f"Named since: {_plain(', '.join(new))}.")
-    return told or ["Nothing else is known to have happened then."]
+    return told or ["No coinciding event is known."]
 
 
 def _meets(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
@@ -131,7 +131,7 @@ def _pause(rig: Rig, incident: Incident) -> list[str]:
 
 
 def bad_campaigns(rig: Rig) -> list[tuple[Campaign, list[str]]]:
-    """Campaigns that lie far off between neighbours that do not, with the parameters that say so."""
+    """Outlying campaigns between regular ones, with the outlying parameters."""
     found: dict[int, list[str]] = {}
     for track in rig.tracks.values():
         for k in track.followed.alone:
@@ -140,41 +140,41 @@ def bad_campaigns(rig: Rig) -> list[tuple[Campaign, list[str]]]:
 
 
 def last_change(fleet: Fleet, rig: Rig) -> Incident | None:
-    """The latest change of a rig that later campaigns bear out."""
+    """The latest change of a rig that later campaigns confirm."""
     return next((incident for incident in reversed(rig.incidents) if borne_out(incident)), None)
 
 
 def borne_out(incident: Incident) -> bool:
-    """Whether a change still stands with all campaigns since."""
+    """Whether all campaigns since confirm a change."""
     return bool(incident.named) or any(abs(change.size) >= BORNE_OUT for _, change in incident.changes)
 
 
 def state_of(fleet: Fleet, rig: Rig) -> str:
-    """A rig in a few words: its last change, whether it is odd, whether it waits."""
+    """A rig in a few words: its last change, whether it is an outlier, whether campaigns wait."""
     parts = []
     last = last_change(fleet, rig)
     if last is not None:
         parts.append(f"changed {_of(fleet, last, last.first)}")
     odd = odd_parameters(fleet, rig.name)
     if odd:
-        parts.append("odd: " + ", ".join(parameter_words(name) for name in odd))
+        parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))
     if rig.waiting:
-        parts.append(f"{rig.waiting} campaigns wait to be diagnosed by one version")
-    return "; ".join(parts) or "as ever"
+        parts.append(f"{rig.waiting} campaigns wait for a diagnosis by the same version")
+    return "; ".join(parts) or "unchanged"
 
 
 def odd_parameters(fleet: Fleet, rig: str) -> list[str]:
-    """Parameters in which a rig differs from the others more than they do among themselves."""
+    """Parameters in which a rig differs from the others by more than their spread."""
     return [name for name, (rigs, found) in fleet.siblings.items() if any(rigs[k] == rig for k in found.odd)]
 
 
-def beside(away: float) -> str:
-    """A distance from the other rigs in words; a dash where there are too few of them."""
+def difference_words(away: float) -> str:
+    """A difference from the other rigs in words; a dash if there are too few of them."""
     return "–" if math.isnan(away) else f"{away:+.1f}"
 
 
 def in_order(fleet: Fleet) -> list[Rig]:
-    """The rigs as they are listed: the one that changed last first, then those that are odd, then the rest by name."""
+    """The rigs in display order: the latest change first, then outliers, then the rest by name."""
 
     def place(rig: Rig) -> tuple[float, bool, str]:
         last = last_change(fleet, rig)

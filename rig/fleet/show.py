@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Rig, Track
-from isorig.rig.fleet.sentences import beside, change_words, day, in_order, odd_parameters, parameter_words, state_of
+from isorig.rig.fleet.sentences import change_words, day, difference_words, in_order, odd_parameters, parameter_words, state_of
 from isorig.rig.report.sections import number
 from isorig.rig.terminal import show_table
 
@@ -23,7 +23,7 @@ def show_fleet(fleet: Fleet, told: Callable[[str], None]) -> None:
 
 
 def show_rig(fleet: Fleet, name: str) -> None:
-    """One rig: its parameters beside the other rigs'."""
+    """One rig: its parameters compared with the other rigs."""
     rig = rig_of(fleet, name)
     odd = odd_parameters(fleet, name)
     rows = []
@@ -35,10 +35,10 @@ def show_rig(fleet: Fleet, name: str) -> None:
         rows.append(
             (
                 parameter_words(parameter), number(track.plain(track.followed.level), 5), track.unit,
-                beside(found.away[rigs.index(name)]) + (" odd" if parameter in odd else ""), changes or "–",
+                difference_words(found.away[rigs.index(name)]) + (" outlier" if parameter in odd else ""), changes or "–",
             )
         )  # fmt: skip
-    show_table(f"{name}: {len(rig.campaigns)} campaigns", ("parameter", "level", "unit", "beside others", "changes"), rows)
+    show_table(f"{name}: {len(rig.campaigns)} campaigns", ("parameter", "level", "unit", "against others", "changes"), rows)
 
 
 def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
@@ -54,12 +54,12 @@ def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
         changes = [change_words(track, change) for change in track.followed.changes[-1:]]
         rows.append(
             (
-                rigs[k], number(track.plain(track.followed.level), 5), beside(found.away[k]),
-                "odd" if k in found.odd else "", *(changes or ["–"]),
+                rigs[k], number(track.plain(track.followed.level), 5), difference_words(found.away[k]),
+                "outlier" if k in found.odd else "", *(changes or ["–"]),
             )
         )  # fmt: skip
     unit = fleet.rigs[rigs[0]].tracks[name].unit
-    show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "beside others", "", "last change"), rows)
+    show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "against others", "", "last change"), rows)
 
 
 def _show_track(rig: Rig, name: str) -> None:
@@ -85,35 +85,35 @@ def _events(track: Track) -> dict[int, list[str]]:
         told.setdefault(change.first, []).append(f"changed {track.moved(change)} ({change.kind})")
         told.setdefault(change.alarm, []).append("alarm")
     for k in track.followed.alone:
-        told.setdefault(k, []).append("out of line")
+        told.setdefault(k, []).append("outlier")
     return told
 
 
 def rig_of(fleet: Fleet, name: str) -> Rig:
-    """The rig of a name.
+    """The rig with that name.
 
     Raises
     ------
     RigError
-        Where there is none.
+        There is none.
     """
     if name not in fleet.rigs:
-        raise RigError(f"no rig is called {name!r}; there are {_some(list(fleet.rigs))}")
+        raise RigError(f"there is no rig {name!r}; there are {_some(list(fleet.rigs))}")
     return fleet.rigs[name]
 
 
 def parameter_of(fleet: Fleet, name: str) -> str:
-    """The full name of a parameter that is given by it, or by the words that it is shown with.
+    """The full name of a parameter, given by it or by its displayed name.
 
     Raises
     ------
     RigError
-        Where there is none.
+        There is none.
     """
     for known in fleet.siblings:
         if name in (known, parameter_words(known)):
             return known
-    raise RigError(f"no parameter is called {name!r}; there are {_some([parameter_words(k) for k in fleet.siblings])}")
+    raise RigError(f"there is no parameter {name!r}; there are {_some([parameter_words(k) for k in fleet.siblings])}")
 
 
 def _some(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""The catalogue brought up to date: every recording that has no answer yet is diagnosed, whatever happens to the others."""
+"""Updates the catalogue: diagnoses every recording without an answer; a failure does not stop the others."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Answe
 from isorig.rig.fleet.job import Job, Told, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
 
-#: Seconds between looks at a recording that another process works on.
+#: Seconds between checks of a recording that another process works on.
 PATIENCE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """What an update has to do.
+    """The work of an update.
 
     Parameters
     ----------
     jobs
-        Recordings without an answer, those of one rig together in the order of their names.
+        Recordings without an answer, grouped by rig and sorted by name.
     known
-        Number of recordings that have one.
+        Number of recordings with an answer.
     notes
         Sentences about folders and recordings that could not be used as they are.
     """
@@ -44,7 +44,7 @@ class Work:
 
 @dataclass
 class Updated:
-    """What became of an update: answers by verdict, and sentences about those that gave none."""
+    """Result of an update: answers by verdict, and sentences about recordings without an answer."""
 
     done: int = 0
     without: list[Answer] = field(default_factory=list)
@@ -60,22 +60,22 @@ def work_of(
     reread: bool = False,
     only: Sequence[Recording] | None = None,
 ) -> Work:
-    """Compare the folders with the catalogue; recordings that moved or were replaced are put right in it.
+    """Compare the folders with the catalogue; the entries of moved or replaced recordings are corrected.
 
     Parameters
     ----------
     catalogue
-        With the folders that were added.
+        Has the folders that were added.
     baseline
         Name of the baseline.
     limit, pages
-        As of `Job`.
+        As for `Job`.
     again
         Whether recordings whose diagnosis failed or took too long are tried again.
     reread
-        Whether every file is read to see its content, not only those whose size or time of modification are new.
+        Whether every file is read, not only those with a new size or modification time.
     only
-        Look at these recordings only.
+        Restrict to these recordings.
     """
     folders = catalogue.folders()
     stored = _Stored(catalogue)
@@ -83,7 +83,7 @@ def work_of(
     known = {} if reread else {(a.path, a.size, a.modified): a.content for a in sound}
     found = identified(recordings_under(folders) if only is None else only, known)
     notes = [] if only is not None else [
-        f"{folder} cannot be reached; its recordings keep the answers that they have" for folder in folders if not folder.is_dir()
+        f"{folder} cannot be accessed; its recordings keep their answers" for folder in folders if not folder.is_dir()
     ]  # fmt: skip
     notes += [f"{r.path} cannot be read; change its permissions or copy it" for r in found if not r.content]
     first, told = _placed([r for r in found if r.content], sound)
@@ -119,7 +119,7 @@ def _worth_trying(old: Answer, limit: float | None, again: bool) -> bool:
 
 
 class _Stored:
-    # What the catalogue holds: every answer without its parameters but for a time limit, and the parameters of those asked for.
+    # Content of the catalogue: every answer without its parameters except for a time limit, and the parameters on request.
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._frame = catalogue.answers()
@@ -140,7 +140,7 @@ class _Stored:
             self._rows[answer.key] = at
 
     def whole(self, answer: Answer) -> Answer:
-        # Rows of an answer stand together.
+        # Rows of an answer are adjacent.
         start = self._rows[answer.key]
         rows = []
         for row in self._frame.iloc[start : start + 1000].to_dict("records"):
@@ -152,7 +152,7 @@ class _Stored:
 
 
 def _placed(recordings: Sequence[Recording], stored: Sequence[Answer]) -> tuple[dict[str, Recording], list[str]]:
-    # One place for each content: where it was seen before and still is, else the first of its places.
+    # One path for each content: the earlier one if it still exists, otherwise the first.
     notes, first = [], {}
     at = {str(r.path): r.content for r in recordings}
     contents = set(at.values())
@@ -171,7 +171,7 @@ def _placed(recordings: Sequence[Recording], stored: Sequence[Answer]) -> tuple[
 
 
 def _put_right(answer: Answer, first: Mapping[str, Recording], places: Set[str]) -> Answer | None:
-    # The answer with where its recording is now; None where nothing has changed.
+    # The answer with the present path of its recording; None if nothing has changed.
     here = first.get(answer.content)
     if here is not None:
         moved = msgspec.structs.replace(
@@ -179,7 +179,7 @@ def _put_right(answer: Answer, first: Mapping[str, Recording], places: Set[str])
         )
         return None if moved == answer else moved
     if answer.path in places:
-        return msgspec.structs.replace(answer, verdict=SUPERSEDED, reason=f"{answer.path} holds another recording now")
+        return msgspec.structs.replace(answer, verdict=SUPERSEDED, reason=f"{answer.path} contains another recording now")
     return None
 
 
@@ -190,21 +190,21 @@ def update(
     scheduler: str | None = None,
     tell: Callable[[Answer], None] = lambda answer: None,
 ) -> Updated:
-    """Do the work, each answer stored as it comes, and compact the catalogue.
+    """Do the work, store each answer when it is complete, and merge the catalogue's files.
 
     Parameters
     ----------
     catalogue, jobs
         From `work_of`.
     scheduler
-        Dask scheduler, as of `shared_out`, whose workers see the same files; threads of this process where None.
+        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
     tell
         Called with each answer.
 
     Raises
     ------
     RigError
-        Where answers cannot be stored, or the workers cannot be used: the rest is not begun, and what is stored stays.
+        Answers cannot be stored, or the workers cannot be used: the remaining work is not started, and stored answers are kept.
     """
     updated = Updated()
     for answer in _answers(catalogue, jobs, scheduler):
@@ -229,8 +229,8 @@ def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -
                 else:
                     yield told.answer
             else:
-                # Its workers died of it, or it could not be sent: told, and tried again by the next update with --again.
-                why = f"{job.answer.path}: the diagnosis ended its worker ({_last(told)}); look at the worker's memory"
+                # Its workers died, or it could not be sent: reported, and tried again by an update with --again.
+                why = f"{job.answer.path}: the diagnosis ended its worker ({_last(told)}); check the worker's memory"
                 answer = msgspec.structs.replace(job.answer, verdict=FAILED, reason=why)
                 catalogue.put(answer)
                 yield answer
@@ -240,7 +240,7 @@ def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -
 
 
 def _unanswered(catalogue: Catalogue, busy: Sequence[Job]) -> list[Job]:
-    # Those that another process was working on, and has not answered: it may have died.
+    # Those that another process was working on and has not answered: it may have died.
     if not busy:
         return []
     stored = _Stored(catalogue).answers

@@ -1,4 +1,4 @@
-"""New recordings of a fleet diagnosed as they come."""
+"""Diagnoses new recordings of a fleet as they arrive."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from isorig.rig.fleet.recordings import Recording, recordings_under
 from isorig.rig.fleet.sentences import answer_words
 from isorig.rig.fleet.update import update, work_of
 
-#: Seconds between looks at the folders.
+#: Seconds between readings of the folders.
 EVERY = 10.0
 
 
 class Arrivals:
-    """Recordings that have come to rest: a file that is still copied grows from one look to the next."""
+    """Recordings that are complete: a file that is still being copied grows from one reading to the next."""
 
     def __init__(self) -> None:
         self._before: dict[Path, tuple[str, int, int]] = {}
         self._handed: dict[Path, tuple[str, int, int]] = {}
 
     def settled(self, folders: Mapping[Path, str | None]) -> list[Recording]:
-        """Those that look as they did at the last look, and were not handed out like that."""
+        """Recordings unchanged since the last reading, and not returned in this state before."""
         now = {recording.path: recording for recording in recordings_under(folders)}
         rested = [r for path, r in now.items() if self._before.get(path) == r.stamp and self._handed.get(path) != r.stamp]
         self._before = {path: r.stamp for path, r in now.items()}
@@ -44,22 +44,22 @@ def watch(
     seconds: float | None = None,
     tell: Callable[[str], None] = print,
 ) -> None:
-    """Diagnose new recordings as they come, and tell each answer and each change of a rig.
+    """Diagnose new recordings as they arrive, and report each answer and each change of a rig.
 
     Parameters
     ----------
     catalogue
-        Where the answers go.
+        The catalogue for the answers.
     folders
-        What is looked at, and the rig that each stands for.
+        The watched folders, and the rig of each.
     baseline, limit, scheduler
-        As of an update.
+        As for an update.
     every
-        Seconds between looks.
+        Seconds between readings.
     seconds
-        How long it goes on; for ever where None.
+        Duration, seconds; without limit if None.
     tell
-        Called with a line at a time.
+        Called with one line at a time.
     """
     arrivals = Arrivals()
     end = None if seconds is None else time.monotonic() + seconds

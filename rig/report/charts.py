@@ -1,4 +1,4 @@
-"""Charts as data: what the page's script draws. A chart is a stack of panels over one axis."""
+"""Charts as data, drawn by the page's script. A chart consists of panels, one above another, with a common x axis."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: What a trace stands for; the page gives each its colour, dark and light.
+#: What a trace represents; the page assigns each role a colour, dark and light.
 Role = Literal["measured", "simulated", "extended", "noise", "first", "second", "third", "fourth", "fifth", "sixth"]
 Style = Literal["solid", "dash", "dot", "markers", "points", "bars"]
 SERIES: tuple[Role, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
-#: Most points of a trace: more than this no screen shows.
+#: Maximum number of points in a trace: more cannot be displayed.
 MOST_POINTS = 1500
 
 
@@ -26,17 +26,17 @@ class Trace:
     Parameters
     ----------
     name
-        What the legend says; traces of one name share an entry.
+        Name in the legend; traces with the same name share an entry.
     x, y
-        Values, shape (n,); `x` may be names for bars. NaN breaks the line.
+        Values, shape (n,); `x` may be names for bars. NaN interrupts the line.
     spread
-        Half width of the error band, or of the bars where single points are drawn, shape (n,).
+        Half width of the error band, or of the error bars of single points, shape (n,).
     role
-        What it stands for.
+        What it represents.
     panel
-        Which panel it is drawn in, from the top.
+        Index of its panel, from the top.
     style
-        How it is drawn; "points" are markers with error bars.
+        Its style; "points" are markers with error bars.
     """
 
     name: str
@@ -59,11 +59,11 @@ class Panel:
     log
         Whether it is logarithmic.
     ends
-        Its ends, where they are fixed.
+        Its limits, if fixed.
     height
         Its share of the chart's height.
     step
-        Distance of its ticks, where it is fixed.
+        Distance of its ticks, if fixed.
     """
 
     label: str
@@ -75,7 +75,7 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A stretch of the common axis that is shaded in one panel."""
+    """A shaded interval of the x axis in one panel."""
 
     begin: float
     end: float
@@ -89,19 +89,19 @@ class Chart:
     Parameters
     ----------
     name
-        Name of the file when it is downloaded.
+        Name of the downloaded file.
     caption
-        What is to be seen, in a sentence.
+        Description of the content, in a sentence.
     panels, traces
-        What is drawn.
+        The content.
     x_label, x_log, x_ends
-        The common axis.
+        The common x axis.
     x_date
         Whether the axis shows dates; x is in days since 1970.
     link
-        Charts of one link zoom together.
+        Charts with the same link zoom together.
     marks
-        What is shaded.
+        Shaded intervals.
     """
 
     name: str
@@ -117,7 +117,7 @@ class Chart:
 
     @property
     def bars(self) -> int:
-        """How many bars stand below one another; 0 where there are none. Every one gets its label."""
+        """Number of bars from top to bottom; 0 if there are none. Every one gets its label."""
         shown = [trace for trace in self.traces if trace.style == "bars"]
         return len(shown[0].x) * max(1, len(shown)) if shown else 0
 
@@ -137,7 +137,7 @@ class Chart:
 
 
 def spread_over(frequency: FloatArray, most: int = MOST_POINTS) -> slice | np.ndarray:
-    """Indices that keep at most `most` of ascending positive frequencies, evenly on a logarithmic axis."""
+    """Indices that select at most `most` of ascending positive frequencies, evenly on a logarithmic axis."""
     n = len(frequency)
     if n <= most:
         return slice(None)

@@ -1,4 +1,4 @@
-"""The page of a diagnosis, readable top to bottom by someone who was not there."""
+"""The page of a diagnosis, for readers who were not present."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from isorig.rig.report.sections import number, parameters_table, provenance_sect
 from isorig.rig.report.surface import surface_charts
 
 VERDICTS = {
-    "adequate": "Adequate: the baseline explains the data to the noise.",
-    "explained": "Explained: what is named removes at least 80 % of the baseline's reproducible excess error.",
-    "partly explained": "Partly explained: at least one cause is certain; a reproducible error beyond it remains.",
+    "adequate": "Adequate: the baseline explains the data down to the noise.",
+    "explained": "Explained: the named causes remove at least 80 % of the baseline's reproducible excess error.",
+    "partly explained": "Partly explained: at least one cause is certain, but a reproducible error remains.",
     "unexplained": "Unexplained: the baseline misfits, and no place and kind of cause is certain enough to be named.",
 }
 KINDS: dict[Kind, str] = {
-    "spring_shape": "a spring's force over deflection",
-    "damping_shape": "a damper's force over speed",
+    "spring_shape": "a nonlinear spring force over deflection",
+    "damping_shape": "a nonlinear damping force over velocity",
     "friction_shape": "a dry friction level",
-    "memory": "a force that depends on the motion before",
-    "drift": "a value that changes over the session",
-    "added_motion": "a further degree of freedom",
-    "known_value": "a value taken as known",
+    "memory": "a force that depends on the history of the motion",
+    "drift": "a value that changes during the session",
+    "added_motion": "an additional degree of freedom",
+    "known_value": "a wrong given value",
     "sensor": "a sensor's static curve or transfer function",
 }
-CUT_SHORT = "The search for causes was ended by the time limit and may have missed causes."
-DOUBTFUL = "Check units, channels and given values first: something here is as hardly any rig has it."
-UNEXPLAINED_SO_FAR = "Unexplained so far: the baseline misfits, and the time was over before a cause was named."
+CUT_SHORT = "The time limit ended the search for causes, which may have missed some."
+DOUBTFUL = "Check units, channels and given values first: some values are implausible."
+UNEXPLAINED_SO_FAR = "Unexplained so far: the baseline misfits, and the time limit was reached before a cause was identified."
 EVIDENCE = (
-    "Every figure is taken from the record and from the fitted baseline's simulation under the same drive; what estimation does "
-    "to it cancels, and only the difference counts."
+    "Every figure is computed in the same way from the record and from the simulation with the same drive, so that "
+    "estimation errors cancel and only the difference counts."
 )
 BASELINE: tuple[str, Role] = ("baseline", "simulated")
 EXTENDED: tuple[str, Role] = ("extended model", "extended")
@@ -51,18 +51,18 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
     Parameters
     ----------
     diagnosis
-        What was found.
+        The result of the diagnosis.
     campaign
-        What was measured.
+        The measurement.
     content
-        The same as in findings.json.
+        The content of findings.json.
     """
     models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
     scores = {BASELINE: diagnosis.scores[0]}
     if diagnosis.steps:
         models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
         scores[EXTENDED] = diagnosis.scores[1]
-    wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["Nothing stands above the noise."]
+    wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["No discrepancy exceeds the noise."]
     frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)
     sections = [
         runs_section(campaign),
@@ -70,14 +70,14 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         Section(
             title="Parameters of the baseline",
             tables=[
-                parameters_table(content["baseline"]["parameters"], "Fitted to all runs at once; std is one standard deviation.")
+                parameters_table(content["baseline"]["parameters"], "Fitted to all runs at once; std: standard uncertainty.")
             ],
         ),
-        Section(title="Simulated over measured", charts=time_charts(diagnosis.trials, models)),
+        Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
         *isolation,
         Section(title="What the simulation gets wrong", text=wrong, charts=misfit_charts(diagnosis.trials, models)),
         Section(
-            title="What the records say before a cause is fitted",
+            title="Evidence from the records before a cause is fitted",
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
             charts=surface_charts(diagnosis.baseline.model, diagnosis.beside),
         ),
@@ -113,22 +113,22 @@ def _improvement(diagnosis: Diagnosis) -> str:
         f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in (diagnosis.improvement.before, diagnosis.improvement.after)
     )
     if not diagnosis.steps:
-        return f"The baseline's error lies between {before} of the signal (95 % interval of resampled blocks)."
+        return f"The error of the baseline is {before} of the signal (95 % interval from resampled blocks)."
     low, high = diagnosis.improvement.removed_interval
     return (
-        f"The baseline's error lies between {before} of the signal, the extended model's between {after}: "
-        f"{100 * diagnosis.improvement.removed:.3g} % of what stood above the floor is gone ({100 * low:.3g} to "
-        f"{100 * high:.3g} %; 95 % intervals of resampled blocks)."
+        f"The error of the baseline is {before} of the signal, that of the extended model {after}: "
+        f"{100 * diagnosis.improvement.removed:.3g} % of the excess error above the noise floor is removed ({100 * low:.3g} to "
+        f"{100 * high:.3g} %; 95 % intervals from resampled blocks)."
     )
 
 
 def _summary(diagnosis: Diagnosis) -> list[str]:
     errors = (diagnosis.baseline_error, diagnosis.extended_error, diagnosis.floor)
     before, after, floor = (f"{100 * error:.2g} %" for error in errors)
-    extended = f", the extended model by {after}" if diagnosis.steps else ""
+    extended = f", that of the extended model {after}" if diagnosis.steps else ""
     told = [doubt.text for doubt in diagnosis.doubts] + [
-        f"On data that took no part in any fit the baseline errs by {before} of the signal{extended}; "
-        f"a perfect model would err by {floor}: the sensors' noise, and what runs of one drive do not share."
+        f"On held-out data the error of the baseline is {before} of the signal{extended}; "
+        f"that of a perfect model would be {floor}, from sensor noise and the disturbance seen between repeated runs."
     ]
     if diagnosis.cut_short:
         told.append(CUT_SHORT)
@@ -140,24 +140,24 @@ def _summary(diagnosis: Diagnosis) -> list[str]:
 
 
 def _what(step: Step) -> str:
-    # The form, or the kind where no form comes within reach of the free shape.
+    # The form, or the kind if no form comes close to the free shape.
     return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
 
 
 def _named(step: Step, share: tuple[float, float, float]) -> Section:
-    told = [*step.evidence, f"It beats every rival in {100 * step.confidence:.0f} % of resampled held-out data."]
-    told += [f"The data cannot tell it apart from {words(cause)} at {place}." for cause, place in step.indistinguishable]
+    told = [*step.evidence, f"It is better than every rival in {100 * step.confidence:.0f} % of the resampled held-out data."]
+    told += [f"The data cannot distinguish it from {words(cause)} at {place}." for cause, place in step.indistinguishable]
     charts = []
     if step.curve is not None:
         told.append(
-            f"A free shape was fitted: the curve below is what the data choose over {step.curve.over}. No law of this kind at "
-            "this place can do better, and the extended model carries the curve."
+            f"A free shape was fitted: the curve below, determined by the data over {step.curve.over}. No law of this kind at "
+            "this place can fit better, and the extended model contains the curve."
         )
         charts.append(_curve_chart(step, step.curve))
     if step.closest is not None:
         told.append(
-            f"The nearest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % where the free "
-            f"shape removes {100 * share[0]:.3g} %, so it is not named."
+            f"The closest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % of the excess "
+            f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
         )
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
@@ -170,8 +170,8 @@ def _curve_chart(step: Step, curve: Curve) -> Chart:
     low, high = curve.reached
     return Chart(
         name=f"curve-{step.location}",
-        caption=f"{step.location}: {quantity} over {curve.over}, with one standard deviation. The runs reached {low:.3g} to "
-        f"{high:.3g} {curve.unit}; beyond that the curve is an extrapolation.",
+        caption=f"{step.location}: {quantity} over {curve.over}, with the standard uncertainty. The runs cover {low:.3g} to "
+        f"{high:.3g} {curve.unit}; outside of this the curve is an extrapolation.",
         panels=[Panel(label=f"{quantity}, {curve.value_unit}")],
         traces=[Trace(name="free shape", x=x, y=value, spread=std, role="extended")],
         x_label=f"{curve.over}, {curve.unit}", x_log=False,
@@ -186,8 +186,8 @@ def _considered(diagnosis: Diagnosis) -> Section:
         )
         for told in diagnosis.told
     ]  # fmt: skip
-    columns = ("cause", "location", "held-out error", "share removed", "standing", "why")
-    text = ["Every cause that was fitted, and those that these runs could not have shown."] if rows else ["None was needed."]
+    columns = ("cause", "location", "held-out error", "share removed", "status", "reason")
+    text = ["Every fitted cause, and those that are not identifiable from these runs."] if rows else ["No cause was needed."]
     return Section(title="All causes considered", text=text, tables=[Table(columns=columns, rows=rows)] if rows else [])
 
 
@@ -198,32 +198,32 @@ def _budget(diagnosis: Diagnosis) -> Section:
         for nature in before
     ]
     return Section(
-        title="What the error consists of",
+        title="Composition of the error",
         text=[diagnosis.budgets[0].how],
         tables=[
             Table(
                 columns=("nature", "baseline", "extended model"), rows=rows,
-                caption="Shares of the held-out error's power, with 95 % intervals over resampled runs.",
+                caption="Shares of the held-out error power, with 95 % intervals over resampled runs.",
             )
         ],
     )  # fmt: skip
 
 
 def advice(diagnosis: Diagnosis) -> list[str]:
-    """What would settle what this campaign leaves open."""
+    """Measurements that would answer what this campaign leaves open."""
     told = []
     for step in diagnosis.steps:
         for cause, place in step.indistinguishable:
             told.append(
-                f"To tell {words(step.cause)} at {step.location} from {words(cause)} at {place}, measure again at another "
-                "gain, or with one more accelerometer at that place."
+                f"To distinguish {words(step.cause)} at {step.location} from {words(cause)} at {place}, measure again at another "
+                "gain, or with an additional accelerometer at that place."
             )
     worst = max(diagnosis.discrepancies, key=lambda d: d.size, default=None)
     if diagnosis.verdict in ("unexplained", "partly explained") and worst is not None:
         told.append(
-            f"What remains is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, between "
-            f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: drive that band alone, at two gains, for longer."
+            f"The remaining error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, between "
+            f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )
     if not any(trial.run.use == "holdout" for trial in diagnosis.trials):
-        told.append('Record one run more and mark it use = "holdout": a model judged on a run of its own is judged harder.')
+        told.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
     return told

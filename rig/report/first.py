@@ -1,4 +1,4 @@
-"""The first screen of a measurement: what was measured, does the isolation do its job, what is wrong, what to do next."""
+"""The first screen of a report: what was measured, whether the isolation works, what is wrong with the model, what to do next."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from isorig.rig.report.page import Answer, First, Section
 from isorig.rig.report.sections import channels_table
 from isorig.rig.report.sketch import sketch
 
-#: Name under which a recording tells how much of the heatblock's shaking the isolation is to keep away, as a share.
+#: Name in a recording for the required isolation of the heatblock, as a share of its vibration.
 WISH = "wished_isolation"
-#: What the thesis's first simulation promised: the wish where a recording states none.
+#: The isolation in the thesis's first simulation: the requirement if a recording gives none.
 PROMISED = 0.98
 
 
@@ -31,15 +31,15 @@ def first_screen(
     Parameters
     ----------
     campaign
-        What was measured.
+        The measurement.
     found
         Its parameters.
     compared
-        The isolation ratio measured and simulated; None where it was not measured.
+        The isolation ratio measured and simulated; None if it was not measured.
     wrong
-        What the simulation gets wrong, worst first.
+        Discrepancies of the simulation, largest first.
     advice
-        What to do next, most pressing first.
+        Advice, most important first.
     """
     return First(
         sketch=sketch(found.fit.model),
@@ -54,50 +54,47 @@ def _runs(campaign: Campaign) -> str:
     gains = ", ".join(f"{gain:g}" for gain in sorted({run.gain for run in campaign.runs}, reverse=True))
     seconds = sum(run.duration for run in campaign.runs)
     virtual = any("virtual" in c.about.get("sensor", "") for run in campaign.runs for c in run.channels.values())
-    kind = "A virtual rig: no sensor was there. " if virtual else ""
-    return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s together, {configurations}, at gain {gains}."
+    kind = "A virtual rig without real sensors. " if virtual else ""
+    return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}, at gain {gains}."
 
 
 def _next(found: Characterization, advice: Sequence[str]) -> Answer:
-    short = "Nothing is missing" if not advice else "Measure once more" if found.adequate else "Look for the cause"
+    short = "Nothing is missing" if not advice else "Measure again" if found.adequate else "Search for the cause"
     return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING])
 
 
 def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> Answer:
-    question = "Does the isolation do its job?"
+    question = "Does the isolation work?"
     measured = None if compared is None else compared.isolated.get("measured")
     if measured is None:
-        reason = (
-            "No gain was measured both unlocked and locked above the isolation's own frequency, so the recording does not say."
-        )
+        reason = "No gain was measured both unlocked and locked above the isolation frequency, so the recording does not show it."
         return Answer(question=question, short="Not known", text=[reason])
     wish = campaign.known.get(WISH, PROMISED)
     low, high = measured.interval
     verdict = "Yes" if low >= wish else "No" if high < wish else "Perhaps"
-    short = f"{verdict}: {_percent(measured.share)} isolated, {_percent(wish)} wished"
+    short = f"{verdict}: {_percent(measured.share)} isolated, {_percent(wish)} required"
     told = (
-        f"95 % interval {_percent(low)} to {_percent(high)}: so much less does the heatblock shake unlocked than locked under "
-        "the "
-        f"same drive, from {measured.band[0]:.3g} to {measured.band[1]:.3g} Hz at gain {measured.gain:.3g}."
+        f"95 % interval {_percent(low)} to {_percent(high)}: reduction of the heatblock's vibration, unlocked relative to locked "
+        f"with the same drive, from {measured.band[0]:.3g} to {measured.band[1]:.3g} Hz at gain {measured.gain:.3g}."
     )
     stated = (
-        "The recording states the wish."
+        "The recording gives the requirement."
         if WISH in campaign.known
-        else f"The recording states no wish ({WISH}): {_percent(PROMISED)} is the thesis's first simulation of a move."
+        else f"The recording gives no requirement ({WISH}): {_percent(PROMISED)} is from the thesis's first simulation of a move."
     )
     return Answer(question=question, short=short, text=[told, stated, *_bonded(campaign, found)])
 
 
 def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
-    # A move is another thing than a band of noise: the harder it is, the less friction matters.
+    # The isolation during a move differs from that in a band of noise: friction matters less for larger accelerations.
     if campaign.description is not None:
         return []
     move = move_within(BOND.distance, BOND.seconds)
     free, held = (on_move(found.fit.model, move, tolerance=BOND.tolerance, configuration=c) for c in ("unlocked", "locked"))
     return [
-        f"On a move of {1e3 * BOND.distance:g} mm in {1e3 * BOND.seconds:g} ms the fitted model isolates "
-        f"{_percent(1.0 - free.largest / held.largest)}: the heatblock leaves the table by {1e6 * free.largest:.2g} µm of the "
-        f"±{1e6 * BOND.tolerance:g} µm that the bond allows."
+        f"During a move of {1e3 * BOND.distance:g} mm in {1e3 * BOND.seconds:g} ms the fitted model isolates "
+        f"{_percent(1.0 - free.largest / held.largest)}: the heatblock moves {1e6 * free.largest:.2g} µm relative to the table; "
+        f"the bond allows ±{1e6 * BOND.tolerance:g} µm."
     ]
 
 
@@ -105,20 +102,19 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
     question = "What is wrong with the model?"
     costs = _cost(compared.isolated) if compared is not None else ""
     if found.adequate:
-        short = "Nothing that shows"
+        short = "No discrepancy found"
         told = (
-            f"It explains the runs to the noise: it errs by {100 * found.error:.2g} % of the signal, and noise alone makes "
+            f"It explains the runs down to the noise: its error is {100 * found.error:.2g} % of the signal, that of noise alone "
             f"{100 * found.floor:.2g} %."
         )
     else:
-        short = f"It errs by {100 * found.error:.2g} % of the signal"
-        told = f"Noise alone would make {100 * found.floor:.2g} %."
+        short = f"Its error is {100 * found.error:.2g} % of the signal"
+        told = f"Noise alone would cause {100 * found.floor:.2g} %."
         if wrong:
             worst = wrong[0]
             told += (
-                f" It misses most at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, from "
-                f"{worst.band_hz[0]:.3g} to "
-                f"{worst.band_hz[1]:.3g} Hz."
+                f" Its error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, from "
+                f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
             )
     return Answer(question=question, short=short, text=[told, *([costs] if costs else [])])
 
@@ -130,7 +126,9 @@ def _cost(isolated: dict[str, Isolated]) -> str:
     share = _percent(isolated["simulated"].share)
     within = abs(off) <= 196.0 * isolated["measured"].std
     return f"It predicts {share} isolated" + (
-        ", within the measurement's interval." if within else f", {abs(off):.2g} points too {'many' if off > 0.0 else 'few'}."
+        ", within the measurement's interval."
+        if within
+        else f", {abs(off):.2g} percentage points too {'high' if off > 0.0 else 'low'}."
     )
 
 

@@ -18,7 +18,7 @@ from isorig.rig.transfer import Transfer, transfer_functions
 
 
 def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
-    """Transfer functions and the isolation ratio, measured and as a model simulates the same runs; or why there are none."""
+    """Transfer functions and the isolation ratio, measured and simulated for the same runs; or the reason why there are none."""
     found, why = isolation_of(campaign, model)
     sections = [transfer_section(campaign, model)]
     if found is not None:
@@ -29,15 +29,15 @@ def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
 
 
 def transfer_section(campaign: Campaign, model: RigModel) -> Section:
-    """Transfer functions, measured and as a model simulates the same runs; or why there are none."""
+    """Transfer functions, measured and simulated for the same runs; or the reason why there are none."""
     try:
         return frf_section(campaign, predicted(model, campaign, as_recorded=True), model.drive.channel)
     except DataError as error:
-        return Section(title="Transfer functions", text=[f"None: {error}."])
+        return Section(title="Transfer functions", text=[f"Not available: {error}."])
 
 
 def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
-    """The isolation ratio measured and simulated, or None and why; no reason where the rig cannot be locked at all."""
+    """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
     if "locked" not in model.configurations:
         return None, ""
     try:
@@ -47,13 +47,14 @@ def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, 
 
 
 def frf_section(campaign: Campaign, simulated: Campaign, reference: str) -> Section:
-    """Transfer functions of every response, each configuration and gain in its colour, simulated ones dotted."""
+    """Transfer functions of every response, a colour for each configuration and gain, simulated ones dotted."""
     measured, other = (transfer_functions(each, reference=reference) for each in (campaign, simulated))
     names = dict.fromkeys(item.frf.response for item in measured)
     first = measured[0].frf
     text = [
-        f"H1 from {first.reference} at {first.resolution:g} Hz, averaged over the runs of each configuration and gain, where the "
-        "drive has power. Bands show one standard deviation. A coherence below 1 means noise, friction or another nonlinearity."
+        f"H1 from {first.reference}, resolution {first.resolution:g} Hz, averaged over the runs of each configuration and gain, "
+        "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
+        "another nonlinearity."
     ]
     charts = [
         _frf_chart(
@@ -73,7 +74,7 @@ def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer], rati
         frf, role = item.within_band(), colours[item.label]
         kept = spread_over(frf.frequency)
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        # Locked curves are dashed over the unlocked ones: a motor that is stuck makes the two the same.
+        # Locked curves are dashed and on top: the curves coincide if the motor is stuck.
         style: Style = "dash" if item.configuration == "locked" else "solid"
         turned = np.degrees(np.angle(frf.value[kept]))
         traces += [
@@ -103,7 +104,7 @@ def _unit(campaign: Campaign, channel: str) -> str:
 
 
 def _unjoined(degrees: FloatArray) -> FloatArray:
-    # Where a phase wraps from one end to the other, no line is drawn across.
+    # No line is drawn where the phase wraps.
     wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0)
     shown = degrees.copy()
     shown[wraps] = np.nan
@@ -116,7 +117,7 @@ def isolation_section(found: Compared) -> Section:
 
 
 def isolation_chart(found: Compared) -> Chart:
-    """The isolation ratio, measured and simulated, with the lines at which the motor mostly sticks."""
+    """The isolation ratio, measured and simulated, with the frequency bins at which the motor mostly sticks."""
     roles: Mapping[str, Role] = {"measured": "measured", "simulated": "simulated"}
     traces = []
     for name, ratio in found.ratios.items():
@@ -134,7 +135,7 @@ def isolation_chart(found: Compared) -> Chart:
         traces.append(Trace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dot"))
     return Chart(
         name="isolation-ratio",
-        caption="Acceleration of the heatblock per acceleration of the head, unlocked over locked: 1 means no isolation, "
-        "0.1 that a tenth passes.",
+        caption="Acceleration of the heatblock divided by acceleration of the head, unlocked divided by locked: 1 means no "
+        "isolation, 0.1 that a tenth is transmitted.",
         panels=[Panel(label="ratio, unlocked / locked", log=True)], traces=traces, link="frequency",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The parameter table beside its history: what earlier campaigns found, and what has changed by more than its deviation."""
+"""The parameter table compared with earlier campaigns, and the significant changes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from isorig.rig.files.parameter_table import ParameterFile
 from isorig.rig.report.page import Section, Table
 from isorig.rig.report.sections import number, words
 
-#: Deviations from which on a change counts.
+#: Change in standard deviations that counts as significant.
 CHANGED = 3.0
 
 
 def history_sections(found: Characterization, history: Sequence[ParameterFile]) -> list[Section]:
-    """A table with a column for each earlier campaign, oldest first; nothing without history."""
+    """A table with a column for each earlier campaign, oldest first; empty without history."""
     if not history:
         return []
     past = sorted(history, key=lambda item: item.measured or datetime.min.replace(tzinfo=UTC))
@@ -25,16 +25,16 @@ def history_sections(found: Characterization, history: Sequence[ParameterFile]) 
     for name, entry in found.table.items():
         change = _change(entry.value, entry.std, last.values.get(name))
         if change is not None and abs(change) > CHANGED:
-            told.append(f"{words(name).capitalize()} has changed by {change:+.1f} deviations since {_label(last)}.")
+            told.append(f"{words(name).capitalize()} has changed by {change:+.1f} standard deviations since {_label(last)}.")
         earlier = (_shown(item.values.get(name)) for item in past)
         now = _shown(None if entry.value is None else (entry.value, entry.std or 0.0))
         rows.append((words(name), entry.unit, *earlier, now, "–" if change is None else f"{change:+.1f}"))
     table = Table(
         columns=("parameter", "unit", *(_label(item) for item in past), "now", "change, deviations"), rows=rows,
-        caption="Value ± one standard deviation; the change is since the last of the earlier campaigns.",
+        caption="Value ± standard uncertainty; the change is since the latest earlier campaign.",
     )  # fmt: skip
-    quiet = f"No parameter has changed by more than {CHANGED:g} deviations since {_label(last)}."
-    return [Section(title="Parameters beside their history", text=told or [quiet], tables=[table])]
+    quiet = f"No parameter has changed by more than {CHANGED:g} standard deviations since {_label(last)}."
+    return [Section(title="Parameters compared with earlier campaigns", text=told or [quiet], tables=[table])]
 
 
 def _label(item: ParameterFile) -> str:

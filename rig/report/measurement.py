@@ -1,4 +1,4 @@
-"""The page of a measurement: what was measured, the parameters, and how far the simulation seeded with them goes."""
+"""The page of a measurement: what was measured, the parameters, and the accuracy of the fitted simulation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MODEL: tuple[str, Role] = ("simulation", "simulated")
 
 
 def measurement_page(campaign: Campaign, found: Characterization, history: Sequence[ParameterFile] = ()) -> str:
-    """The report of a campaign as HTML, its parameters beside those found earlier."""
+    """The report of a campaign as HTML, with the parameters of earlier campaigns."""
     model = found.fit.model
     models = {MODEL: simulated(model, found.trials)}
     wrong = discrepancies(campaign, model, found.trials, doubles(model, found.trials))
@@ -43,11 +43,11 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
             tables=[parameter_table(campaign, found)],
         ),
         *history_sections(found, history),
-        Section(title="Simulated over measured", charts=time_charts(found.trials, models)),
+        Section(title="Simulation compared with measurement", charts=time_charts(found.trials, models)),
         *(ratio if compared is not None or why else []),
         Section(
             title="What the simulation gets wrong",
-            text=[d.text for d in wrong[:6]] or ["Nothing stands above the noise."],
+            text=[d.text for d in wrong[:6]] or ["No discrepancy exceeds the noise."],
             charts=[*misfit_charts(found.trials, models), scores_chart({MODEL: found.score}, found.trials)],
         ),
         *([Section(title="Further advice for the next measurement", text=asked[1:])] if asked[1:] else []),
@@ -62,25 +62,25 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
 
 
 PARAMETERS = (
-    "All runs fitted at once with friction in the model; frequencies are the uncoupled √(k/m)/2π, damping is the ratio to "
-    "critical. The thesis's column is its Table 4 and its force gauge, of another rig of this kind."
+    "All runs fitted at once with friction in the model; frequencies are the uncoupled √(k/m)/2π, damping is the damping ratio. "
+    "The thesis's column is its Table 4 and its force gauge, for another rig of this kind."
 )
-#: Known beforehand and found may differ by this share before a word is said.
+#: Relative difference between given and fitted value that is reported.
 CONTRADICTS = 0.05
 
 
 def _calibration(found: Characterization) -> str:
     if found.calibrated:
-        return "Deviations include what the recording tells of its sensors' calibration and its weighed masses."
+        return "Uncertainties include those of the sensors' calibration and of the weighed masses, as given in the recording."
     return (
-        f"The recording does not tell how well its sensors are calibrated ({CALIBRATION} in the plan's rig table), so the "
-        "deviations are "
-        "those of the noise alone: a sensitivity that is 1 % off moves masses and friction by about as much."
+        f"The recording gives no uncertainty of its sensors' calibration ({CALIBRATION} in the plan's rig table), so the "
+        "uncertainties "
+        "include the noise only: an error of 1 % in a sensitivity changes masses and friction by about 1 %."
     )
 
 
 def contradictions(campaign: Campaign, found: Characterization) -> list[str]:
-    """A sentence for every value that was known beforehand and is found to be another."""
+    """A sentence for every given value that differs from the fitted one."""
     said = []
     for name, entry in found.table.items():
         known = campaign.known.get(name)
@@ -92,20 +92,20 @@ def contradictions(campaign: Campaign, found: Characterization) -> list[str]:
         ):
             continue
         why = (
-            "the mode moves only part of what stands there, so its effective mass is less than what was weighed"
+            "only part of the mass takes part in the mode, so the effective mass is smaller than the weighed one"
             if name == "table_mass" and entry.value < known
-            else "what was known served as a first guess, and the runs say otherwise"
+            else "the given value was a starting value only, and the runs contradict it"
         )
         said.append(
-            f"The {words(name)} was known as {known:.4g} {entry.unit} and is found to be {entry.value:.4g} {entry.unit}: {why}."
+            f"The {words(name)} was given as {known:.4g} {entry.unit} and the fit gives {entry.value:.4g} {entry.unit}: {why}."
         )
     return said
 
 
 def parameter_table(campaign: Campaign, found: Characterization) -> Table:
-    """The parameters beside what was known beforehand and the thesis's."""
+    """The parameters compared with the given values and those of the thesis."""
     notes = Counter(entry.note for entry in found.table.values() if entry.note and entry.value is not None)
-    # What is said of several values is said once, below the table's name.
+    # Notes that apply to several values are printed once, below the table's name.
     common = next((note for note, count in notes.most_common(1) if count > 1 and note != WEIGHED), "")
     rows = [
         (
@@ -124,7 +124,7 @@ def parameter_table(campaign: Campaign, found: Characterization) -> Table:
 
 
 def _digits(entry: Entry) -> int:
-    # Two digits of the deviation are all that a value has to say.
+    # Two digits of the uncertainty are significant.
     if not entry.value or not entry.std:
         return 6
     return int(np.clip(np.floor(np.log10(abs(entry.value))) - np.floor(np.log10(entry.std)) + 2, 2, 6))
@@ -132,5 +132,5 @@ def _digits(entry: Entry) -> int:
 
 def _verdict(found: Characterization) -> str:
     if found.adequate:
-        return "The simulation with friction explains what was measured, to the noise."
-    return "The simulation with friction does not explain all that was measured."
+        return "The simulation with friction explains the measurement down to the noise."
+    return "The simulation with friction does not explain the whole measurement."

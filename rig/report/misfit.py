@@ -1,4 +1,4 @@
-"""Pictures of what a simulation gets right and wrong: spectra of signal and error, stretches of time, held-out errors."""
+"""Charts that compare simulation and measurement: spectra of signal and error, time intervals, held-out errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.report.charts import Chart, Panel, Role, Trace, spread_over
 from isorig.rig.report.sections import label, unit
 
-#: Points of an amplitude spectrum, segments behind it, and seconds of a stretch of time.
+#: Points of an amplitude spectrum, number of segments, and seconds of a time interval.
 LINES = 400
 SEGMENTS = 24
 SECONDS = 1.5
@@ -22,7 +22,7 @@ Simulated = Mapping[str, Mapping[str, FloatArray]]
 
 
 def simulated(model: RigModel, trials: Sequence[Trial]) -> Simulated:
-    """Each run's responses as the model predicts them, by run and channel, each shape (n,)."""
+    """The model's prediction of each run's responses, by run and channel, each shape (n,)."""
     return {trial.run.id: dict(zip(trial.channels, expected(model, trial), strict=True)) for trial in trials}
 
 
@@ -35,8 +35,8 @@ def distinct(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
-    """A chart per kind of run: spectra of what was measured, of each model's error, and the noise."""
-    about = ": amplitude density of each channel and of what the model gets wrong."
+    """A chart for each kind of run: spectra of the measurement, of each model's error, and of the noise."""
+    about = ": amplitude density of each channel and of the models' errors."
     return [_misfit_chart(trial, models, about if k == 0 else ".") for k, trial in enumerate(distinct(trials))]
 
 
@@ -72,7 +72,7 @@ def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]
 
 
 def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
-    """A stretch of held-out time of each kind of unlocked run: measured, and each model running free."""
+    """A held-out time interval of each kind of unlocked run: measurement, and free-run simulation of each model."""
     charts: list[Chart] = []
     for trial in [t for t in distinct(trials) if t.run.configuration == "unlocked"] or distinct(trials):
         rate = trial.sample_rate
@@ -87,10 +87,10 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
         charts.append(
             Chart(
                 name=f"time-{trial.run.id}",
-                # What is said once holds for all.
+                # Text common to all charts is printed once.
                 caption=f"{label(trial.run)}."
                 if charts
-                else f"{label(trial.run)}: {SECONDS:g} s that no fit has seen; the model ran free from the run's start.",
+                else f"{label(trial.run)}: {SECONDS:g} s of held-out data; free-run simulation from the start of the run.",
                 panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}") for name in trial.channels],
                 traces=traces,
                 x_label="time, s",
@@ -105,7 +105,7 @@ def scores_chart(scores: Mapping[tuple[str, Role], Score], trials: Sequence[Tria
     names = [f"{trial.run.id} {channel}" for trial in trials for channel in trial.channels]
     return Chart(
         name="held-out-error",
-        caption="rms(predicted − measured) / rms(measured) of each run and channel over the part that no fit has seen.",
+        caption="rms(predicted − measured) / rms(measured) of each run and channel on held-out data.",
         panels=[Panel(label="")],
         traces=[
             Trace(name=title, x=names, y=score.error.ravel(), role=role, style="bars") for (title, role), score in scores.items()

@@ -1,4 +1,4 @@
-"""The one page of every report: typed sections in, one HTML text out that works offline from a mail attachment."""
+"""The page of every report: from typed sections to one HTML text that works offline, for example as a mail attachment."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """A cell that leads to another page of the same report."""
+    """A cell that links to another page of the same report."""
 
     text: str
     page: str
@@ -25,7 +25,7 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True)
 class Sparkline:
-    """A cell with a small picture of a series (`sparkline`): the points of its line, and of what is marked on it."""
+    """A cell with a small line chart (`sparkline`): the points of its line, and of its markers."""
 
     points: str
     marks: Sequence[tuple[float, float]]
@@ -37,7 +37,7 @@ Cell = str | Link | Sparkline
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Rows of words, numbers, links and small pictures under their heads, and what they show."""
+    """Rows of words, numbers, links and small charts with column names, and a caption."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
@@ -56,7 +56,7 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """A question that the first screen answers: the answer in a few words, and sentences beside it."""
+    """A question answered on the first screen: the answer in a few words, and explaining sentences."""
 
     question: str
     short: str
@@ -65,18 +65,18 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class First:
-    """What is seen before anything is scrolled.
+    """The part of a report that is visible without scrolling.
 
     Parameters
     ----------
     sketch
-        The rig as SVG; only ever our own drawing, whose names are escaped.
+        The rig as SVG; always our own drawing, with escaped names.
     measured
         What was measured, and the table of channels.
     answers
-        The questions of someone who decides.
+        The questions of a decision maker.
     picture
-        The one picture.
+        The main chart.
     """
 
     sketch: str
@@ -87,7 +87,7 @@ class First:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """A page behind the first one, in the same file: shown alone where a link leads to it."""
+    """A page after the first one, in the same file: shown when a link to it is followed."""
 
     name: str
     title: str
@@ -97,7 +97,7 @@ class Page:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """What a report says first, its sections, and the pages behind them."""
+    """The first screen of a report, its sections, and its further pages."""
 
     title: str
     verdict: str
@@ -108,7 +108,7 @@ class Report:
 
 
 def build_report(report: Report) -> str:
-    """The page as HTML. Whatever comes from a file is escaped; nothing is fetched when it is opened."""
+    """The page as HTML. Text from files is escaped; nothing is loaded when it is opened."""
     first = [report.first.picture] if report.first is not None and report.first.picture is not None else []
     sections = [*report.sections, *(section for page in report.pages for section in page.sections)]
     charts = [*first, *(chart for section in sections for chart in section.charts)]
@@ -127,7 +127,7 @@ def build_report(report: Report) -> str:
 
 
 def _embedded(tree: Any) -> str:
-    # Inside a script element only "<" can end it.
+    # Within a script element only "<" can end it.
     return msgspec.json.encode(tree).decode().replace("<", "\\u003c")
 
 

@@ -1,4 +1,4 @@
-"""Sections that every report has: the rig and its runs, and where the numbers came from."""
+"""Sections of every report: the rig and its runs, and the source of the numbers."""
 
 from __future__ import annotations
 
@@ -11,46 +11,44 @@ from pathlib import Path
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.rig.report.page import Section, Table
 
-#: What stands where a recording does not tell.
-NOT_TOLD = "not told"
+#: Text for missing information of a recording.
+NOT_TOLD = "not given"
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 
 WIRE_BONDER = (
-    "The motor of a wire bonder stands on springs and bearings on the machine's table; its head pushes it one way and moves "
-    "the other. "
-    "Unlocked, the motor recoils on its springs; locked, it is clamped to the table. The heatblock on the table is what must "
-    "stay "
-    "quiet. Accelerometers sit on head, motor, table and heatblock."
+    "The motor of a wire bonder is mounted on springs and bearings on the machine's table; its head pushes it one way and moves "
+    "the other. Unlocked, the motor recoils on its springs; locked, it is clamped to the table. The vibration of the heatblock "
+    "on the table must be small. Accelerometers are mounted on head, motor, table and heatblock."
 )
 
 
 def words(name: str) -> str:
-    """A name as it is read: underscores become spaces."""
+    """A name for display: underscores become spaces."""
     return name.replace("_", " ")
 
 
 def label(run: Run) -> str:
-    """A run as a legend names it."""
+    """Name of a run in a legend."""
     return f"{run.id} ({run.configuration}, gain {run.gain:g})"
 
 
 def number(value: float | None, digits: int = 5) -> str:
-    """A figure for a table; a dash where there is none."""
+    """A number for a table; a dash if there is none."""
     return "–" if value is None else f"{value:.{digits}g}"
 
 
 def unit(text: str) -> str:
-    """A unit as it is printed."""
+    """A unit for display."""
     return text.replace("^2", "²").replace("^3", "³")
 
 
 def per(response: str, reference: str) -> str:
-    """The unit of a response over a reference."""
+    """The unit of a response divided by a reference."""
     return f"{unit(response)} per {unit(reference)}"
 
 
 def channels_table(campaign: Campaign) -> Table:
-    """Every channel with its sensor, place and range, as the first run that has it tells."""
+    """Every channel with its sensor, place and range, from the first run that has it."""
     first: dict[str, Channel] = {}
     for run in campaign.runs:
         for name, channel in run.sensors.items():
@@ -66,13 +64,13 @@ def channels_table(campaign: Campaign) -> Table:
 
 
 def runs_section(campaign: Campaign) -> Section:
-    """What was measured, and what was known beforehand."""
+    """The measured runs, and the given values."""
     rows = [_run_row(run) for run in campaign.runs]
     heads = ("run", "configuration", "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
     return Section(
         title="Rig and runs",
-        text=[*([] if campaign.description else [WIRE_BONDER]), f"Known beforehand (SI): {known or 'nothing'}."],
+        text=[*([] if campaign.description else [WIRE_BONDER]), f"Given values (SI): {known or 'none'}."],
         tables=[Table(columns=heads, rows=rows)],
     )
 
@@ -114,4 +112,4 @@ def provenance_section(campaign: Campaign) -> Section:
     rows = [("file", path.name), ("sha256", digest)]
     rows += [(name, version(name)) for name in LIBRARIES]
     rows += [("Python", sys.version.split()[0]), ("command", " ".join(["rig", *sys.argv[1:]]))]
-    return Section(title="Where the numbers came from", tables=[Table(columns=("what", "value"), rows=rows)])
+    return Section(title="Source of the numbers", tables=[Table(columns=("what", "value"), rows=rows)])

@@ -1,4 +1,4 @@
-"""A sketch of the rig as SVG, drawn from its model: what stands on what, springs, friction, the drive, the sensors."""
+"""A sketch of the rig as SVG, drawn from its model: bodies, springs, friction, the drive, the sensors."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from html import escape
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.rig.files.parameter_units import unit_of
 
-#: Pixels of the drawing: width, a body's height, the space for a link, and the margins.
+#: Dimensions in pixels: width, height of a body, space for a link, margins.
 WIDTH, BODY, LINK, SIDE, TOP, FLOOR = 460, 46, 52, 14, 30, 26
 SPRING = 7
 
 
 def sketch(model: RigModel) -> str:
-    """The drawing, in the page's own colours."""
+    """The drawing, in the colours of the page."""
     levels = _levels(model)
     height = TOP + len(levels) * (BODY + LINK) + FLOOR
     ground = height - FLOOR
     places: dict[str, tuple[float, float, float]] = {GROUND: (SIDE, ground, WIDTH - 2.0 * SIDE)}
     for k, names in enumerate(levels):
-        # Upper levels are narrower, so that it is seen what stands on what.
+        # Upper levels are narrower, to show which body is on which.
         wide = (WIDTH - 2.0 * SIDE - 24.0 * (k + 1) - 20.0 * (len(names) - 1)) / len(names)
         start = 0.5 * (WIDTH - wide * len(names) - 20.0 * (len(names) - 1))
         for j, name in enumerate(names):
@@ -36,7 +36,7 @@ def sketch(model: RigModel) -> str:
     )
 
 
-#: The colours of a picture that stands by itself, as the page's style gives them to one inside it.
+#: Colours of a stand-alone picture, the same as in the style of a page.
 STYLE = (
     "svg{background:#fff;color:#1c2733;font-family:system-ui,sans-serif}.body{fill:#e8f0f6}.sensor{fill:#1f6f9f;stroke:none}"
     ".sensor-name{fill:#5a6672}.rubs,.drive{stroke:#c4481c}"
@@ -44,13 +44,13 @@ STYLE = (
 
 
 def picture(model: RigModel) -> str:
-    """The drawing as a file of its own, in SVG."""
+    """The drawing as a stand-alone SVG file."""
     head, body = sketch(model).split(">", 1)
     return f'{head} xmlns="http://www.w3.org/2000/svg"><style>{STYLE}</style>{body}\n'
 
 
 def _levels(model: RigModel) -> list[list[str]]:
-    # Bodies by how many links lie between them and the ground.
+    # Bodies by the number of links between them and the ground.
     ends = [(link.a, link.b) for link in model.links] + [(contact.a, contact.b) for contact in model.contacts]
     placed = {GROUND}
     levels: list[list[str]] = []
@@ -102,7 +102,7 @@ def _joints(model: RigModel, places: dict[str, tuple[float, float, float]]) -> l
 
 
 def _gap(a: Sequence[float], b: Sequence[float], share: float) -> tuple[float, float, float]:
-    # From the upper one's foot to the lower one's top, at a share of the upper one's width.
+    # From the bottom of the upper body to the top of the lower one, at a share of the upper one's width.
     upper, lower = (a, b) if a[1] < b[1] else (b, a)
     return upper[1] + BODY, lower[1], upper[0] + share * upper[2]
 

@@ -1,4 +1,4 @@
-"""A series as a picture as small as a word."""
+"""A small line chart of a series, the size of a word."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from isorig.analysis.campaign import FloatArray
 from isorig.rig.report.page import Sparkline
 
 WIDTH, HEIGHT, EDGE = 64.0, 20.0, 2.0
-#: Latest values that are shown; more than this no picture of that width can tell.
+#: Number of latest values shown; more cannot be resolved at this width.
 MOST = 60
 
 
 def sparkline(values: FloatArray, told: str, marked: Sequence[int] = ()) -> Sparkline:
-    """The latest values, shape (n,), as a line from left to right; those at the indices `marked` get a dot.
+    """The latest values, shape (n,), as a line; those at the indices `marked` get a dot.
 
-    `told` says in words what is to be seen.
+    `told` describes the content in words.
     """
     start = max(len(values) - MOST, 0)
     y = values[start:]

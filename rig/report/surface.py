@@ -1,4 +1,4 @@
-"""Pictures of the force in a link: over its deflection, and what is left of it over its speed."""
+"""Charts of the force in a link: over its deflection, and the remaining force over its velocity."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from isorig.rig.report.charts import Chart, Panel, Trace
 
 
 def surface_charts(model: RigModel, beside: Doubles) -> list[Chart]:
-    """Two charts of every link that can be seen: measured points over simulated ones."""
+    """Two charts for every observable link: measured points and simulated ones."""
     charts = []
     for seen in surfaces(model, beside):
         spring = model.link(seen.link).stiffness * seen.displacement
-        where = f"{seen.run}: the force that the {seen.link} passed"
+        where = f"{seen.run}: the force in the {seen.link}"
         charts += [
             _chart(f"force-{seen.link}", f"{where}.", "deflection, mm", 1e3 * seen.displacement, seen.force, seen.simulated),
             _chart(

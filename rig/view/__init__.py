@@ -1,1 +1,1 @@
-"""The operator's screen: what a session measures, drawn in a browser while it is measured, and the buttons that act on it."""
+"""The operator's screen: shows a running session in a browser, with buttons that control it."""

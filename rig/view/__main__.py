@@ -1,4 +1,4 @@
-"""The process of a session's screen; the session begins it (`isorig.rig.view.process`) and speaks with it in lines of JSON."""
+"""The process of a session's screen; the session starts it (`isorig.rig.view.process`) and exchanges lines of JSON with it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,18 @@ from isorig.rig.view.screen import Screen
 from isorig.rig.view.sources import watched
 from isorig.rig.view.state import Subject
 
-#: The screen gives way to the session where both want the processor.
+#: The session has priority over the screen when both need the processor.
 NICE = 5
-#: What the page says where the session's process was killed.
-GONE = "The session is gone. What it measured is in its working file: rig acquire --resume goes on, rig recover saves it."
+#: Message on the page if the session's process was killed.
+GONE = (
+    "The session's process has ended. Its data are in the working file: continue with rig acquire --resume, or save them with "
+    "rig recover."
+)
 
 
 def main() -> None:
-    """Serve the page until the session is over, or its process is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the session's
+    """Serve the page until the session is over, or its process has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the session handles Ctrl-C
     with suppress(AttributeError, OSError):
         os.nice(NICE)
     heard = _lines()
@@ -51,11 +54,11 @@ def main() -> None:
     try:
         screen.run(over.is_set, listening)
     except REFUSALS as refusal:
-        print(f"rig: the screen has ended, the session goes on: {refusal}", file=sys.stderr)
+        print(f"rig: the screen has ended, the session continues: {refusal}", file=sys.stderr)
 
 
 def _lines() -> Iterator[bytes]:
-    # Read without a buffer of Python's: a thread that waits in one would hold up the end of the process.
+    # Read without Python's buffer: a thread waiting in it would delay the end of the process.
     rest = b""
     while chunk := os.read(sys.stdin.fileno(), 1 << 16):
         *lines, rest = (rest + chunk).split(b"\n")

@@ -1,11 +1,11 @@
-"""A frame of the screen as bytes: a head in JSON, and the numbers of those plots that have changed, as float32.
+"""A frame of the screen as bytes: a header in JSON, and the numbers of the plots that have changed, as float32.
 
 ::
 
-    uint32 little-endian   length of the head in bytes, a multiple of 4
-    head                   JSON, filled up with spaces: {"frame": 7, "state": {...}, "plots": {"frf": {"names": [...],
+    uint32 little-endian   length of the header in bytes, a multiple of 4
+    header                 JSON, padded with spaces: {"frame": 7, "state": {...}, "plots": {"frf": {"names": [...],
                            "rows": 16, "points": 600, "at": 0}}}
-    float32 little-endian  the plots' rows one after another; "at" is where a plot begins, in numbers
+    float32 little-endian  the plots' rows in sequence; "at" is the index of the first number of a plot
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def frame(number: int, state: Mapping[str, Any], plots: Mapping[str, Plot]) -> b
 
 
 def read_frame(message: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Head and plots of a message, for programs that are no browser."""
+    """Header and plots of a message, for programs other than browsers."""
     (length,) = struct.unpack_from("<I", message)
     head = msgspec.json.decode(message[4 : 4 + length])
     numbers = np.frombuffer(message, "<f4", offset=4 + length)

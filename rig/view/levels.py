@@ -1,4 +1,4 @@
-"""How large each channel is: rms and peak of the last second, the highest peak so far, overloads, and its trace."""
+"""Level of each channel: rms and peak of the last second, highest peak so far, overloads, and time trace."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, Run
 from isorig.analysis.spectra.overload import FULL
 
-#: Seconds of the last samples that rms and peak are of, and seconds that a trace shows.
+#: Seconds of samples for rms and peak, and seconds of samples in a trace.
 RECENT, SHOWN = 1.0, 4.0
-#: Points of a trace: the smallest and the largest sample of each of half as many equal stretches.
+#: Points of a trace: minimum and maximum of each of half as many equal intervals.
 POINTS = 500
-#: Samples of a channel that are read in one go.
+#: Samples of a channel that are read at once.
 BLOCK = 1 << 16
 
 
 class Level(msgspec.Struct, frozen=True, kw_only=True):
-    """One channel: rms, peak and highest peak of the run in its unit; full scale where known; whether it reached that."""
+    """One channel: rms, peak and highest peak of the run in its unit; full scale if known; whether it was reached."""
 
     name: str
     unit: str
@@ -29,12 +29,12 @@ class Level(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Levels:
-    """The levels of a run that grows; each sample is read once.
+    """The levels of a growing run; each sample is read once.
 
     Parameters
     ----------
     run
-        The run as far as it has got.
+        The run as far as it has been measured.
     """
 
     def __init__(self, run: Run) -> None:
@@ -50,7 +50,7 @@ class Levels:
         self.seen = 0
 
     def add(self, run: Run) -> None:
-        """Read what came since the last call, up to a whole stretch of the trace."""
+        """Read the new samples since the last call, up to a whole interval of the trace."""
         end = len(run) // self._bin * self._bin
         step = max(BLOCK // self._bin, 1) * self._bin
         while self.seen < end:
@@ -59,7 +59,7 @@ class Levels:
             self.seen = stop
 
     def levels(self) -> tuple[Level, ...]:
-        """Each channel's levels."""
+        """The level of each channel."""
         recent = self._recent if self._recent.shape[1] else np.zeros((len(self._names), 1))
         rms, peak = np.sqrt(np.mean(recent**2, axis=1)), np.abs(recent).max(axis=1)
         return tuple(
@@ -75,7 +75,7 @@ class Levels:
         return dict(zip(self._names, self._recent, strict=True))
 
     def trace(self) -> FloatArray:
-        """Seconds, and below them a row for each channel, shape (1 + channels, points); empty before the first stretch."""
+        """Time in seconds, and a row for each channel, shape (1 + channels, points); empty before the first interval."""
         count = self._lows.shape[1]
         first = self.seen // self._bin - count
         seconds = (first + np.repeat(np.arange(count), 2) + np.tile([0.25, 0.75], count)) * self._bin / self._rate

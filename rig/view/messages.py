@@ -1,4 +1,4 @@
-"""What session, screen and page say to one another. All of it is JSON with fixed fields; anything else is refused."""
+"""Messages between session, screen and page. All are JSON with fixed fields; anything else is rejected."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import msgspec
 from isorig.rig.acquire.notes import Note
 from isorig.rig.view.run_list import Planned
 
-#: What an operator may ask of a session.
+#: The requests of an operator.
 Wish = Literal["stop", "again", "next", "note"]
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Anything that is said."""
+    """Any message."""
 
 
 class Begin(Message, frozen=True):
-    """What a session's screen is about: the recording, and the runs of the plan."""
+    """The subject of a session's screen: the recording, and the runs of the plan."""
 
     output: str
     planned: tuple[Planned, ...]
 
 
 class Asked(Message, frozen=True, tag="asked", tag_field="say"):
-    """A button was pressed: what for, on which run the page showed it, and a note's text."""
+    """A pressed button: the request, the run that the page showed, and the text of a note."""
 
     do: Wish
     run: str
@@ -33,45 +33,45 @@ class Asked(Message, frozen=True, tag="asked", tag_field="say"):
 
 
 class Drawn(Message, frozen=True, tag="drawn", tag_field="say"):
-    """The page has drawn a frame: its number, and how many values it held."""
+    """The page has drawn a frame: its number, and how many values it contained."""
 
     frame: int
     values: int
 
 
 class Judgement(Message, frozen=True):
-    """How the session judged a run right after it was taken."""
+    """Result of the post-run check."""
 
     good: bool
     advice: tuple[str, ...]
 
 
 class Standing(Message, frozen=True):
-    """How a session stands.
+    """State of a session.
 
     Parameters
     ----------
     phase
-        "begins", "asks" (it waits for the operator before a run), "looks" (the look before a run), "measures", "finishes" (all
-        runs are taken and it waits for the operator), or "over".
+        "begins", "asks" (it waits for the operator before a run), "looks" (pre-run check), "measures", "finishes" (all runs are
+        measured and it waits for the operator), or "over".
     run
-        The run that lasts or is asked for; the last one where all are taken.
+        The current or next run; the last one when all are measured.
     last
-        The run that was taken last.
+        The run measured last.
     may
-        What the operator may ask for now.
+        The requests that are allowed now.
     text
         What it waits for, or why it is over.
     judged
-        How each run that was taken was judged.
+        Result of the post-run check of each run.
     stopped
         Runs that the operator stopped.
     seconds
-        How long the present run has lasted.
+        Duration of the current run so far, seconds.
     overloads, damaged
-        Blocks of the present run that came with an overload, frames that were damaged on the way.
+        Blocks of the current run with an overload, frames damaged in transmission.
     notes
-        What was noted.
+        The notes.
     """
 
     phase: Literal["begins", "asks", "looks", "measures", "finishes", "over"] = "begins"

@@ -5,8 +5,8 @@
     dark: ["#6cb6f0", "#ff8f5e", "#4fcf9f", "#c79bea", "#e3bd4a", "#f084ae", "#dfe3e6", "#93a9bd"],
   };
   const phases = {
-    begins: ["beginning", ""], asks: ["waits for you", "ask"], looks: ["looking at the rig", "on"], measures: ["measuring", "on"],
-    quiet: ["no new sample", "quiet"], finishes: ["waits for you", "ask"], over: ["ended", ""],
+    begins: ["starting", ""], asks: ["waiting for you", "ask"], looks: ["pre-run check", "on"], measures: ["measuring", "on"],
+    quiet: ["no new sample", "quiet"], finishes: ["waiting for you", "ask"], over: ["ended", ""],
   };
   const root = document.documentElement;
   const at = (id) => document.getElementById(id);
@@ -28,12 +28,12 @@
     put("phase", replayed + told);
     at("phase").className = `chip ${kind}`;
     const run = state.run;
-    put("run", run ? `Run ${run.number}${run.count ? ` of ${run.count}` : ""}: ${run.id}, ${run.configuration}, gain ${figure(run.gain)}` : "No run has begun.");
+    put("run", run ? `Run ${run.number}${run.count ? ` of ${run.count}` : ""}: ${run.id}, ${run.configuration}, gain ${figure(run.gain)}` : "No run has started.");
     at("part").value = run && run.of ? Math.min(run.seconds / run.of, 1) : 0;
     const left = [];
     if (run && state.phase === "measures" && run.count) left.push(`${clock(run.of - run.seconds)} left of the run`);
     if (run && !run.count) left.push(`${clock(run.seconds)} measured`);
-    if (state.session_left !== null && state.phase !== "over") left.push(`${clock(state.session_left)} of measuring left in the session`);
+    if (state.session_left !== null && state.phase !== "over") left.push(`${clock(state.session_left)} of measuring time left in the session`);
     put("left", left.join(", "));
     put("text", state.text);
     put("verdict", state.verdict);
@@ -46,18 +46,18 @@
       return item;
     });
     at("noted").hidden = !state.notes.length;
-    const beside = [`lost ${state.lost}`];
-    if (state.damaged) beside.push(`damaged on the way ${state.damaged}`);
-    if (state.overloads) beside.push(`the instrument told of ${state.overloads} overloads`);
-    put("sum", state.shown ? `${state.shown}: ${beside.join(", ")}` : "");
+    const losses = [`lost ${state.lost}`];
+    if (state.damaged) losses.push(`damaged in transmission ${state.damaged}`);
+    if (state.overloads) losses.push(`the instrument reported ${state.overloads} overloads`);
+    put("sum", state.shown ? `${state.shown}: ${losses.join(", ")}` : "");
     list("runs", state.runs, row);
   }
 
   function row(run) {
     const line = make("tr", `${run.state === "now" ? "now" : ""} ${run.good ? "" : "bad"}`);
-    const told = { planned: "planned", now: "measured now", stopped: "stopped", taken: run.good ? "taken" : "worth taking again" }[run.state];
+    const status = { planned: "planned", now: "measuring", stopped: "stopped", taken: run.good ? "measured" : "repeat" }[run.state];
     for (const cell of [run.id, run.configuration, figure(run.gain), figure(run.of), String(run.lost)]) line.append(make("td", "", cell));
-    line.append(make("td", "told", [told, ...run.advice].join(" · ")));
+    line.append(make("td", "status", [status, ...run.advice].join(" · ")));
     return line;
   }
 
@@ -80,8 +80,8 @@
     head.append(make("span", "name", name), parts.over, parts.fresh);
     for (const kind of ["peak", "rms", "held"]) parts.bar.append((parts[kind] = make("div", kind)));
     for (const share of state.limits) { const limit = make("div", "limit"); limit.style.left = `${place(share)}%`; parts.bar.append(limit); }
-    parts.bar.title = "rms and peak of the last second and the highest peak, in dB of the range; the lines are where advice begins";
-    parts.fresh.title = "when the last sample came, and how many were lost in this run";
+    parts.bar.title = "rms and peak of the last second and the highest peak, in dB of the range; the marks are the limits for advice";
+    parts.fresh.title = "age of the last sample, and samples lost in this run";
     box.append(head, parts.figures, parts.bar, parts.trace);
     parts.box = box;
     return parts;
@@ -138,7 +138,7 @@
   }
 
   const part = (plot, k) => plot.numbers.subarray(k * plot.points, (k + 1) * plot.points);
-  // NaN is a line that this curve does not have.
+  // NaN is a frequency bin without a value.
   const gaps = (values) => Array.from(values, (v) => (Number.isFinite(v) ? v : null));
 
   function time(plot) {
@@ -153,7 +153,7 @@
     } else charts.get("time").forEach(({ chart }, k) => chart.setData(data[k]));
   }
 
-  // A band that reached zero would open a logarithmic axis to nowhere.
+  // An uncertainty band down to zero would extend a logarithmic axis without limit.
   const edges = (value, std, log) => [value.map((v, i) => (v === null ? null : v + std[i])), value.map((v, i) => (v === null ? null : log ? Math.max(v - std[i], v / 3) : v - std[i]))];
 
   function banded(plot, step, first, log) {
@@ -186,7 +186,7 @@
     return data;
   }
 
-  const wanted = new Map();  // what a chart was made for: other names ask for another chart
+  const wanted = new Map();  // the names that a chart was made for: other names need another chart
   function frf(plot) {
     const sets = [banded(plot, 5, 0, true), banded(plot, 5, 2, false), plain(plot)];
     if (wanted.get("frf") !== plot.names.join()) drop("frf");
@@ -194,7 +194,7 @@
     if (charts.has("frf")) { charts.get("frf").forEach(({ chart }, k) => chart.setData(sets[k])); return; }
     const series = [{ label: "Hz" }, ...plot.names.map((name, k) => ({ label: name, stroke: strokeOf(name, k), width: 1.5, points: { show: false } }))];
     charts.set("frf", [
-      bandedChart(at("magnitude"), 240, plot, "magnitude over the drive, with one standard deviation", { log: true, legend: true }, sets[0]),
+      bandedChart(at("magnitude"), 240, plot, "magnitude relative to the drive, with one standard deviation", { log: true, legend: true }, sets[0]),
       bandedChart(at("phases"), 140, plot, "phase, degrees", { range: [-190, 190], splits: () => [-180, -90, 0, 90, 180] }, sets[1]),
       chartIn(at("coherence"), 150, {
         title: "coherence", series, legend: { show: false }, cursor: { sync: { key: linked.key }, y: false, drag: { x: false, y: false } },
@@ -209,7 +209,7 @@
     if (wanted.get("isolation") !== plot.names.join()) drop("isolation");
     wanted.set("isolation", plot.names.join());
     if (charts.has("isolation")) charts.get("isolation")[0].chart.setData(data);
-    else charts.set("isolation", [bandedChart(at("isolation"), 240, plot, "unlocked over locked, with one standard deviation, over Hz", { log: true, legend: true }, data)]);
+    else charts.set("isolation", [bandedChart(at("isolation"), 240, plot, "unlocked / locked, with one standard deviation, over frequency in Hz", { log: true, legend: true }, data)]);
   }
 
   const drawers = { time, frf, isolation };
@@ -274,7 +274,7 @@
     at("actions").hidden = state.mode !== "session";
     const waits = state.phase === "asks" || state.phase === "finishes";
     put("next", state.phase === "finishes" ? "Finish the session" : `Start ${state.asked}`);
-    put("again", waits && state.last ? `Take ${state.last} again` : "Take it again");
+    put("again", waits && state.last ? `Repeat ${state.last}` : "Repeat this run");
     for (const id of ["next", "stop", "again"]) at(id).disabled = !may.has(id) || pressed !== "";
     at("next").hidden = !may.has("next");
     at("stop").hidden = waits;

@@ -1,7 +1,7 @@
-"""The screen of a session, in a process of its own: whatever a page does, the session's process does not wait for it.
+"""The screen of a session, in a separate process: the session's process never waits for a page.
 
-The two speak in lines of JSON over the screen's standard input and output. First the session says what it is about (`Begin`) and
-the screen where its page is; then the session says how it stands, and the screen what a page asks for.
+The two exchange lines of JSON over the screen's standard input and output. First the session sends the subject (`Begin`) and the
+screen sends the address of its page; then the session sends its state, and the screen sends the requests of pages.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from isorig.rig.view.messages import Asked, Begin, Standing
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import Planned
 
-#: Seconds that the screen has to go; seconds between two messages of how the session stands.
+#: Seconds that the screen has to end; seconds between two messages with the session's state.
 END, PACE = 5.0, 0.1
 
 
 class SessionScreen:
-    """Shows a session while it lasts, and hands the desk what pages ask for.
+    """Shows a running session, and passes the requests of pages to the desk.
 
     Parameters
     ----------
     desk
-        Decides what may be done.
+        Decides which requests are allowed.
     planned
         The session's runs.
     output
@@ -41,7 +41,7 @@ class SessionScreen:
     Attributes
     ----------
     address
-        Where the page is.
+        Address of the page.
     """
 
     address = ""
@@ -55,7 +55,7 @@ class SessionScreen:
         self._notes = ThreadPoolExecutor(1, "notes")
 
     def __enter__(self) -> SessionScreen:
-        # A fresh interpreter: a fork would share the instrument's port and the working file.
+        # A new interpreter: a forked process would share the instrument's port and the working file.
         self._process = subprocess.Popen([sys.executable, "-m", "isorig.rig.view"], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -65,7 +65,7 @@ class SessionScreen:
             self.address = msgspec.json.decode(self._output.readline(), type=str)
         except (OSError, msgspec.DecodeError):
             self._process.kill()
-            raise OutputError("the screen has not come up; measure without --view") from None
+            raise OutputError("the screen did not start; measure without --view") from None
         self._sender = threading.Thread(target=self._send, name="to the screen", daemon=True)
         self._sender.start()
         threading.Thread(target=self._receive, name="from the screen", daemon=True).start()
@@ -94,7 +94,7 @@ class SessionScreen:
             self._changed.notify_all()
 
     def _send(self) -> None:
-        # The pipe may be full where the screen stands still: then this thread waits, and nobody for it.
+        # The pipe may be full if the screen hangs: then only this thread waits.
         with suppress(OSError):
             while True:
                 with self._changed:
@@ -109,7 +109,7 @@ class SessionScreen:
         with suppress(OSError, RuntimeError, msgspec.DecodeError):
             for line in self._output:
                 asked = msgspec.json.decode(line, type=Asked)
-                # A note waits for the disk, and no other wish waits for a note.
+                # A note waits for the disk, and no other request waits for a note.
                 if asked.do == "note":
                     self._notes.submit(self._desk.ask, asked)
                 else:
@@ -124,7 +124,7 @@ def _ending(error: BaseException | None) -> str:
     if error is None:
         return "The session has ended."
     if isinstance(error, SystemExit):
-        return "The session was ended by the system, or with its terminal."
+        return "The session was ended by the system or by closing its terminal."
     if isinstance(error, KeyboardInterrupt):
         return "The session was stopped by the operator."
     return f"The session has ended: {error}"

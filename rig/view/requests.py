@@ -1,7 +1,7 @@
-"""The session's side of the screen: what the operator may ask for now, and what becomes of it.
+"""The session's part of the screen: which requests of the operator are allowed, and their execution.
 
-The screen itself is another process. It is told how the session stands, and hands on which buttons were pressed; whether that is
-allowed is decided here alone.
+The screen itself is another process. It receives the state of the session and passes on the pressed buttons; only this module
+decides whether a request is allowed.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from isorig.rig.errors import OutputError
 from isorig.rig.view.messages import Asked, Judgement, Standing, Wish
 from isorig.rig.view.run_list import Planned
 
-#: Seconds between two looks at whether the operator has answered, so that Ctrl-C is heard meanwhile.
+#: Seconds between two checks for the operator's answer, so that Ctrl-C is handled meanwhile.
 LISTEN = 0.2
-#: Seconds within which a session tells of a run that it has taken; it may do so from another thread.
+#: Seconds within which a session reports a measured run; it may do so from another thread.
 TOLD = 5.0
 
 
 class Desk:
-    """Decides with the operator what a session does next.
+    """Decides, with the operator, what a session does next.
 
     Parameters
     ----------
     planned
         The session's runs in order.
     output
-        Its recording, beside which notes are kept.
+        Its recording; notes are saved next to it.
     asks
-        Whether the session waits for the operator where there is something to see to: before the first run, where the
-        configuration changes, and after a run that was stopped or is not sound.
+        Whether the session waits for the operator when an action may be needed: before the first run, when the configuration
+        changes, and after a run that was stopped or has a fault.
 
     Attributes
     ----------
     listeners
-        Told how the session stands, each time that this changes; they must not wait.
+        Called with the state of the session at each change; they must not block.
     """
 
     def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:
@@ -49,24 +49,24 @@ class Desk:
         self._output, self._asks = output, asks
         self.listeners: list[Callable[[Standing], None]] = []
         self._changed = threading.Condition()
-        # What this session has taken: where it goes on after a part of it, those are not taken anew without being asked for.
+        # The runs that this session has measured; in a resumed session, earlier runs are repeated on request only.
         self._past: set[str] = set()
         self._again = ""
         self._answers: list[Wish] = []
         self._stop = False
         self._set_up = ""
         self._last = ""
-        # The run that was begun, until it is told of as taken.
+        # The started run, until it is reported as measured.
         self._begun = ""
         self._standing = Standing(notes=tuple(dict.fromkeys([*notes_in(output), *notes_beside(output)])))
 
     @property
     def standing(self) -> Standing:
-        """How the session stands."""
+        """State of the session."""
         return self._standing
 
     def operator(self, beside: Operator) -> Operator:
-        """An operator for a session: told what `beside` is told, asked here."""
+        """An operator for a session: forwards everything to `beside`, and asks here."""
 
         def watch(live: Live) -> None:
             self._watch(live)
@@ -76,11 +76,11 @@ class Desk:
             self._taken(item)
             beside.taken(item)
 
-        # Who agreed to a run has locked or unlocked the rig for it.
+        # Confirming a run includes that the rig is locked or unlocked for it.
         return Operator(lock=lambda configuration: None, watch=watch, taken=taken, decide=self.decide, stopped=self.stopped)
 
     def decide(self, name: str) -> Decision:
-        """What becomes of the next run."""
+        """Decides on the next run."""
         self._settle()
         if name != self._again and name in self._past:
             return "skip"
@@ -94,7 +94,7 @@ class Desk:
         with self._changed:
             self._stop, self._begun = False, name
             now = self._standing
-            # Where it is taken once more, what was said of it before is over.
+            # A repetition replaces the earlier result.
             fresh = {
                 "judged": {key: value for key, value in now.judged.items() if key != name},
                 "stopped": tuple(key for key in now.stopped if key != name), "seconds": 0.0, "overloads": 0, "damaged": 0,
@@ -103,22 +103,22 @@ class Desk:
         return "take"
 
     def stopped(self) -> bool:
-        """Whether the run that lasts is to end now."""
+        """Whether the current run is to end now."""
         return self._stop
 
     def again(self) -> str:
-        """The run that is to be taken once more, where the session has ended for that; else empty.
+        """The run to be repeated, if the session has ended for that; otherwise empty.
 
-        Where the operator is asked, this waits at the end of the plan until the session is finished or a run is to be repeated.
+        If the operator is asked, this waits at the end of the plan until the session is finished or a run is to be repeated.
         """
         self._settle()
         if not self._again and self._asks and self._last:
-            told = f"All runs of the plan are taken. Finish the session, or take {self._last} again."
-            self._wait("finishes", self._last, told)
+            text = f"All runs of the plan are measured. Finish the session, or repeat {self._last}."
+            self._wait("finishes", self._last, text)
         return self._again
 
     def ask(self, wish: Asked) -> bool:
-        """Do what the operator asks for where the session allows it now; whether it was allowed."""
+        """Execute a request if the session allows it now; returns whether it was allowed."""
         if wish.do == "note":
             return self._note(wish.text)
         with self._changed:
@@ -130,7 +130,7 @@ class Desk:
                 self._stop, text = True, f"{now.run} is being stopped."
             elif wish.do == "again":
                 self._again = now.run if now.phase == "measures" else self._last
-                text = f"{self._again} will be taken again."
+                text = f"{self._again} will be repeated."
             self._stand(text=text, may=tuple(item for item in now.may if item != wish.do))
             if now.phase in ("asks", "finishes"):
                 self._answers.append(wish.do)
@@ -138,7 +138,7 @@ class Desk:
             return True
 
     def over(self, text: str) -> None:
-        """The session has ended for good."""
+        """Declare the session over."""
         with self._changed:
             self._stand(phase="over", may=(), text=text)
 
@@ -155,7 +155,7 @@ class Desk:
         run = self._planned[name]
         same = run.configuration == self._set_up
         begin = "Start" if same else f"Bring the rig into the configuration {run.configuration!r}, then start"
-        otherwise = f", or take {self._last} again." if self._last else "."
+        otherwise = f", or repeat {self._last}." if self._last else "."
         return f"{begin} {name} (gain {run.gain:g}, {run.seconds:g} s){otherwise}"
 
     def _wait(self, phase: str, name: str, question: str) -> Wish:
@@ -170,7 +170,7 @@ class Desk:
     def _watch(self, live: Live) -> None:
         with self._changed:
             if live.run != self._begun:
-                return  # it is told of a run that is over
+                return  # a late message about a run that is over
             may = self._standing.may
             if self._standing.phase != "measures":
                 may = ("stop", "again", "note")

@@ -1,4 +1,4 @@
-"""Transfer functions while they build up, by configuration and gain, and the isolation ratio of two configurations."""
+"""Transfer functions of a running session, by configuration and gain, and the isolation ratio of two configurations."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages
 from isorig.rig.report.charts import spread_over
 from isorig.rig.view.run_list import Planned
 
-#: Distance of lines, Hz: fine enough for the rig's modes, and the first average is there after two seconds.
+#: Frequency resolution, Hz: fine enough for the rig's modes, and the first average is complete after two seconds.
 RESOLUTION = 0.5
-#: Most lines that are drawn of a transfer function.
+#: Maximum number of frequency bins drawn for a transfer function.
 LINES = 600
-#: The response whose ratio is the isolation ratio, and the configurations that it compares (thesis, Eq. 6).
+#: The response for the isolation ratio, and the configurations that it compares (thesis, Eq. 6).
 ISOLATED, OVER = "heatblock", ("unlocked", "locked")
 
 
 class Response:
-    """The spectra of one run that grows; nothing is averaged where its drive has no power over a band.
+    """The spectra of a growing run; there are no averages if its drive is not broad-band.
 
     Parameters
     ----------
     run
-        The run as far as it has got.
+        The run as far as it has been measured.
     drive
-        The channel that drives.
+        The drive channel.
     """
 
     def __init__(self, run: Run, drive: str) -> None:
@@ -43,18 +43,18 @@ class Response:
             self._running = RunningSpectra(run, references=[drive], resolution=RESOLUTION, highest=self.band[1])
 
     def add(self, run: Run) -> None:
-        """Add what came since the last call."""
+        """Add the new samples since the last call."""
         if self._running is not None:
             self._running.add(run)
 
     @property
     def segments(self) -> int:
-        """Segments that have been added."""
+        """Number of segments so far."""
         spectra = self._done
         return self._running.segments if self._running is not None else 0 if spectra is None else spectra.segments
 
     def close(self) -> None:
-        """Nothing will be added any more: the sums are given up."""
+        """Release the sums; nothing more will be added."""
         self._done, self._running = self.spectra(), None
 
     def spectra(self) -> Spectra | None:
@@ -64,14 +64,14 @@ class Response:
         return self._running.spectra()
 
     def averages_in(self, seconds: float) -> float:
-        """Number of independent averages that so many seconds at this run's rate are worth."""
+        """Number of independent averages in the given seconds at this run's rate."""
         length = 2 * max(4, round(self._rate / RESOLUTION / 2.0))
         return averages_in(round(seconds * self._rate), length)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """The runs of one configuration and gain: their averaged spectra inside a band, and the averages at the session's end."""
+    """The runs of one configuration and gain: averaged spectra within a band, and number of averages at the session's end."""
 
     configuration: str
     gain: float
@@ -80,32 +80,32 @@ class Group:
     planned: float | None
 
     def frfs(self, drive: str) -> dict[str, Frf]:
-        """The transfer function of each response over the drive."""
+        """The transfer function of each response relative to the drive."""
         return {name: self.spectra.frf(name, drive) for name in self.spectra.channels if name != drive}
 
     def lines(self) -> np.ndarray:
-        """Indices of the lines inside the band."""
+        """Indices of the frequency bins within the band."""
         f = self.spectra.frequency
         return np.flatnonzero((f >= max(self.band[0], f[1])) & (f <= self.band[1]))
 
     def error(self, drive: str) -> float:
-        """Relative standard deviation of the magnitude, median over the band's lines and all responses; NaN where none."""
+        """Relative standard deviation of the magnitude, median over the band's bins and all responses; NaN if there are none."""
         kept = self.lines()
         shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs(drive).values()]
         return float(np.median(np.concatenate(shares))) if shares and len(kept) else float("nan")
 
     def text(self, drive: str) -> str:
-        """How far the averaging has got, in words."""
+        """Progress of the averaging, in words."""
         error, n = self.error(drive), self.spectra.averages
         told = f"{self.configuration}, gain {self.gain:g}: averages {n:.0f}"
         if self.planned is None or self.planned <= n:
             return f"{told}, error {100 * error:.2g} %"
         at_end = error * np.sqrt(n / self.planned)
-        return f"{told} of {self.planned:.0f}, error now {100 * error:.2g} %, {100 * at_end:.2g} % at the end"
+        return f"{told} of {self.planned:.0f}, error {100 * error:.2g} % now, {100 * at_end:.2g} % at the end"
 
 
 def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned]) -> dict[tuple[str, float], Group]:
-    """Runs of a configuration and gain averaged together, each key (configuration, gain)."""
+    """Runs of a configuration and gain, averaged; the keys are (configuration, gain)."""
     found = {}
     for key, names in _alike(responses):
         parts = [part for name in names if (part := responses[name].spectra()) is not None]
@@ -116,7 +116,7 @@ def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned])
         with_plan = set(names) <= planned.keys()
         try:
             spectra = merged(parts)
-        except DataError:  # runs of other rates or bands: the last one alone
+        except DataError:  # runs with different rates or bands: use the last one
             spectra = parts[-1]
         found[key] = Group(
             configuration=key[0], gain=key[1], band=(max(b[0] for b in bands), min(b[1] for b in bands)), spectra=spectra,
@@ -131,7 +131,7 @@ def _alike(responses: Mapping[str, Response]) -> Iterator[tuple[tuple[str, float
 
 
 def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
-    """Names of the responses, and rows to draw: Hz, then of each magnitude and its std, phase and its std (deg), coherence."""
+    """Names of the responses, and rows to plot: Hz, then for each response magnitude, std, phase, std (deg), coherence."""
     frfs, kept = group.frfs(drive), _spread(group)
     rows = [group.spectra.frequency[kept]]
     for frf in frfs.values():
@@ -142,7 +142,7 @@ def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
 
 
 def isolation_rows(groups: Mapping[tuple[str, float], Group], drive: str) -> tuple[list[str], FloatArray] | None:
-    """Names of the gains that were measured both ways, and rows to draw: Hz, then of each ratio and its std; None without one."""
+    """Names of the gains measured in both configurations, and rows to plot: Hz, then each ratio and its std; None without one."""
     pairs = {}
     for gain in sorted({gain for _, gain in groups}, reverse=True):
         upper, lower = (groups.get((configuration, gain)) for configuration in OVER)

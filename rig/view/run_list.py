@@ -1,4 +1,4 @@
-"""The runs that a session is going to take, as far as a plan or a recording says."""
+"""The runs that a session will measure, according to a plan or a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from isorig.rig.acquire.plan import Plan
 
 
 class Planned(msgspec.Struct, frozen=True, kw_only=True):
-    """A run: how the rig is set up, for how many seconds, and whether its drive has power over a band."""
+    """A run: configuration, gain, duration in seconds, and whether its drive is broad-band."""
 
     id: str
     configuration: str
@@ -21,7 +21,7 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def planned_by(plan: Plan) -> tuple[Planned, ...]:
-    """The runs of a plan in order, each repeat by its own name."""
+    """The runs of a plan in order, each repeat with its own name."""
     rate = plan.instrument.sample_rate
     return tuple(
         Planned(
@@ -33,7 +33,7 @@ def planned_by(plan: Plan) -> tuple[Planned, ...]:
 
 
 def planned_as(runs: Iterable[Run]) -> tuple[Planned, ...]:
-    """Runs that were taken, as if a plan had asked for them."""
+    """Runs of a recording, as if they were planned."""
     return tuple(
         Planned(
             id=run.id, configuration=run.configuration, gain=run.gain, broad=run.excitation in BROAD,

@@ -1,4 +1,4 @@
-"""The screen as it runs: a thread that looks at what is measured, and a loop that serves the page."""
+"""The running screen: a thread that reads the measured data, and a loop that serves the page."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from isorig.rig.view.snapshot import Board, Picture, Plot
 from isorig.rig.view.sources import Look
 from isorig.rig.view.state import Subject, state_of
 
-#: Seconds that the last frame has to reach the pages.
+#: Seconds for sending the last frame to the pages.
 LAST = 1.5
-#: Looks one after another that cannot be read before the screen gives up.
+#: Consecutive failed readings before the screen gives up.
 PATIENCE = 10
 
 
@@ -27,11 +27,11 @@ class Screen:
     Parameters
     ----------
     subject
-        What it is about.
+        The subject.
     looks
-        What is measured, look by look; read in a thread of its own.
+        The measured data, reading by reading, in a separate thread.
     ask
-        Told what a page asks for.
+        Called with the requests of a page.
     """
 
     def __init__(self, subject: Subject, looks: Iterator[Look], ask: Callable[[Asked], None] = lambda asked: None) -> None:
@@ -43,21 +43,21 @@ class Screen:
         self._server = Server(content=self._content, ask=ask)
 
     def stand(self, standing: Standing) -> None:
-        """Take in how the session stands."""
+        """Update the session's state."""
         self._standing = standing
 
     def run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> Tally:
-        """Serve the page until `over` says so; `listening` is told its address. What pages have drawn.
+        """Serve the page until `over` returns True; `listening` is called with its address. Returns what pages have drawn.
 
         Raises
         ------
         RigError, AnalysisError
-            Where what is to be shown cannot be read.
+            The data to be shown cannot be read.
         """
         return asyncio.run(self._run(over, listening))
 
     async def _run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> Tally:
-        # A stranger's request is refused without a word in the terminal, where the session tells of itself.
+        # Refused requests are not logged in the terminal, where the session prints.
         logging.getLogger("tornado").setLevel(logging.ERROR)
         address = self._server.listen()
         threading.Thread(target=self._look, name="screen's look", daemon=True).start()
@@ -85,12 +85,12 @@ class Screen:
                     self._board.see(look, self._publish)
                     unread = 0
                 except (RigError, OSError, RuntimeError):
-                    # It was read between two writes, which the next look sees whole.
+                    # It was read between two writes; the next reading is complete.
                     unread += 1
                     if unread >= PATIENCE:
                         raise
         except Exception as error:
-            # Raised where the screen is run, else the page would stand still without a word.
+            # Raised in the screen's loop, otherwise the page would freeze without a message.
             self._failed = error
 
     def _publish(self, picture: Picture) -> None:

@@ -1,6 +1,6 @@
-"""The page and its socket, on this machine alone: who may look, what a page may ask, and the newest frame for each.
+"""The page and its socket on the loopback interface: access control, validation of requests, and the newest frame for each page.
 
-A page is sent a frame when it has drawn the one before, so that nothing waits for a page that stands still: it misses frames.
+A page is sent a frame after it has drawn the previous one, so a slow page misses frames and delays nothing.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from isorig.rig.view.frames import frame
 from isorig.rig.view.messages import Asked, Drawn
 from isorig.rig.view.snapshot import Plot
 
-#: Seconds between two frames; seconds after which a page that has not drawn its last is let go; pages at a time.
+#: Seconds between two frames; seconds after which a page that has not drawn its last frame is disconnected; maximum number of
+#: pages.
 FRAME, STALLED, PAGES = 0.2, 30.0, 8
-#: Bytes of a message from a page.
+#: Maximum size of a message from a page, bytes.
 MESSAGE = 4096
 HERE = Path(__file__).parent
 FILES = {
@@ -44,7 +45,7 @@ HEADERS = {
 
 @dataclass
 class Tally:
-    """What pages have drawn, and how many were let go because they stood still."""
+    """What pages have drawn, and how many were disconnected because they did not respond."""
 
     frames: int = 0
     values: int = 0
@@ -58,9 +59,9 @@ class Server:
     Parameters
     ----------
     content
-        The state and the plots as they are now.
+        The current state and plots.
     ask
-        Told what a page asks for.
+        Called with the requests of a page.
     """
 
     content: Callable[[], tuple[dict[str, Any], dict[str, Plot]]]
@@ -71,7 +72,7 @@ class Server:
     port: int = 0
 
     def listen(self) -> str:
-        """Begin to listen on a free port of 127.0.0.1; the page's address."""
+        """Start listening on a free port of 127.0.0.1; returns the page's address."""
         given = {"server": self}
         application = Application(
             [(r"/([\w-]{1,99})/live", _Socket, given), (r"/([\w-]{1,99})/([\w.]{0,20})", _File, given)],
@@ -85,10 +86,10 @@ class Server:
         return f"http://127.0.0.1:{self.port}/{self.token}/"
 
     def allows(self, host: str, origin: str | None, token: str, *, socket: bool) -> bool:
-        """Whether a request comes from this screen's own page: by its host, its origin and the token of its address."""
+        """Whether a request comes from this screen's own page: checks its host, its origin and the token of its address."""
         hosts = (f"127.0.0.1:{self.port}", f"localhost:{self.port}")
         own = host in hosts and hmac.compare_digest(token.encode(), self.token.encode())
-        # A browser always tells a socket's origin; where it is told, it must be this host.
+        # A browser always sends the origin of a socket; if there is one, it must be this host.
         return own and (origin == f"http://{host}" if socket or origin is not None else True)
 
     def show(self) -> None:
@@ -101,7 +102,7 @@ class Server:
             page.send(state, plots)
 
     async def close(self) -> None:
-        """Let all pages go."""
+        """Disconnect all pages."""
         self._http.stop()
         for page in list(self.pages):
             page.close(1001, "the screen has ended")
@@ -144,7 +145,7 @@ class _File(_Guarded):
 
 
 class _Socket(_Guarded, WebSocketHandler):
-    """A page that looks on."""
+    """The connection of a page."""
 
     def initialize(self, server: Server) -> None:
         super().initialize(server)
@@ -153,33 +154,33 @@ class _Socket(_Guarded, WebSocketHandler):
         self._since = time.monotonic()
 
     def check_origin(self, origin: str) -> bool:
-        """Looked at before, together with host and token."""
+        """Checked before, together with host and token."""
         return self.server.allows(self.request.host, origin, self.path_args[0], socket=True)
 
     def open(self, *args: str) -> None:
-        """A page has come."""
+        """A page has connected."""
         if len(self.server.pages) >= PAGES:
-            self.close(1013, "too many pages look on; close one")
+            self.close(1013, "too many pages are open; close one")
             return
         self.set_nodelay(True)
         self.server.pages.add(self)
 
     def on_close(self) -> None:
-        """It has gone."""
+        """A page has disconnected."""
         self.server.pages.discard(self)
 
     def ready(self) -> bool:
-        """Whether it has drawn its last frame; where it has not for long, it is let go."""
+        """Whether it has drawn its last frame; a page that has not for long is disconnected."""
         if self._drawn == self._frame:
             return True
         if time.monotonic() - self._since > STALLED:
             self.server.pages.discard(self)
             self.server.tally.dropped += 1
-            self.close(1013, "the page stood still")
+            self.close(1013, "the page did not respond")
         return False
 
     def send(self, state: dict[str, Any], plots: dict[str, Plot]) -> None:
-        """Send the state, and those plots that are new to it."""
+        """Send the state, and the plots that are new to it."""
         new = {name: plot for name, plot in plots.items() if self._sent.get(name) != plot.version}
         self._frame += 1
         self._since = time.monotonic()
@@ -191,7 +192,7 @@ class _Socket(_Guarded, WebSocketHandler):
         self._sent |= {name: plot.version for name, plot in new.items()}
 
     def on_message(self, message: str | bytes) -> None:
-        """The page has drawn, or asks for something; whatever else it says ends it."""
+        """The page has drawn a frame, or sends a request; any other message ends the connection."""
         try:
             said = msgspec.json.decode(message, type=Asked | Drawn)
         except (msgspec.DecodeError, UnicodeDecodeError):

@@ -1,4 +1,4 @@
-"""What is to be seen of a session: a picture that is made anew at each look, from samples that are read once."""
+"""The displayed content of a session: a picture created at each reading, from samples that are read once."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from isorig.rig.view.responses import Response, groups_of, isolation_rows, trans
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Look, beginning_of
 
-#: Seconds of a run before anything is said about its levels.
+#: Minimum duration of a run, seconds, before advice on its levels.
 EARLY = 2.0
-#: Samples of a run after which a picture is made; samples beyond which a run is not looked at as a whole, which takes memory.
+#: Number of samples between two pictures; number of samples above which a run is not read as a whole, because of memory.
 PART, LONGEST = 1 << 20, 1 << 24
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
-    """What the look at a run right after it was taken says: whether it is worth keeping, and what to do."""
+    """Result of the post-run check: whether the run is worth keeping, and advice."""
 
     good: bool
     advice: tuple[str, ...]
 
 
 class Plot(msgspec.Struct, frozen=True, kw_only=True):
-    """Rows of numbers to draw, the first along x, what their columns are called, and a number that changes when they do."""
+    """Rows of numbers to plot, the first along x; the names of the columns; and a number that changes when they do."""
 
     version: int
     names: tuple[str, ...]
@@ -45,7 +45,7 @@ class Plot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Seen(msgspec.Struct, frozen=True, kw_only=True):
-    """A run: how far it has got, in seconds, what was lost, where it was too loud, and how it was judged."""
+    """A run: seconds measured, samples lost, overloaded channels, and result of the post-run check."""
 
     planned: Planned
     seconds: float
@@ -57,22 +57,22 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """All that is to be seen after a look.
+    """All displayed content after a reading.
 
     Parameters
     ----------
     runs
-        The runs that were begun, by name.
+        The started runs, by name.
     shown
-        The run whose levels and traces are drawn; empty before the first.
+        The run whose levels and traces are shown; empty before the first.
     grown
-        When its last samples were seen, on the monotonic clock.
+        Arrival time of its last samples, monotonic clock.
     plots
-        What is drawn, by the plot's name.
+        The plots by name.
     averaged, isolated
-        How far the transfer functions have got, and how the isolation ratio stands, each in a sentence.
+        Progress of the transfer functions, and state of the isolation ratio, in a sentence each.
     advice
-        What stands out in the run that lasts.
+        Findings on the current run.
     """
 
     runs: Mapping[str, Seen] = field(default_factory=dict)
@@ -85,7 +85,7 @@ class Picture:
 
 
 class _Track:
-    """What is kept of one run."""
+    """Stored data of one run."""
 
     def __init__(self, run: Run, drive: str) -> None:
         self.started: datetime | None = run.started
@@ -103,14 +103,14 @@ class _Track:
 
 
 class Board:
-    """Follows a session and tells what is to be seen of it.
+    """Follows a session and creates its displayed content.
 
     Parameters
     ----------
     planned
-        The session's runs where they are known.
+        The session's runs, if known.
     judge
-        Whether each run is looked at once it is whole; not where the session itself does.
+        Whether complete runs are checked here; not if the session itself does so.
     """
 
     def __init__(self, planned: Sequence[Planned] = (), *, judge: bool) -> None:
@@ -121,7 +121,7 @@ class Board:
         self._version = 0
 
     def see(self, look: Look, publish: Callable[[Picture], None]) -> None:
-        """Take in a look; a picture is published after each part of a run that is new."""
+        """Process a reading; a picture is published after each new part of a run."""
         drive = _drive(look.campaign)
         for run in look.campaign.runs:
             track = self._tracks.get(run.id)
@@ -138,11 +138,11 @@ class Board:
     def _add(self, track: _Track, run: Run, drive: str, *, whole: bool) -> None:
         track.levels.add(run)
         track.response.add(run)
-        # Beside what was drawn: a look that failed half way may have read some.
+        # Not added to the previous data: a reading that failed halfway may have added some.
         drawn, track.drawn = track.drawn, (track.levels.seen, track.response.segments)
         new, averaged = (now != before for now, before in zip(track.drawn, drawn, strict=True))
         track.n, track.lost = len(run), sum(gap.count for gap in run.gaps)
-        # What the plan asked for; the gain that the instrument streamed stands beside the samples.
+        # The planned gain; the streamed gain is stored with the samples.
         track.planned = self._planned.get(run.id, track.planned)
         if whole and not track.whole:
             track.whole = True
@@ -171,7 +171,7 @@ class Board:
         ratio = isolation_rows(groups, drive)
         if ratio is not None:
             plots["isolation"] = self._plot(*ratio)
-            told["isolated"] = f"Heatblock over {drive}, unlocked over locked, at {', '.join(ratio[0])}."
+            told["isolated"] = f"|heatblock / {drive}|, unlocked divided by locked, at {', '.join(ratio[0])}."
         return plots, told
 
     def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
@@ -209,7 +209,7 @@ def _drive(campaign: Campaign) -> str:
 
 def _advice(track: _Track, run: Run) -> Iterator[str]:
     if track.lost:
-        yield f"{track.lost} samples were lost on the way so far."
+        yield f"{track.lost} samples were lost in transmission so far."
     levels = track.levels.levels()
     for level in levels:
         if level.over:
@@ -222,4 +222,4 @@ def _advice(track: _Track, run: Run) -> Iterator[str]:
     if run.configuration == "unlocked" and {"motor", "table"} <= set(recent) and track.seconds >= EARLY:
         share = relative_motion([(recent["motor"], recent["table"])])
         if share < STUCK:
-            yield "The motor moves with the table: friction is not overcome now. Take a run at a larger gain as well."
+            yield "The motor moves with the table: friction is not overcome now. Measure a run at a higher gain as well."

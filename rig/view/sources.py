@@ -1,4 +1,4 @@
-"""Where the screen's samples come from: a session that is being measured, or a recording played back at its own pace."""
+"""Sources of the screen's samples: a running session, or a recording played back at its own pace."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from isorig.rig.acquire.recorder import working_file
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.recording import open_recording
 
-#: Seconds between two looks at what is there.
+#: Seconds between two readings.
 EVERY = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What is measured so far; valid until the next is asked for.
+    """The data measured so far; valid until the next reading is requested.
 
     Parameters
     ----------
     campaign
         The runs, the last one growing.
     whole
-        Runs to which nothing will be added.
+        Complete runs.
     """
 
     campaign: Campaign
@@ -39,14 +39,14 @@ class Look:
 
 
 def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Iterator[Look]:
-    """What a session writes, and what an earlier part of it has written; the writer is never held up.
+    """The data written by a session, and by an earlier part of it; the writer is not delayed.
 
     Parameters
     ----------
     output
         The session's recording.
     over
-        Whether the session has ended for good; asked between two looks.
+        Whether the session has ended; called between two readings.
     """
     read = 0
     while True:
@@ -67,7 +67,7 @@ def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Ite
 
 
 def replayed(recording: Path, speed: float, every: float = EVERY) -> Iterator[Look]:
-    """A recording as it grew, `speed` times as fast, without the pauses between its runs."""
+    """A recording as it grew, at `speed` times real time, without the pauses between its runs."""
     with open_recording(recording) as campaign:
         done: list[Run] = []
         for run in campaign.runs:
@@ -82,7 +82,7 @@ def replayed(recording: Path, speed: float, every: float = EVERY) -> Iterator[Lo
 
 
 class _First:
-    """The first `n` samples of others."""
+    """The first `n` samples of a sequence."""
 
     def __init__(self, samples: Samples, n: int) -> None:
         self._samples = samples

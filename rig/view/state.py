@@ -1,4 +1,4 @@
-"""The words and figures of the screen: a picture of what is measured and how the session stands, in one tree for the page."""
+"""Texts and figures of the screen: the content and the session's state, in one tree for the page."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from isorig.rig.view.messages import Standing
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.snapshot import Picture, Seen
 
-#: What the screen shows: a session that it belongs to, one in another terminal, or a recording that is played back.
+#: Mode of the screen: its own session, a session in another terminal, or playback of a recording.
 Mode = Literal["session", "watch", "replay"]
-#: Seconds without a sample after which a run that is watched is no longer called measuring.
+#: Seconds without a sample after which a watched run no longer counts as measuring.
 QUIET = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """What the screen is about: its name, how it is followed, the session's runs where they are known, notes of earlier."""
+    """The subject of the screen: name, mode, the session's runs if known, earlier notes."""
 
     title: str
     mode: Mode
@@ -33,7 +33,7 @@ class Subject:
 
 
 def state_of(subject: Subject, picture: Picture, standing: Standing | None) -> dict[str, Any]:
-    """All that the page shows beside its plots, as plain values."""
+    """All that the page shows except its plots, as plain values."""
     age = time.monotonic() - picture.grown if picture.grown else None
     runs = _runs(subject, picture, standing)
     shown = picture.runs.get(picture.shown)
@@ -125,14 +125,14 @@ def _advice(picture: Picture, standing: Standing | None, lasting: bool) -> list[
 
 
 def _verdict(subject: Subject, picture: Picture, standing: Standing | None) -> str:
-    # The look right after each run, nothing more: a diagnosis is another command.
+    # Only the post-run checks: a diagnosis is another command.
     judged = {name: found for name in picture.runs if (found := _judged(name, picture, standing)) is not None}
     if not judged:
-        return "Provisional: no run has been taken yet."
+        return "Provisional: no run has been measured yet."
     taken = f"{len(judged)} of {len(subject.planned)} runs" if subject.planned else f"{len(judged)} runs"
     bad = [name for name, (good, _) in judged.items() if not good]
-    stands_out = [name for name, (good, advice) in judged.items() if good and advice]
-    told = f"{', '.join(bad)} {'is' if len(bad) == 1 else 'are'} worth taking again" if bad else "adequate so far"
-    beside = f"; {', '.join(stands_out)} {'stands' if len(stands_out) == 1 else 'stand'} out" if stands_out else ""
-    rest = "" if bad or stands_out else ", nothing stands out"
-    return f"Provisional, {taken} looked at: {told}{beside}{rest}."
+    with_advice = [name for name, (good, advice) in judged.items() if good and advice]
+    result = f"repeat {', '.join(bad)}" if bad else "adequate so far"
+    findings = f"; findings in {', '.join(with_advice)}" if with_advice else ""
+    rest = "" if bad or with_advice else ", no findings"
+    return f"Provisional, {taken} checked: {result}{findings}{rest}."

@@ -1,4 +1,4 @@
-"""A session with its screen: where the page is and what is asked stand in the terminal too, and Enter there answers."""
+"""A session with its screen: the terminal also prints the page's address and questions, and Enter there answers."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from isorig.rig.view.run_list import planned_by
 
 @contextmanager
 def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, asks: bool) -> Iterator[tuple[Desk, Operator]]:
-    """Show a session on a page while the block lasts.
+    """Show a session on a page during the block.
 
     Parameters
     ----------
     plan, output
         The session's plan and recording.
     operator
-        Told of the session beside the page; the page does not wait for him.
+        Receives the same calls; the page does not wait for it.
     terminal
-        Told where the page is and what it asks.
+        Prints the page's address and questions.
     asks
         Whether the session waits for the operator.
 
     Yields
     ------
     tuple of Desk and Operator
-        The desk, and who is to be the session's operator.
+        The desk, and the operator for the session.
 
     Raises
     ------
     OutputError
-        Where the screen does not come up.
+        The screen does not start.
     """
     planned = planned_by(plan)
     desk = Desk(planned, output, asks=asks)
@@ -64,7 +64,7 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
 
 
 class _Questions:
-    """Tells the terminal what a session waits for, once each time."""
+    """Prints what a session waits for in the terminal, once for each change."""
 
     def __init__(self, terminal: Terminal, aside: Aside) -> None:
         self._terminal, self._aside = terminal, aside

@@ -1,1 +1,1 @@
-"""Virtual rigs: recordings that a simulation plays, with sensor noise and a converter."""
+"""Virtual rigs: simulated recordings with sensor noise and a converter."""

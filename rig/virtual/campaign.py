@@ -1,4 +1,4 @@
-"""The virtual rig: plays a `RigModel` as the instrument would record it, with sensor noise and a converter."""
+"""The virtual rig: simulates a `RigModel` and records it as an instrument would, with sensor noise and a converter."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ FULL_SCALE = 50.0
 BITS = 24
 #: rms of the head's acceleration per unit of gain under random drive, m/s^2 (3.8 m/s^2 at gain 70).
 HEAD_PER_GAIN = 3.8 / 70.0
-#: Largest acceleration of the head in moves per unit of gain, m/s^2.
+#: Peak acceleration of the head in moves per unit of gain, m/s^2.
 MOVE_PER_GAIN = 12.5 / 70.0
-#: What a virtual rig's channels tell of their sensors.
+#: Description of a virtual rig's sensors.
 VIRTUAL = {"sensor": "virtual accelerometer"}
 BEGIN = datetime(2011, 11, 7, 9, 0, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Take:
-    """One run to be played: what is driven, how hard, how long.
+    """One run to be simulated: configuration, drive, duration.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Take:
     seconds
         Length of the run.
     start
-        Seconds from the campaign's first sample.
+        Seconds after the campaign's first sample.
     band
         Band of a random drive, Hz.
     per_gain
@@ -62,7 +62,7 @@ class Take:
     per_gain: float = HEAD_PER_GAIN
 
 
-#: What the lab measures in a session: three gains unlocked (the first repeated), two locked, a series of moves.
+#: A typical lab session: three gains unlocked (the first repeated), two locked, a series of moves.
 SESSION = (
     Take(id="u70a", configuration="unlocked", gain=70.0, seconds=100.0, start=0.0),
     Take(id="u70b", configuration="unlocked", gain=70.0, seconds=100.0, start=130.0),
@@ -73,7 +73,7 @@ SESSION = (
     Take(id="umove", configuration="unlocked", gain=70.0, seconds=30.0, start=660.0, excitation="moves"),
 )
 
-#: What is measured afterwards on the same rig, to score predictions.
+#: Additional runs on the same rig, to score predictions.
 LATER = (
     Take(id="x70", configuration="unlocked", gain=70.0, seconds=60.0, start=720.0),
     Take(id="x50", configuration="unlocked", gain=50.0, seconds=60.0, start=810.0, band=(0.5, 30.0)),
@@ -100,22 +100,22 @@ def virtual_campaign(
     sample_rate: float = 1024.0,
     oversample: int = 16,
 ) -> Campaign:
-    """A whole session played on a virtual rig.
+    """A whole session on a virtual rig.
 
     Parameters
     ----------
     model
-        The rig, with the faults of its measurement chain.
+        The rig, including faults of its measurement chain.
     takes
         The runs.
     noise
-        Standard deviation of every sensor's noise, m/s^2.
+        Standard deviation of each sensor's noise, m/s^2.
     seed
-        Seed of drives and noise.
+        Random seed of drives and noise.
     sample_rate
         Hz.
     oversample
-        Fine steps per sample of the simulation behind it.
+        Simulation steps per sample.
 
     Examples
     --------
@@ -151,13 +151,13 @@ def virtual_campaign(
 
 
 def without_faults(model: RigModel) -> RigModel:
-    """The rig with sound measurement chains."""
+    """The rig without faults of its measurement chains."""
     sensors = tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors)
     return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=Chain()), sensors=sensors)
 
 
 def known_of(model: RigModel) -> dict[str, float]:
-    """What a lab would know of a wire bonder beforehand: weighed masses, the table's actual mass, rough frequencies."""
+    """Known values of a wire bonder in a lab: weighed masses, the table's actual mass, approximate frequencies."""
     return {
         "head_mass": model.drive.factor, "motor_mass": model.body("motor").mass,
         "heatblock_mass": model.body("heatblock").mass, "table_mass": 250.0, "table_frequency": 11.0,

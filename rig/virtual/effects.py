@@ -1,4 +1,4 @@
-"""Effects that a virtual rig can hide: every cause of the catalogue at a drawn size, and some that no catalogue names."""
+"""Effects that a virtual rig can hide: every cause of the catalogue with a random size, and some outside the catalogue."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CHANNELS = ("head", "motor", "table", "heatblock")
 
 @dataclass(frozen=True, kw_only=True)
 class Hidden:
-    """A rig with an effect in it: the model that plays, and what no model holds."""
+    """A rig with an effect: the simulated model, and effects that no model contains."""
 
     model: RigModel
     truth: tuple[tuple[str, str], ...] = ()
@@ -39,7 +39,7 @@ class Hidden:
     def records(
         self, drive: FloatArray, sample_rate: float, *, configuration: str, gain: float, start_time: float, run: str
     ) -> dict[str, FloatArray]:  # fmt: skip
-        """What the channels record of a run without their noise, by channel, each shape (n,).
+        """The channels of a run without their noise, by channel, each shape (n,).
 
         Parameters
         ----------
@@ -48,9 +48,9 @@ class Hidden:
         sample_rate
             Hz.
         configuration, gain, run
-            How the rig is set up, the run's gain and its name.
+            Configuration of the rig, gain and name of the run.
         start_time
-            Seconds since the rig was first played.
+            Seconds since the rig's first run.
         """
         name = self.model.drive.channel
         played = Run(
@@ -66,7 +66,7 @@ class Hidden:
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How far (m) and how fast (m/s) each link moves at the highest gain, and the largest acceleration of each channel."""
+    """Largest displacement (m) and velocity (m/s) of each link at the highest gain, and largest acceleration of each channel."""
 
     deflection: Mapping[str, float]
     speed: Mapping[str, float]
@@ -74,7 +74,7 @@ class Scale:
 
 
 def drawn_rig(draw: Draw) -> RigModel:
-    """A wire bonder near the thesis's."""
+    """A wire bonder similar to the thesis's."""
     spread = {
         "head_mass": 0.15, "table_mass": 0.15, "table_frequency": 0.08, "table_damping": 0.5, "heatblock_mass": 0.2,
         "heatblock_frequency": 0.05, "heatblock_damping": 0.4, "motor_mass": 0.1, "motor_frequency": 0.12, "motor_damping": 0.3,
@@ -278,7 +278,7 @@ def _foot(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
 
 
 def _cable(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
-    """A hose or cable holds the motor against the floor."""
+    """A hose or cable connects the motor to the floor."""
     k = m.link("isolation").stiffness
     hose = Link(name="hose", a="motor", b=GROUND, stiffness=size * draw.uniform(0.2, 0.6) * k, damping=0.02 * k / 30.0)
     return Hidden(model=msgspec.structs.replace(m, links=(*m.links, hose)))
@@ -305,7 +305,7 @@ def _bent_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> 
 
 
 def _slow_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
-    """A sensor whose high-pass sits too high."""
+    """A sensor whose high-pass corner frequency is too high."""
     from scipy.signal import butter, lfilter
 
     channel, corner = str(draw.choice(CHANNELS[1:])), size * draw.uniform(1.0, 4.0)
@@ -318,7 +318,7 @@ def _slow_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> 
 
 
 def _loose_plug(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
-    """A plug that loses the signal now and then."""
+    """A connector that loses the signal now and then."""
     channel, seed = str(draw.choice(CHANNELS[1:])), int(draw.integers(2**31))
     share = size * draw.uniform(0.01, 0.04)
 
@@ -356,7 +356,7 @@ OUTSIDE: dict[str, Maker] = {
     "slow sensor": _slow_sensor, "loose plug": _loose_plug,
 }  # fmt: skip
 KINDS = ("none", *CAUSES, *(f"outside: {name}" for name in OUTSIDE), "two")
-#: Pairs that are drawn together; the second is laid on the first.
+#: Pairs of simultaneous effects; the second is added to the first.
 PAIRS = (
     ("hardening_stiffness", "sensor_gain"), ("stribeck_friction", "channel_delay"), ("extra_mode", "hardening_stiffness"),
     ("backlash", "sensor_gain"), ("stiffness_drift", "quadratic_damping"), ("end_stop", "crosstalk"),
@@ -364,7 +364,7 @@ PAIRS = (
 
 
 def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
-    """An effect of that kind, or the two of a drawn pair, laid on a rig; its place and numbers are drawn.
+    """An effect of that kind, or a pair of effects, added to a rig with random place and parameters.
 
     Parameters
     ----------
@@ -373,9 +373,9 @@ def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
     model
         The rig without it.
     size
-        1 is full size.
+        Relative size, 1 is full size.
     draw
-        Where place and numbers come from.
+        Random generator for place and parameters.
     """
     scale = scale_of(model)
     if kind != "two":
@@ -388,17 +388,17 @@ def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
 
 
 def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidden:
-    """The effect that a seed draws for a wire bonder; none where no kind is given.
+    """The effect that a seed selects for a wire bonder; none if no kind is given.
 
     Raises
     ------
     RigError
-        Where there is no such kind or the size is none, or the rig has no place for it.
+        There is no such kind, the size is not allowed, or the rig has no place for it.
     """
     if kind is None:
         return Hidden(model=model)
     if kind not in KINDS:
-        raise RigError(f"no effect is called {kind!r}; there are {', '.join(KINDS)}")
+        raise RigError(f"there is no effect {kind!r}; there are {', '.join(KINDS)}")
     if not 0.0 < size <= 10.0:
         raise RigError(f"the size of the effect is {size:g}; give one above 0 and up to 10, 1 is full size")
     try:
@@ -408,7 +408,7 @@ def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidd
 
 
 def hide(kind: str, model: RigModel, scale: Scale, size: float, draw: Draw) -> Hidden:
-    """One effect laid on a rig, its numbers counted in how far and how fast the rig moves."""
+    """One effect added to a rig, its parameters scaled by the largest displacement and velocity of the rig."""
     if kind == "none":
         return Hidden(model=model)
     if kind.startswith("outside: "):
@@ -419,7 +419,7 @@ def hide(kind: str, model: RigModel, scale: Scale, size: float, draw: Draw) -> H
 
 
 def played(hidden: Hidden, takes: Sequence[Take], seed: int, noise: float = 1e-3) -> Campaign:
-    """A session on a rig with something hidden in it; see `virtual_campaign`."""
+    """A session on a rig with a hidden effect; see `virtual_campaign`."""
     campaign = virtual_campaign(hidden.model, takes, seed=seed, noise=noise)
     known = {**known_of(hidden.model), **hidden.known}
     runs = list(campaign.runs)

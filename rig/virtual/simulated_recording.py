@@ -1,4 +1,4 @@
-"""Made-up drives for any rig, and recordings of a simulation with the forces inside the rig."""
+"""Synthetic drives for any rig, and recordings of a simulation with the forces inside the rig."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from isorig.rig.prediction import predicted, seconds_from
 from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
 
 Kind = Literal["random", "multisine", "sweep", "half-sine", "moves"]
-#: Periods of a made-up multisine.
+#: Periods of a synthetic multisine.
 PERIODS = 4
-#: Seconds of a made-up half sine, and where it begins.
+#: Duration of a synthetic half sine, and its start, seconds.
 PULSE, PULSE_START = 0.1, 0.1
-#: Samples of a made-up drive: an hour at 20 kHz, half a gigabyte of each channel.
+#: Maximum samples of a synthetic drive: an hour at 20 kHz, half a gigabyte for each channel.
 SAMPLES_MOST = 72_000_000
-#: Level of a made-up drive that is not an acceleration: of a force in N (thesis, Fig. 6), of anything else 1.
+#: Level of a synthetic drive that is not an acceleration: for a force in N (thesis, Fig. 6), for others 1.
 FORCE_LEVEL = 500.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class MadeUp:
-    """A made-up drive.
+    """A synthetic drive.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ class MadeUp:
     gain
         Drive gain.
     level
-        rms (noise, multisine) or peak (others) in the drive channel's unit; None for what the gain stands for.
+        rms (noise, multisine) or peak (others) in the drive channel's unit; by default from the gain.
     band
-        Hz, of noise, multisine and sweep.
+        Hz, for noise, multisine and sweep.
     seconds, sample_rate, seed, configuration
-        Length, Hz, seed of what is random, and how the rig is set up.
+        Duration in s, rate in Hz, random seed, and configuration of the rig.
     """
 
     kind: Kind = "random"
@@ -63,12 +63,12 @@ def usual_run(model: RigModel, configuration: str = "unlocked") -> MadeUp:
 
 
 def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
-    """A campaign of one run that holds the drive alone.
+    """A campaign of one run that contains the drive only.
 
     Raises
     ------
     PlanError
-        Where a number of the plan cannot be used.
+        A number of the plan cannot be used.
     """
     model, rate = given.model, plan.sample_rate
     for name, value in {"sample-rate": rate, "seconds": plan.seconds, "gain": plan.gain}.items():
@@ -76,14 +76,14 @@ def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
             raise PlanError(f"--{name} is {value:g}; it must be positive and finite, so correct it")
     n = round(plan.seconds * rate)
     if n < 2:
-        raise PlanError(f"{plan.seconds:g} s at {rate:g} Hz are {n} samples; give at least two by a larger --seconds")
+        raise PlanError(f"{plan.seconds:g} s at {rate:g} Hz are {n} samples; at least two are needed, so increase --seconds")
     if n > SAMPLES_MOST:
         raise PlanError(
-            f"{plan.seconds:g} s at {rate:g} Hz are {n:.3g} samples; at most {SAMPLES_MOST:.3g} are made, so shorten --seconds"
+            f"{plan.seconds:g} s at {rate:g} Hz are {n:.3g} samples; at most {SAMPLES_MOST:.3g} are allowed, so reduce --seconds"
         )
     band = plan.band or ((0.5, 20.0) if plan.gain > 10.0 else (0.5, 0.39 * rate))
     if not 0.0 < band[0] < band[1] <= rate / 2.0:
-        raise PlanError(f"--band is {band[0]:g} to {band[1]:g} Hz; it must rise from above 0 to at most {rate / 2.0:g} Hz")
+        raise PlanError(f"--band is {band[0]:g} to {band[1]:g} Hz; it must ascend from above 0 to at most {rate / 2.0:g} Hz")
     if plan.level is not None and not 0.0 <= plan.level < float("inf"):
         raise PlanError(f"--level is {plan.level:g}; it must be finite and not negative, so correct it")
     rough = plan.kind in ("random", "multisine")
@@ -116,17 +116,17 @@ def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
 
 
 def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[str, tuple[Change, ...]]]:
-    """The runs with the simulated responses and what goes on inside, and every stick and slip by run.
+    """The runs with simulated responses and internal forces, and all stick and slip events by run.
 
-    Beside the sensors' channels there are `<contact>_friction` and `<link>_force` in N, what passes from body a to body b,
-    and `<contact>_held`, the share of each sample's time in which the contact sticks; see `isorig.analysis.simulate.Trace`.
+    In addition to the sensors' channels there are `<contact>_friction` and `<link>_force` in N, transmitted from body a to body
+    b, and `<contact>_held`, the share of each sample's time in which the contact sticks; see `isorig.analysis.simulate.Trace`.
 
     Raises
     ------
     RecordingError
-        Where a run lacks the drive or has a configuration that the model does not know.
+        A run lacks the drive or has a configuration that the model does not have.
     PlanError
-        Where a sensor has the name of one of these channels.
+        A sensor has the name of one of these channels.
     """
     model = given.model
     simulated = predicted(model, campaign, origin=given.origin)
@@ -142,7 +142,7 @@ def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[
             inner[f"{name}_force"] = force, "force"
         for name in inner:
             if name in run.channels:
-                raise PlanError(f"the rig has a sensor {name!r}, which is the name of a force inside it; rename the sensor")
+                raise PlanError(f"the rig has a sensor {name!r}, which is the name of an internal force; rename the sensor")
         extra = {
             name: Channel(name=name, samples=values, quantity=quantity, unit=SI_UNIT[quantity])
             for name, (values, quantity) in inner.items()
@@ -159,6 +159,7 @@ def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[
 
 
 def events_table(changes: Mapping[str, tuple[Change, ...]]) -> str:
-    """Every stick and slip as lines of text: run, time in s from its first sample, contact, 0 held or the way it slides."""
+    """All stick and slip events as text lines: run, time in s from its first sample, contact, 0 for sticking or the sliding
+    direction."""
     lines = [f"{run},{change.time:.12g},{change.contact},{change.slides}" for run, found in changes.items() for change in found]
     return "\n".join(["run,time,contact,slides", *lines]) + "\n"

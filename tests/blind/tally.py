@@ -184,17 +184,16 @@ def investigations(found: pd.DataFrame, standard: pd.DataFrame) -> list[tuple[st
 
 
 def further_runs(found: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Further runs until the right cause is the only one left, where proposals needed some: proposals, and other choices."""
+    """Further runs to a right answer, for causes that were found after some: proposals, and other ways to choose."""
     shared = set.intersection(*(set(found[found["way"] == way]["seed"]) for way in ("proposed", "repeat", "random")))
     rows = []
     words = {"proposed": "proposed by the program", "repeat": "the last run repeated", "random": "an allowed run at random"}
     for way, text in words.items():
         part = found[(found["way"] == way) & found["seed"].isin(shared)]
-        done = (part["right"] == 1) & (part["open"] == "")
-        needed = np.where(done, part["further"], np.inf)
+        needed = np.where(part["right"] == 1, part["further"], np.inf)
         middle = float(np.median(needed)) if len(needed) else np.nan
         most = "more than twice those proposed" if np.isinf(middle) else f"{middle:g}"
-        rows.append((text, f"{int(done.sum())} of {len(part)}", most, f"{int(part['further'].sum())}"))
+        rows.append((text, f"{int(part['right'].sum())} of {len(part)}", most, f"{int(part['further'].sum())}"))
     return rows
 
 
@@ -243,7 +242,7 @@ median and {times.max():.0f} s at most.
 
 Causes that were found after further runs were looked for again from the first stage on, in up to twice as many runs:
 
-{markdown(further_runs(found), ("next run", "right cause alone", "median of further runs", "further runs in all"))}
+{markdown(further_runs(found), ("next run", "right", "median of further runs", "further runs in all"))}
 
 {pairs_parted(found, standard)}
 """

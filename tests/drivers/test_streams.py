@@ -249,7 +249,7 @@ def test_mti_over_slcan_survives_hurt_bytes() -> None:
 
 @pytest.mark.parametrize("make", [SimulatedDataq, SimulatedSlcan])
 def test_a_fault_that_an_instrument_cannot_have_is_refused(make: type) -> None:
-    with pytest.raises(SettingError, match=r"has no fault 'turn_after'; it knows .*drop"):
+    with pytest.raises(SettingError, match=r"has no fault 'turn_after'; it has .*drop"):
         make(counts, faults=Faults(turn_after=1.0))
 
 

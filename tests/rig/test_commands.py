@@ -68,7 +68,14 @@ def test_the_chain_on_one_recording(recording: Path, tmp_path: Path, capsys: pyt
     assert "reason alone" in capsys.readouterr().out
     page = (tmp_path / "report" / "report.html").read_text()
     assert len(page) < 3_000_000
-    for title in ("Rig and runs", "Transfer functions", "Parameters", "Simulated over measured", "Isolation ratio", "came from"):
+    for title in (
+        "Rig and runs",
+        "Transfer functions",
+        "Parameters",
+        "Simulation compared with measurement",
+        "Isolation ratio",
+        "Source of the numbers",
+    ):
         assert title in page
 
 

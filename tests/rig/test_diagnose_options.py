@@ -49,7 +49,7 @@ def test_a_search_cut_short_leaves_a_partial_answer(
     assert found["verdict"] == "unexplained"
     assert found["baseline"]["parameters"]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "The search for causes was ended by the time limit and may have missed causes." in page
+    assert "The time limit ended the search for causes, which may have missed some." in page
     assert "no cause in the catalogue earns its name" not in page
 
 

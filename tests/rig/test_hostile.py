@@ -159,23 +159,23 @@ HOSTILE: dict[str, tuple[Change, str]] = {
     "link to another file": (link_to_file, "is a link to another file"),
     "link to a pipe": (link_to_pipe, "is a link to another file"),
     "soft link out": (soft_link_out, "is a link to another file"),
-    "values of any file": (stored_outside, "is stored outside of the file"),
-    "values of other files": (put_together, "is put together from other data"),
+    "values of any file": (stored_outside, "is stored in another file"),
+    "values of other files": (put_together, "is a virtual dataset"),
     "1.6 GB that are not there": (nothing_stored, "MiB that are declared in"),
-    "chunks that are not there": (chunks_missing, "declares 3 chunks and 1 are stored"),
+    "chunks that are not there": (chunks_missing, "declares 3 chunks but 1 are stored"),
     "bomb": (bomb, "MiB that are declared in"),
     "chunk of 80 MB": (big_chunk, "chunks of 76 MiB"),
     "20000 times one run": (many_runs, "20001 objects; at most"),
     "20 times one run": (same_runs, "is linked more than 16 times"),
     "2001 runs": (runs_upon_runs, "2002 runs; at most 2000"),
     "300 channels": (many_channels, "channels; at most 256"),
-    "gap beyond the end": (gap_beyond, "where 300 ticks end"),
+    "gap beyond the end": (gap_beyond, "beyond the end at 300 ticks"),
     "gap without end": (gap_without_end, "a gap of 4611686018427387904 ticks"),
-    "gap on a gap": (gap_on_gap, "or a gap stands"),
-    "more gaps than samples": (more_gaps_than_samples, "400 gaps and 300 samples"),
+    "gap on a gap": (gap_on_gap, "inside another gap"),
+    "more gaps than samples": (more_gaps_than_samples, "400 gaps but 300 samples"),
     "attribute of 2 MB": (long_attribute, "has an attribute 'unit' of 2097152 bytes"),
     "group as channel": (group_as_channel, "'motor' is a group"),
-    "name that turns a terminal red": (name_for_a_terminal, "a name that cannot be shown"),
+    "name that turns a terminal red": (name_for_a_terminal, "a name that cannot be displayed"),
     "circle": (a_circle, "lacks the attribute"),
 }
 
@@ -345,7 +345,7 @@ def test_a_bit_that_flipped_in_another_programs_file_crashes_nothing(tmp_path: P
             read(path)
             seen["accepted"] += 1
         except RecordingError as refusal:
-            seen["crash or hang" if "come to an end" in str(refusal) else "refused"] += 1
+            seen["crash or hang" if "reading it never ends" in str(refusal) else "refused"] += 1
     print(dict(seen))
     assert seen.total() == flips
 
@@ -363,7 +363,7 @@ def test_what_kills_the_library_kills_no_command(tmp_path: Path, monkeypatch: py
         monkeypatch.setattr(Path, "with_name", lambda self, name: killer)
         hdf._walked.clear()
         hdf._walker.clear()
-        with pytest.raises(RecordingError, match="does not come to an end"):
+        with pytest.raises(RecordingError, match="reading it never ends"):
             read(path)
         monkeypatch.undo()
     assert len(read(path).runs) == 1

@@ -164,11 +164,11 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "gaps without columns": (dataset("gaps", np.array([1, 2])), "first_tick"),
     "no samples": (no_samples, "no samples"),
     "gain alone": (gain_alone, "no channel"),
-    "channel leads nowhere": (dangling, "leads to data"),
+    "channel leads nowhere": (dangling, "links to data"),
     "run is a dataset": (run_as_dataset, "not a group"),
     "description a number": (attribute("rig", "description", 3.0), "description"),
     "spectrum without values": (spectrum("values", None), "values"),
-    "spectrum of two lengths": (spectrum("values", np.ones(4)), "one length"),
+    "spectrum of two lengths": (spectrum("values", np.ones(4)), "equally long"),
     "spectrum with NaN": (spectrum("values", np.full(5, np.nan)), "finite"),
     "spectrum unsorted": (spectrum("frequency", np.arange(5.0)[::-1]), "ascend"),
     "spectrum of text": (spectrum("values", np.array([b"x"] * 5)), "numbers"),
@@ -205,7 +205,7 @@ def test_files_that_are_no_recording(tmp_path: Path, capsys: pytest.CaptureFixtu
     for name, data, named in (
         ("empty.h5", b"", "empty"),
         ("text.h5", b"time,head\n0,1\n", "not an HDF5"),
-        ("cut.h5", content[: len(content) // 2], "cut short"),
+        ("cut.h5", content[: len(content) // 2], "truncated"),
         ("headless.h5", content[64:], "not an HDF5"),
     ):
         path = tmp_path / name

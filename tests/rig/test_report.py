@@ -114,34 +114,35 @@ def test_measurement_says_all_that_a_reader_needs(measured: str) -> None:
     assert len(measured.encode()) < 3_000_000
     heads = re.findall(r"<h2>(.*?)</h2>", measured)
     assert heads == [
-        "Does the isolation do its job?", "What is wrong with the model?", "What next?", "What was measured",
-        "Rig and runs", "Transfer functions", "Parameters", "Parameters beside their history", "Simulated over measured",
+        "Does the isolation work?", "What is wrong with the model?", "What next?", "What was measured",
+        "Rig and runs", "Transfer functions", "Parameters", "Parameters compared with earlier campaigns",
+        "Simulation compared with measurement",
         "Isolation ratio", "What the simulation gets wrong", "Further advice for the next measurement",
-        "Where the numbers came from",
+        "Source of the numbers",
     ]  # fmt: skip
     assert "Motor frequency has changed by" in measured
     columns = re.findall(r"<th scope=\"col\">((?:first|later).*?)</th>", measured)
     assert columns == ["first, 2011-05-01", "later, 2011-06-01"]
     assert "sha256" in measured
-    assert "stuck 100 % of the time and the rig measures like a locked one" in measured
-    assert "Only one gain reaches the heatblock" in measured
+    assert "stuck 100 % of the time and the rig behaves like a locked one" in measured
+    assert "Only one gain excites the heatblock" in measured
 
 
 def test_first_screen_answers_with_a_number_against_the_wish(measured: str) -> None:
     first = measured[: measured.index("<nav>")]
     short = re.findall(r'short-answer">(.*?)</p>', first)
-    assert re.fullmatch(r"No: \d+ % isolated, 98 % wished", short[0])
-    assert short[1] == "Nothing that shows"
+    assert re.fullmatch(r"No: \d+ % isolated, 98 % required", short[0])
+    assert short[1] == "No discrepancy found"
     isolated = int(re.findall(r"\d+", short[0])[0])
     low, high = (int(value) for value in re.findall(r"interval (-?\d+) % to (\d+) %", first)[0])
     assert low <= isolated <= high
-    assert "states no wish" in first
+    assert "gives no requirement" in first
     # The sketch has every body and sensor, the table every channel with what it is and how far it reaches.
     drawing = re.findall(r"<svg.*?</svg>", first, flags=re.DOTALL)[0]
     assert all(name in drawing for name in ("table, 80 kg", "heatblock, 6 kg", "motor, 16.4 kg", "friction", "drive: head"))
     assert first.count("virtual accelerometer") == 4
     assert first.count("±50\u00a0m/s²") == 4
-    assert "A virtual rig: no sensor was there." in first
+    assert "A virtual rig without real sensors." in first
     assert first.count('class="chart') == 1
 
 
@@ -150,16 +151,16 @@ def test_a_wish_and_a_calibration_that_are_stated_are_used() -> None:
     campaign = virtual_campaign(wire_bonder(), takes, seed=4)
     stated = replace(campaign, known={**campaign.known, "wished_isolation": 0.3, "calibration_std": 0.01})
     page = measurement_page(stated, characterize_campaign(stated, lambda text: None))
-    assert re.search(r"Yes: \d+ % isolated, 30 % wished", page)
-    assert "The recording states the wish." in page
+    assert re.search(r"Yes: \d+ % isolated, 30 % required", page)
+    assert "The recording gives the requirement." in page
     assert "noise alone)" not in page
     bare = measurement_page(campaign, characterize_campaign(campaign, lambda text: None))
-    assert "does not tell how well its sensors are calibrated" in bare
+    assert "gives no uncertainty of its sensors" in bare
     assert "std (noise alone)" in bare
 
 
 def test_known_and_found_do_not_contradict_without_a_word(measured: str) -> None:
-    assert "The table mass was known as 250 kg and is found to be 80 kg: the mode moves only part" in measured
+    assert "The table mass was given as 250 kg and the fit gives 80 kg: only part of the mass" in measured
 
 
 def test_no_sentence_stands_twice(measured: str) -> None:

@@ -153,7 +153,7 @@ def test_a_file_that_is_no_description(text: str, said: str, tmp_path: Path) -> 
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(PlanError, match="there are wire-bonder"):
+    with pytest.raises(PlanError, match="give wire-bonder"):
         read_rig("three-masses")
     with pytest.raises(PlanError, match="cannot be read"):
         read_rig(tmp_path / "none.toml")
@@ -197,13 +197,13 @@ def test_a_recordings_drive_is_played_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--seconds", "0.001"], "give at least two"),
+        (["--seconds", "0.001"], "at least two are needed"),
         (["--sample-rate", "0"], "must be positive"),
         (["--seconds", "nan"], "must be positive"),
         (["--level", "-1"], "not negative"),
-        (["--band", "30", "10"], "must rise"),
+        (["--band", "30", "10"], "must ascend"),
         (["--configuration", "open"], "configuration 'open'"),
-        (["--model", "four-mass"], "is no rig"),
+        (["--model", "four-mass"], "is not a rig"),
         (["--drive", "none.h5"], "none.h5"),
     ],
     ids=str,

@@ -52,5 +52,5 @@ def test_a_long_run_is_looked_at_part_by_part() -> None:
     told = " ".join(verdict.advice)
     assert "motor clipped 3 times" in told
     assert f"heatblock hardly moves ({values['heatblock'].std():.2g} m/s^2 rms)" in told
-    assert "The gain moved from 69 to 70 in the run" in told
+    assert "The gain changed from 69 to 70 during the run" in told
     assert max(each.longest for each in samples.values()) <= PART

@@ -95,9 +95,9 @@ def test_recover_says_what_was_saved_and_resume_goes_on(tmp_path: Path, capsys: 
     partial = working_file(output)
     assert main(["recover", str(partial), "-o", str(tmp_path / "saved.h5")]) == 0
     told = capsys.readouterr().out
-    assert "a: whole, 1024 samples saved, none lost." in told
+    assert "a: complete, 1024 samples saved, none lost." in told
     saved = read(tmp_path / "saved.h5")
-    assert f"b: broken off, {len(saved.runs[1])} of 61440 samples saved, none lost." in told
+    assert f"b: incomplete, {len(saved.runs[1])} of 61440 samples saved, none lost." in told
     watcher = Watcher()
     with ramp_instrument() as (port, _):
         with pytest.raises(OutputError, match="--resume"):
@@ -150,7 +150,7 @@ def test_a_full_disk_is_said_in_a_sentence_and_what_fitted_is_kept(tmp_path: Pat
         script = f"{small} && {call}; echo status $?; {save}"
         ended = subprocess.run(["unshare", "-Urm", "sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert "status 2" in ended.stdout
-    assert "the disk is nearly full: what was measured is in" in ended.stderr
+    assert "the disk is nearly full: the measured data are in" in ended.stderr
     assert "Traceback" not in ended.stderr
     saved = read(tmp_path / "saved.h5")
     assert [run.id for run in saved.runs] == ["a", "b"]
@@ -185,7 +185,7 @@ seconds = 2000.0
 
 def test_a_session_that_does_not_fit_is_not_begun(tmp_path: Path) -> None:
     plan = plan_of({"id": "a", "seconds": 86400.0, "repeats": 1000}, rate=51200.0)
-    with pytest.raises(OutputError, match="MiB free and the session needs"):
+    with pytest.raises(OutputError, match="MiB free but the session needs"):
         acquire(plan, "nowhere", tmp_path / "c.h5", Watcher().operator)
 
 

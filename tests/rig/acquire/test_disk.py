@@ -102,7 +102,7 @@ def test_another_program_that_fills_the_disk_ends_the_session_and_costs_nothing(
         ended = subprocess.run(["unshare", "-Urm", "sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert "status 2" in ended.stdout, ended.stderr
     assert "Traceback" not in ended.stderr
-    assert "what was measured is in" in ended.stderr
+    assert "the measured data are in" in ended.stderr
     runs = read(tmp_path / "saved.h5").runs
     assert len(runs[1]) > 10_000
     assert all(all_as_sent(run) for run in runs)
@@ -122,7 +122,9 @@ def test_a_working_file_that_is_taken_away_is_put_back(tmp_path: Path, other: bo
     operator = type(watcher.operator)(lock=watcher.locks.append, watch=take_away, taken=watcher.runs.append)
     with (
         ramp_instrument(speed=4.0, rows=16) as (port, _),
-        pytest.raises(RecordingError if other else OutputError, match="is no working file" if other else "removed by another"),
+        pytest.raises(
+            RecordingError if other else OutputError, match="is not a session's working file" if other else "removed by another"
+        ),
     ):
         acquire(plan_of({"id": "a", "seconds": 60.0}), port, output, operator, force=True)
     if not other:

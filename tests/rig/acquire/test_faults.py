@@ -99,13 +99,15 @@ def test_a_gain_that_somebody_turned_is_seen_and_said(tmp_path: Path) -> None:
     watcher = Watcher()
     with ramp_instrument(Faults(turn_after=2.0)) as (port, _):
         acquire(plan_of({"id": "a"}), port, tmp_path / "c.h5", watcher.operator, force=True)
-    assert any(sentence.startswith("The gain moved from 70 to 77 in the run") for sentence in watcher.runs[0].verdict.advice)
+    assert any(
+        sentence.startswith("The gain changed from 70 to 77 during the run") for sentence in watcher.runs[0].verdict.advice
+    )
     gains = read(tmp_path / "c.h5").runs[0].read("gain")
     np.testing.assert_allclose(gains[:2048], 70.0)
     np.testing.assert_allclose(gains[2048:], 77.0, rtol=1e-6)
     with ramp_instrument(Faults(turn_after=0.0)) as (port, _):
         acquire(plan_of({"id": "a"}), port, tmp_path / "d.h5", watcher.operator, force=True)
-    assert any(sentence.startswith("The gain stood at 77 and the plan says 70") for sentence in watcher.runs[1].verdict.advice)
+    assert any(sentence.startswith("The gain was 77 but the plan has 70") for sentence in watcher.runs[1].verdict.advice)
 
 
 def test_an_instrument_that_falls_silent_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +116,7 @@ def test_an_instrument_that_falls_silent_is_said(tmp_path: Path, monkeypatch: py
     watcher, plan = Watcher(), plan_of({"id": "a"})
     with ramp_instrument() as (port, _):
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True)
-    assert "It ended at 1024 of 4096 samples; check the instrument and take the run again." in watcher.runs[0].verdict.advice
+    assert "It ended at 1024 of 4096 samples; check the instrument and repeat the run." in watcher.runs[0].verdict.advice
     monkeypatch.undo()
     with ramp_instrument() as (port, _):
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True, resume=True)

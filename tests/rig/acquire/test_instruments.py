@@ -35,7 +35,7 @@ def test_an_analyzer_is_looked_at_before_and_its_record_before_it_is_kept(tmp_pa
         acquire(plan, port, tmp_path / "forced.h5", watcher.operator, force=True)
         assert watcher.runs[0].tally.overloads == 1
     sound = far_end("sr785", rig, noise=1e-3, seed=0, speed=1.0, seconds=1.0)
-    with served(sound) as port, pytest.raises(PlanError, match="256 samples a second, not 512"):
+    with served(sound) as port, pytest.raises(PlanError, match="sample rate is 256 Hz, not 512 Hz"):
         acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
     assert not (tmp_path / "c.h5").exists()
 

@@ -48,10 +48,10 @@ def test_resuming_keeps_what_was_broken_off_and_refuses_another_plan(tmp_path: P
         with ramp_instrument(Faults(unplug_after=cut), speed=8.0) as (port, _), pytest.raises(ConnectionLostError):
             acquire(plan, port, output, Watcher().operator, force=True, resume=output.exists())
         assert 2 * 1024 < len(read(output).runs[0]) <= 5 * 1024
-    with pytest.raises(PlanError, match="the plan has no run 'b' to take again; it has a"):
+    with pytest.raises(PlanError, match="the plan has no run 'b' to repeat; it has a"):
         acquire(plan, "nowhere", output, Watcher().operator, resume=True, again={"b"})
     other = plan_of({"id": "a", "seconds": 8.0, "configuration": "locked"})
-    with pytest.raises(PlanError, match="was taken with configuration unlocked and the plan says locked"):
+    with pytest.raises(PlanError, match="was measured with configuration unlocked but the plan has locked"):
         acquire(other, "nowhere", output, Watcher().operator, resume=True)
 
 

@@ -82,8 +82,8 @@ def test_a_negative_seed_is_refused() -> None:
         ({"seconds": 20.0}, r"repeats 'u70' with seconds 20.0, not 40.0"),
         ({"excitation": "multisine"}, r"repeats 'u70' with excitation multisine, not random"),
         ({"band": [0.5, 30.0]}, r"repeats 'u70' with band \(0.5, 30.0\), not \(0.5, 20.0\)"),
-        ({"seed": 9}, r"repeats 'u70' with seed 9, not 1; leave seed away"),
-        ({"excitation": "free"}, r"has repeat_of and no drive that is played"),
+        ({"seed": 9}, r"repeats 'u70' with seed 9, not 1; remove seed"),
+        ({"excitation": "free"}, r"has repeat_of but no drive that is played"),
         ({"seed": 1}, ""),
     ],
 )

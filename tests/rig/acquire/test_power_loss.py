@@ -94,7 +94,7 @@ def test_a_damaged_block_is_told_and_counted(tmp_path: Path, capsys: pytest.Capt
     content[told.ends[write] - 9] ^= 1
     (tmp_path / "a.partial").write_bytes(content)
     assert main(["recover", str(tmp_path / "a.partial"), "-o", str(tmp_path / "a.h5")]) == 0
-    told_of = re.search(r"a: whole, .* lost, up to (\d+) of them in damaged parts of the file", capsys.readouterr().out)
+    told_of = re.search(r"a: complete, .* lost, up to (\d+) of them in damaged parts of the file", capsys.readouterr().out)
     assert told_of is not None
     # Beside the block there may be a gap of the wire's, which cannot be told from it.
     assert len(ticks) <= int(told_of[1]) < len(ticks) + 4 * ROWS

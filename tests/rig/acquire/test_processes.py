@@ -137,7 +137,7 @@ def test_where_nobody_answers_nothing_is_begun(
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     with served(SimulatedDataq(lambda n, rate: np.zeros((n, 2), np.int16))) as port:
         assert main(["acquire", str(tmp_path / "plan.toml"), "--port", port, "-o", str(tmp_path / "c.h5")]) == 2
-    assert "nobody answers on standard input" in capsys.readouterr().err
+    assert "standard input is closed" in capsys.readouterr().err
     assert not list(tmp_path.glob("c.h5*"))
 
 

@@ -55,7 +55,7 @@ def test_a_session_on_the_virtual_rig(tmp_path: Path) -> None:
     (motor,) = (item for item in verdicts["m"].detections if item.response == "motor")
     assert motor.odd > 0.1
     assert motor.odd > 10.0 * motor.noise
-    assert any("motor has lines that nothing drives" in advice for advice in verdicts["m"].advice)
+    assert any("motor responds at frequencies that are not driven" in advice for advice in verdicts["m"].advice)
     assert any("friction was not overcome" in advice for advice in verdicts["u7"].advice)
     assert not any("friction" in advice for advice in verdicts["u70-1"].advice)
     assert verdicts["l70"].coherence["table"] > 0.9
@@ -91,15 +91,15 @@ seconds = 3.0
         ("sensitivity = 0.2}\nmotor", "sensitivity = 0.0}\nmotor", "channels.head.sensitivity is 0"),
         ("head = {input = 0, sensitivity = 0.2}", "head = {input = 0}", "sensitivity"),
         ("input = 1", "input = 0", "share an input"),
-        ("input = 1", "input = -1", "inputs count from 0"),
+        ("input = 1", "input = -1", "inputs start at 0"),
         ("head = {input = 0,", 'head = {input = 0, unit = "g",', "for acceleration give 'm/s^2'"),
         ("head = {input = 0,", 'head = {input = 0, quantity = "force",', "for force give 'N'"),
-        ('"unlocked"', '"lokced"', "the rig knows unlocked, locked"),
+        ('"unlocked"', '"lokced"', "the rig has unlocked, locked"),
         ("rig = {head_mass = 6.5}", "rig = {head_mass = -6.5}", "rig.head_mass is -6.5"),
         ("rig = {head_mass = 6.5}", 'rig = {head_mass = "heavy"}', "rig.head_mass is the text"),
         ("rig = {head_mass = 6.5}", 'rig = {description = "[["}', "rig.description is not TOML"),
         ("rig = {head_mass = 6.5}", 'rig = {description = "name = 3"}', "rig.description"),
-        ("band = [0.5, 20.0]", "band = [0.5, 0.6]", "holds no line"),
+        ("band = [0.5, 20.0]", "band = [0.5, 0.6]", "contains no frequency of its drive"),
         ("sample_rate = 1024.0", "sample_rate = 1024.0\nbaud_rate = 0", "baud_rate is 0"),
         ("sample_rate = 1024.0", "sample_rate = 1024.0\nvolume = 11", "volume"),
         ("seconds = 3.0", "seconds = 0.0", "lasts 0 s"),
@@ -152,8 +152,8 @@ class Bad(RampPlant):
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
-        ("dead", "motor does not change by a single count"), ("open", "motor stands at the end"),
-        ("loud", "motor goes beyond"), ("loose", "motor does not respond"), ("no drive", "the drive has no response"),
+        ("dead", "motor is constant to the last count"), ("open", "motor remains at the end"),
+        ("loud", "motor exceeds"), ("loose", "motor does not respond"), ("no drive", "the drive causes no response"),
     ],
 )  # fmt: skip
 def test_a_rig_out_of_order_is_refused_before_the_run(
@@ -199,7 +199,7 @@ def test_an_overload_and_a_wrong_rate_are_refused(tmp_path: Path) -> None:
     plan = plan_of({"id": "a", **RANDOM})
     with ramp_instrument(Faults(overload=1.0)) as (port, _), pytest.raises(PlanError, match="reports an overload"):
         acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
-    with ramp_instrument(Faults(ppm=50_000.0)) as (port, _), pytest.raises(PlanError, match=r"takes 1075.2 samples a second"):
+    with ramp_instrument(Faults(ppm=50_000.0)) as (port, _), pytest.raises(PlanError, match=r"sample rate is 1075.2 Hz"):
         acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
 
 
@@ -211,7 +211,7 @@ def test_an_operator_is_asked_where_the_rig_cannot_lock_by_itself(tmp_path: Path
     )  # fmt: skip
     watcher = Watcher()
     with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=8.0, seconds=20.0)) as port:
-        with pytest.raises(PlanError, match="samples a second by this machine's clock, not 2000"):
+        with pytest.raises(PlanError, match="Hz by the host's clock, not 2000"):
             acquire(plan, port, tmp_path / "c.h5", watcher.operator)
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True)
     assert watcher.locks == ["unlocked", "unlocked", "locked"]
@@ -360,5 +360,5 @@ def test_without_room_or_a_recording_nothing_is_recovered(tmp_path: Path, capsys
     plan = tmp_path / "not.partial"
     plan.write_text("no")
     assert main(["recover", str(plan), "-o", str(tmp_path / "o.h5")]) == 2
-    assert "is no working file" in capsys.readouterr().err
+    assert "is not a session's working file" in capsys.readouterr().err
     assert main(["acquire", str(plan), "-o", str(tmp_path / "o.h5")]) == 2

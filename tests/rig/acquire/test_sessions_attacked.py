@@ -237,7 +237,7 @@ def test_a_cable_that_comes_back_is_taken_up_again_and_the_gap_is_counted(
     ticks = np.arange(len(run)) + np.where(np.arange(len(run)) >= gap.first_tick, gap.count, 0)
     np.testing.assert_array_equal(run.channels["head"].samples, ticks)
     assert gap.first_tick + gap.count >= 3000
-    assert any("was taken up again" in sentence for sentence in watcher.runs[0].verdict.advice)
+    assert any("was lost and restored" in sentence for sentence in watcher.runs[0].verdict.advice)
 
 
 def test_what_the_instrument_and_the_driver_say_is_told(tmp_path: Path) -> None:
@@ -251,9 +251,9 @@ def test_what_the_instrument_and_the_driver_say_is_told(tmp_path: Path) -> None:
     verdict = watcher.runs[0].verdict
     assert not verdict.good
     told = " ".join(verdict.advice)
-    assert "The instrument lost samples inside in 1 blocks from 0.5 s on" in told
+    assert "The instrument lost samples internally in 1 blocks from 0.5 s on" in told
     assert "The instrument reported a fault in 1 blocks from 0.55 s on" in told
-    assert "disagreed 1 times from 1 s on" in told
+    assert "disagree 1 times from 1 s on" in told
     run = read(tmp_path / "c.h5").runs[0]
     assert run.gaps == ()
     np.testing.assert_array_equal(run.channels["head"].samples, np.arange(len(run)))
@@ -267,7 +267,7 @@ def test_an_instrument_that_does_not_stop_is_refused(tmp_path: Path, monkeypatch
             super().obey(word, words)
             self.running = self.running or (word == "STOP" and self.sent > 0)
 
-    with Endless(frames=10**9, speed=4.0) as far, within(15.0), pytest.raises(InstrumentError, match="goes on sending"):
+    with Endless(frames=10**9, speed=4.0) as far, within(15.0), pytest.raises(InstrumentError, match="keeps sending"):
         acquire(plan(1.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True)
     assert len(read(tmp_path / "c.h5").runs[0]) >= 1000
 
@@ -279,7 +279,7 @@ def test_an_instrument_that_was_restarted_ends_the_run_and_its_drive(tmp_path: P
         return frame(**(fields | back))
 
     with FramedFar(frames=100, spoil=spoil, speed=4.0) as far:
-        with pytest.raises(InstrumentError, match="restarted or is out of order"):
+        with pytest.raises(InstrumentError, match="restarted or is defective"):
             acquire(plan(4.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True)
         wait_for(lambda: not far.running)
     run = read(tmp_path / "c.h5").runs[0]
@@ -333,8 +333,8 @@ def test_the_terminal_shows_progress_and_levels_in_eighty_columns() -> None:
     assert not any("…" in line for line in lines)
     assert lines[0].startswith("unlocked-70-2 (run 2 of 6): 108 s left; all runs 66 min, to about ") or "1 min left" in lines[0]
     text = "\n".join(line.rstrip() for line in lines)
-    assert "head reaches 90 % of its range: choose a larger range, or less gain." in text
-    assert "motor uses 2 % of its range: choose a smaller range, or more gain." in text
+    assert "head reaches 90 % of its range: choose a larger range or a lower gain." in text
+    assert "motor uses 2 % of its range: choose a smaller range or a higher gain." in text
     assert "table uses" not in text
 
 
@@ -369,5 +369,5 @@ def test_a_clock_that_is_slow_is_told_and_is_no_loss(tmp_path: Path) -> None:
     with DataqFar(clock=0.97) as wire:
         acquire(scans, wire.port, tmp_path / "c.h5", watcher.operator, force=True)
     assert watcher.runs[0].tally.lost == 0
-    (told,) = (sentence for sentence in watcher.runs[0].verdict.advice if "against this machine's" in sentence)
-    assert told.startswith("Its clock runs -3")
+    (told,) = (sentence for sentence in watcher.runs[0].verdict.advice if "deviates from the host's" in sentence)
+    assert told.startswith("Its clock deviates from the host's by -3")

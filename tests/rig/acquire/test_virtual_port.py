@@ -73,4 +73,4 @@ def test_the_virtual_port_measures_with_any_kind(kind: str, tmp_path: Path, monk
 
 def test_a_kind_without_a_far_end_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["virtual", "instrument", "--kind", "cassette", "--seconds", "1"]) == 2
-    assert "no far end of a 'cassette' is simulated; there is one of di1100, framed" in capsys.readouterr().err
+    assert "the kind 'cassette' cannot be simulated; available are di1100, framed" in capsys.readouterr().err

@@ -181,7 +181,7 @@ def test_published_benchmarks(shared: Path, tmp_path: Path) -> None:
 
 
 BAD = {
-    "column": ('source = "h"', 'source = "zz"', "'zz', which is not there"),
+    "column": ('source = "h"', 'source = "zz"', "'zz', which is absent"),
     "unit": ('unit = "g"', 'unit = "furlong"', "furlong"),
     "sensitivity": ("sensitivity = 0.5", "sensitivity = 0.0", "sensitivity"),
     "file": ('file = "a.mat"', 'file = "b.mat"', "b.mat"),

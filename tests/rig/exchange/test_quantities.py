@@ -85,5 +85,5 @@ def test_counts_with_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(["import", str(mapping), "-o", str(tmp_path / "other.h5")]) == 2
     said = capsys.readouterr().err
     assert "channels.shaft" in said
-    assert "how many counts" in said
+    assert "the number of counts" in said
     assert not (tmp_path / "other.h5").exists()

@@ -91,8 +91,8 @@ def test_page_says_what_changed_when_by_how_much_and_why(page: str) -> None:
     assert "rig last (2026-06-15 to 2026-06-22)" in page
     assert "friction force of isolation from 10 to 8.4 N" in page
     assert "sensor gain at motor, factor 1.02" in page
-    assert "Nothing else is known to have happened then." in page
-    assert "not looked for" in page
+    assert "No coinciding event is known." in page
+    assert "not searched for" in page
     assert len(re.findall(r'<article class="page"', page)) == 50
     own = re.sub(r"<script>/\*\*.*?</script>", "", page, flags=re.DOTALL)
     assert not re.findall(r'(?:src|href)="(?!#|data:)', own)

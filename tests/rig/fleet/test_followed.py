@@ -26,7 +26,7 @@ def test_one_of_fifty_changes() -> None:
     assert incident.alarm <= 16
     told = incident_words(fleet, incident, [])
     assert told.startswith("rig-007 changed, 2026-04-06 to 2026-04-13: friction force of isolation -1")
-    assert told.endswith("; step); no cause found beyond the scatter between campaigns")
+    assert told.endswith("; step); no cause found beyond the campaign-to-campaign scatter")
     assert state_of(fleet, fleet.rigs["rig-007"]).startswith("changed 2026-04-13")
 
 
@@ -73,7 +73,7 @@ def test_a_new_version_alarms_only_when_it_has_caught_up() -> None:
     assert {rig.version for rig in fleet.rigs.values()} == {"1"}
     assert {len(rig.campaigns) for rig in fleet.rigs.values()} == {15}
     assert {rig.waiting for rig in fleet.rigs.values()} == {5}
-    assert "5 campaigns wait to be diagnosed by one version" in state_of(fleet, fleet.rigs["rig-000"])
+    assert "5 campaigns wait for a diagnosis by the same version" in state_of(fleet, fleet.rigs["rig-000"])
     done = pd.concat([old[old.campaign.str[-3:].astype(int) < 15], new])
     fleet = followed(done, "coulomb")
     assert {(rig.version, len(rig.campaigns), rig.waiting) for rig in fleet.rigs.values()} == {("2", 20, 0)}
@@ -91,7 +91,7 @@ def test_what_else_happened_then() -> None:
     fleet = followed(frame, "coulomb")
     [incident] = [i for i in fleet.rigs["rig-001"].incidents if i.changes[0][0].name == FRICTION]
     told = " ".join(what_else(fleet, incident))
-    assert "At the same time changed: rig-002." in told
+    assert "Changed at the same time: rig-002." in told
     assert "The rig was not measured for 67 days from 2026-03-23 on (7 days are usual)." in told
 
 
@@ -119,10 +119,10 @@ def test_few_campaigns_raise_no_alarm_and_unusable_ones_are_told() -> None:
     fleet = followed(frame, "coulomb")
     assert [c.name for c in fleet.rigs["rig-000"].campaigns] == ["week-000", "week-002"]
     assert any("week-003: refused; it is damaged" in note for note in fleet.notes)
-    assert any("week-001 is not followed: the recording does not say when it began" in note for note in fleet.notes)
+    assert any("week-001 is not tracked: the recording does not give its start time" in note for note in fleet.notes)
     with pytest.raises(RigError, match="no campaign was diagnosed with the linear baseline yet"):
         followed(frame, "linear")
-    with pytest.raises(RigError, match="ask for more than none"):
+    with pytest.raises(RigError, match="give a positive one"):
         followed(frame, "coulomb", false_per_month=0.0)
 
 
@@ -143,6 +143,6 @@ def test_show(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: p
     assert both.count("week-") == 24
     assert "alarm" in both
     assert "rig-003" in shown("--parameter", FRICTION)
-    for words, says in ((("--rig", "rig-9"), "no rig is called 'rig-9'"), (("--parameter", "colour"), "no parameter is called")):
+    for words, says in ((("--rig", "rig-9"), "there is no rig 'rig-9'"), (("--parameter", "colour"), "there is no parameter")):
         assert main(["fleet", "show", "-c", str(tmp_path), *words]) == 2
         assert says in capsys.readouterr().err

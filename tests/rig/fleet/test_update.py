@@ -377,8 +377,8 @@ def test_recordings_are_taken_as_they_come(tmp_path: Path, pool: list[Path]) -> 
 
 def test_what_cannot_be_used_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, says in (
-        (["update"], "is no fleet's catalogue"),
-        (["show"], "is no fleet's catalogue"),
+        (["update"], "is not a fleet's catalogue"),
+        (["show"], "is not a fleet's catalogue"),
         (["add"], "no folder was given"),
         (["add", str(tmp_path / "nowhere")], "is no folder"),
         (["watch", str(tmp_path), "--every", "0"], "give a positive time"),

@@ -100,7 +100,7 @@ def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["{empty}", "-o", "{out}.toml"], "holds no diagnosis"),
+        (["{empty}", "-o", "{out}.toml"], "contains no diagnosis"),
         (["{old}", "-o", "{out}.toml"], "diagnose the recording again"),
         (["{damaged}", "-o", "{out}.toml"], "is damaged or of another version"),
         (["-o", "{out}.toml"], "no diagnosis was given"),
@@ -147,6 +147,6 @@ def test_hidden_effects_of_the_virtual_rig(tmp_path: Path, capsys: pytest.Captur
     assert np.std(with_it.read(other)) == pytest.approx(np.std(without.read(other)), rel=0.01)
     assert hidden_in(wire_bonder(), "sensor_gain", 1.0, 3).truth == hidden.truth
     assert main(["virtual", "campaign", "-o", str(tmp_path / "x.h5"), "--hide", "nonsense"]) == 2
-    assert "no effect is called 'nonsense'" in capsys.readouterr().err
+    assert "there is no effect 'nonsense'" in capsys.readouterr().err
     assert main(["virtual", "instrument", "--kind", "sr785", "--hide", "end_stop"]) == 2
     assert "--hide needs an instrument that plays a drive" in capsys.readouterr().err

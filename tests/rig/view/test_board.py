@@ -124,16 +124,16 @@ def test_words_say_how_far_it_is(campaign: Campaign) -> None:
     assert about["seconds"] == pytest.approx(6.0, abs=0.01)
     assert state["session_left"] == pytest.approx(42.0 + 96.0, abs=0.01)
     assert state["phase"] == "measures"
-    assert state["verdict"] == "Provisional: no run has been taken yet."
+    assert state["verdict"] == "Provisional: no run has been measured yet."
     words = state["averaged"].split()
-    now, at_end = float(words[words.index("now") + 1]), float(words[words.index("%,") + 1])
+    now, at_end = float(words[words.index("error") + 1]), float(words[words.index("now,") + 1])
     done, of = float(words[words.index("averages") + 1]), float(words[words.index("of") + 1].rstrip(","))
     assert done < of
     # The error falls with the root of the averages.
     assert at_end == pytest.approx(now * np.sqrt(done / of), rel=0.15)
     whole = state_of(Subject(title="lab.h5", mode="watch"), seen(campaign), None)
-    assert whole["verdict"].startswith("Provisional, 3 runs looked at: ")
-    assert "u7 stands out" in whole["verdict"]
+    assert whole["verdict"].startswith("Provisional, 3 runs checked: ")
+    assert "findings in u7" in whole["verdict"]
     assert any("friction was not overcome" in line for line in whole["advice"])
     assert whole["phase"] == "over"
 
@@ -180,7 +180,7 @@ def test_the_session_s_own_judgement_is_what_is_told(campaign: Campaign) -> None
     standing = Standing(phase="asks", run="l70", last="u7", may=("next", "note"), judged=judged, stopped=("u70a",))
     subject = Subject(title="lab.h5", mode="session", planned=planned_as(campaign.runs))
     state = state_of(subject, seen(replace(campaign, runs=campaign.runs[:2]), judge=False), standing)
-    assert state["verdict"] == "Provisional, 2 of 3 runs looked at: u70a is worth taking again."
+    assert state["verdict"] == "Provisional, 2 of 3 runs checked: repeat u70a."
     assert state["advice"] == ["u70a: motor clipped 3 times."]
     assert [run["state"] for run in state["runs"]] == ["stopped", "taken", "planned"]
     assert state["may"] == ["next", "note"]

@@ -101,7 +101,7 @@ def test_runs_are_stopped_and_taken_again_and_nothing_begins_unasked(tmp_path: P
         going.waits("measures", "b")
         assert "configuration 'locked'" in going.waits("asks", "c").text
         assert going.press("next", "c")
-        assert "take c again" in going.waits("finishes", "c").text
+        assert "repeat c" in going.waits("finishes", "c").text
         assert going.press("again", "c")
         going.waits("measures", "c")
         going.waits("finishes", "c")

@@ -111,7 +111,7 @@ def test_a_finished_recording_is_drawn(tmp_path: Path, page: Page, width: int, d
         assert page.tell(f"Math.min(...{nodes}.map((node) => parseFloat(getComputedStyle(node).fontSize)))") >= 11.0
         ground = [int(part) for part in re.findall(r"\d+", page.tell("getComputedStyle(document.body).backgroundColor"))]
         assert (max(ground) < 60) == dark
-        assert "Provisional, 4 runs looked at" in page.tell("document.querySelector('#verdict').textContent")
+        assert "Provisional, 4 runs checked" in page.tell("document.querySelector('#verdict').textContent")
         assert page.tell("document.querySelector('#actions').hidden") is True
         # The other theme draws the same plots anew.
         page.click("#theme")
@@ -140,8 +140,8 @@ def test_a_replay_counts_what_it_draws(tmp_path: Path, page: Page) -> None:
 
 def stopped(page: Page) -> None:
     page.click("#stop")
-    page.until(f"{PHASE} === 'waits for you' && document.querySelector('#runs').textContent.includes('stopped')")
-    assert page.tell("document.querySelector('#again').textContent") == "Take u70 again"
+    page.until(f"{PHASE} === 'waiting for you' && document.querySelector('#runs').textContent.includes('stopped')")
+    assert page.tell("document.querySelector('#again').textContent") == "Repeat u70"
 
 
 def test_a_session_is_seen_and_acted_on(tmp_path: Path, page: Page) -> None:
@@ -154,7 +154,7 @@ def test_a_session_is_seen_and_acted_on(tmp_path: Path, page: Page) -> None:
         told = json.loads(line(session))
         assert told["event"] == "view"
         page.open(told["address"])
-        page.until(f"{PHASE} === 'waits for you'")
+        page.until(f"{PHASE} === 'waiting for you'")
         assert page.tell("document.querySelector('#next').textContent") == "Start u70"
         page.click("#next")
         page.until(f"{PHASE} === 'measuring' && Number(document.documentElement.dataset.values) > 5000")
