@@ -35,7 +35,7 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
     else:
         model = wire_bonder({**THESIS, **campaign.known}, friction=baseline == "coulomb")
     for run in campaign.runs:
-        for name in (model.drive.channel, *(sensor.channel for sensor in model.sensors)):
+        for name in model.channels:
             if name not in run.channels:
                 raise RecordingError(
                     f"{campaign.source}: run {run.id!r} lacks channel {name!r}, which the rig's model needs "

@@ -6,7 +6,8 @@ from datetime import datetime
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.free_run import excitation_of
 from isorig.rig.errors import RecordingError
 
 
@@ -30,22 +31,23 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
     True
     """
     runs = []
+    driving = [drive.channel for drive in model.drives]
     for run in campaign.runs:
         here = f"{campaign.source}: run {run.id!r}"
-        if model.drive.channel not in run.channels:
-            raise RecordingError(f"{here} lacks the drive's channel {model.drive.channel!r}; record it")
+        for drive in model.drives:
+            if drive.channel not in run.channels:
+                raise RecordingError(f"{here} lacks the drive's channel {drive.channel!r}; record it")
         if run.configuration not in model.configurations:
             raise RecordingError(
                 f"{here} has configuration {run.configuration!r}; the model knows {', '.join(model.configurations)}"
             )
-        drive = run.channels[model.drive.channel]
-        excitation = Excitation.prepare(drive.read(), run.sample_rate, oversample=8)
+        excitation = excitation_of(model, run)
         response = simulate(
             model, excitation, configuration=run.configuration, start_time=seconds_from(campaign, run, origin),
             as_recorded=as_recorded,
         )  # fmt: skip
         # A streamed gain stays beside the drive that it made.
-        channels = {name: channel for name, channel in run.channels.items() if name in (drive.name, "gain")}
+        channels = {name: channel for name, channel in run.channels.items() if name in (*driving, "gain")}
         for sensor in model.sensors:
             channels[sensor.channel] = Channel(
                 name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,

@@ -19,7 +19,6 @@ from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, d
 from isorig.analysis.fitting.start import equation_start
 from isorig.analysis.fitting.trials import Trial, expected, prepare
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate import Excitation
 
 #: A fit sees the first seconds of each run, then more; steps that it may take at each, and the relative fall of the cost
 #: below which they end early.
@@ -192,7 +191,7 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
         clean = expected(done.model, fine)
         noise = generator.normal(0.0, 1.0, clean.shape) * trial.noise[:, None]
         drive = trial.excitation.recorded + generator.normal(0.0, drive_noise, trial.samples)
-        excitation = Excitation.prepare(drive, trial.sample_rate, oversample=trial.excitation.oversample)
+        excitation = trial.excitation.with_drive(drive)
         return replace(trial, measured=clean + noise, excitation=excitation)
 
     twins = divide([twin(trial) for trial in trials])

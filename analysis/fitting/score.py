@@ -13,7 +13,7 @@ from isorig.analysis.fitting.excess import ADEQUATE, MOST_ERROR, excess, is_adeq
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
-from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.inverse import required_drive
 
 #: Blocks of time that each held-out record is divided into.
@@ -96,10 +96,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
             off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
             return np.asarray(np.mean(off[part] ** 2)).reshape(1, 1)
         excitation = trial.excitation
-        shaken = (
-            Excitation.prepare(excitation.recorded + noise, excitation.sample_rate, oversample=excitation.oversample)
-            for noise in noises
-        )
+        shaken = (excitation.with_drive(excitation.recorded + noise) for noise in noises)
         clean, *others = (
             simulate(model, e, configuration=trial.run.configuration, start_time=trial.start_time).channels
             for e in (excitation, *shaken)

@@ -19,7 +19,6 @@ from isorig.analysis.campaign import FloatArray, broad
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate import Excitation
 
 #: Bands in an octave, the fewest that make a shape, and the lowest frequency of the first where the drive has no band, Hz.
 PER_OCTAVE, FEWEST, LOWEST = 3, 6, 1.0
@@ -129,6 +128,6 @@ def _distance(recorded: FloatArray, predicted: FloatArray) -> float:
 def _exchanged(trial: Trial, row: int) -> Trial:
     # The trial as if its drive and one response were exchanged.
     drive, measured = trial.excitation.recorded, trial.measured.copy()
-    excitation = Excitation.prepare(measured[row], trial.sample_rate, oversample=trial.excitation.oversample)
+    excitation = trial.excitation.with_drive(measured[row])
     measured[row] = drive[: trial.samples]
     return replace(trial, excitation=excitation, measured=measured)

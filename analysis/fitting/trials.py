@@ -10,7 +10,8 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import GROUND, RigModel
-from isorig.analysis.simulate import Excitation, record, simulate, true_drive
+from isorig.analysis.simulate import Excitation, record, simulate
+from isorig.analysis.simulate.free_run import excitation_of, true_drives
 from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
 from isorig.analysis.spectra.hum import hum
 
@@ -119,7 +120,8 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
     response = simulate(
         model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
     )
-    return {model.drive.channel: true_drive(model, trial.excitation)[:samples], **response.channels}
+    drives = {name: values[:samples] for name, values in true_drives(model, trial.excitation).items()}
+    return {**drives, **response.channels}
 
 
 def noise_levels(campaign: Campaign) -> dict[str, float]:
@@ -193,7 +195,9 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
             trials.append(_by_drive(campaign, model, run, stop, noise))
             continue
         drive = run.channel(model.drive.channel).read(0, stop)
-        if rests(drive, noise.get(model.drive.channel, 0.0)):
+        setup = model.configurations[run.configuration]
+        still = all(rests(run.channel(d.channel).read(0, stop), noise.get(d.channel, 0.0)) for d in model.drives)
+        if still and not (setup.initial_position or setup.initial_velocity):
             continue
         names = tuple(sensor.channel for sensor in model.sensors)
         measured = np.stack([run.channel(name).read(0, stop) for name in names])
@@ -202,7 +206,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
             Trial(
                 run=run,
                 start_time=campaign.seconds_since_start(run),
-                excitation=Excitation.prepare(drive, run.sample_rate, oversample=max(2, oversample // 4) if low else oversample),
+                excitation=excitation_of(model, run, oversample=max(2, oversample // 4) if low else oversample, stop=stop),
                 channels=names,
                 measured=measured,
                 noise=np.array([noise.get(name, 0.0) for name in names]),
@@ -218,7 +222,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
 
 def rests(drive: FloatArray, noise: float) -> bool:
     """Whether a record of the drive, shape (n,), holds the noise of its channel alone: the rig was at rest."""
-    return bool(np.std(drive) < AT_REST * noise)
+    return bool(np.std(drive) <= AT_REST * noise)
 
 
 def onset_of(drive: FloatArray) -> int:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel, Sensor
-from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.spectra.welch import Frf, estimate, frfs_on_common_lines
 
 #: Where the thesis stitches its gains, Hz.
@@ -290,7 +291,7 @@ def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
     sliding = Sensor(channel="sliding", body=joint.a, relative_to=joint.b, quantity="velocity")
     moving = Sensor(channel="moving", body=joint.a, quantity="velocity")
     watched = msgspec.structs.replace(model, sensors=(sliding, moving), free=())
-    excitation = Excitation.prepare(run.read(model.drive.channel), run.sample_rate)
+    excitation = excitation_of(model, run)
     seen = simulate(watched, excitation, configuration=run.configuration).channels
     return float(np.mean(np.abs(seen["sliding"]) <= AT_REST * float(seen["moving"].std())))
 

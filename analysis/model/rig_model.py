@@ -81,23 +81,31 @@ class Chain(Part, frozen=True, kw_only=True):
 
 
 class Drive(Part, frozen=True, kw_only=True):
-    """What pushes: the force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight.
+    """What drives: a force on bodies, or the motion of one body.
 
-    For a head of mass m whose acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}.
+    The force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight. For a head of mass m whose
+    acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}. With `imposes` the channel is the motion of that
+    body, whatever force it takes: a shaken base, the ground, an actuator under displacement control.
     """
 
     channel: str
-    factor: float
-    pushes: dict[str, float]
+    factor: float = 1.0
+    pushes: dict[str, float] = msgspec.field(default_factory=dict)
+    imposes: str | None = None
     quantity: Quantity = "acceleration"
     chain: Chain = Chain()
 
 
 class Sensor(Part, frozen=True, kw_only=True):
-    """A channel that records a body's motion, absolute or relative to another body, with `arms` as in a link."""
+    """A channel that records a body's motion, absolute or relative to another body, with `arms` as in a link; or a force.
+
+    `force_in` names the force: "links.NAME" passes from a to b through the link, its laws and the contacts between the same two
+    ends; "contacts.NAME" is the friction with which it resists a; "drive.CHANNEL" is what it takes to impose that drive's motion.
+    """
 
     channel: str
-    body: str
+    body: str = ""
+    force_in: str | None = None
     quantity: Quantity = "acceleration"
     relative_to: str = GROUND
     arms: dict[str, float] = msgspec.field(default_factory=dict)
@@ -108,11 +116,15 @@ class Configuration(Part, frozen=True, kw_only=True):
     """A way the rig is set up: the links in `rigid` are blocked, unless the lock yields.
 
     `lock_stiffness` (N/m) and `lock_damping` (N s/m) put a spring in place of each rigid link; None is a perfect lock.
+    `initial_position` (m) and `initial_velocity` (m/s) of bodies are where a run begins, from rest at zero where absent: a mass
+    that is pulled and released.
     """
 
     rigid: tuple[str, ...] = ()
     lock_stiffness: float | None = None
     lock_damping: float = 0.0
+    initial_position: dict[str, float] = msgspec.field(default_factory=dict)
+    initial_velocity: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Usual(Part, frozen=True, kw_only=True):
@@ -137,7 +149,7 @@ class Usual(Part, frozen=True, kw_only=True):
         Where a number cannot be used.
     """
 
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] = "random"
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves", "free"] = "random"
     level: float | None = None
     band: tuple[float, float] | None = None
     seconds: float = 30.0
@@ -164,6 +176,10 @@ class RigModel(Part, frozen=True, kw_only=True):
         What the rig is called.
     bodies, links, contacts, drive, sensors, configurations
         Its parts. Names are unique within a kind.
+    more_drives
+        What drives at the same time.
+    free_free
+        Whether bodies may float: nothing joins them to the ground.
     free
         Paths of the parameters that a fit may change, e.g. "bodies.table.mass",
         "links.isolation.stiffness", "contacts.isolation.law.friction_force".
@@ -200,9 +216,26 @@ class RigModel(Part, frozen=True, kw_only=True):
     note: str = ""
     limits: Limits = Limits()
     usual: Usual = Usual()
+    more_drives: tuple[Drive, ...] = ()
+    free_free: bool = False
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """All drives, the first one first."""
+        return (self.drive, *self.more_drives)
+
+    @property
+    def imposed(self) -> tuple[str, ...]:
+        """The bodies whose motion is imposed."""
+        return tuple(drive.imposes for drive in self.drives if drive.imposes is not None)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that a run of this rig has: its drives, then its sensors."""
+        return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
 
     def body(self, name: str) -> Body:
         """The body of that name."""
@@ -312,6 +345,27 @@ def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> Flo
     return weights
 
 
+def single_drive(model: RigModel, what: str) -> None:
+    """Raise ModelError where a rig has several drives, an imposed motion, a measured force or an initial state.
+
+    `what` is the sentence's subject, e.g. "a scan of parameters".
+    """
+    found = [
+        ("several drives", bool(model.more_drives)),
+        ("an imposed motion", bool(model.imposed)),
+        ("a sensor of a force", any(sensor.force_in is not None for sensor in model.sensors)),
+        (
+            "an initial position or velocity",
+            any(setup.initial_position or setup.initial_velocity for setup in model.configurations.values()),
+        ),
+    ]
+    for name, there in found:
+        if there:
+            raise ModelError(
+                f"{what} does not simulate {name}, which the rig {model.name!r} has; use rig simulate or rig diagnose"
+            )
+
+
 def matrices(model: RigModel) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mass, damping and stiffness matrices of the unconstrained linear part, each shape (bodies, bodies)."""
     n = len(model.bodies)
@@ -330,7 +384,7 @@ def check(model: RigModel) -> None:
     _unique(names, "body")
     _unique([link.name for link in model.links], "link")
     _unique([contact.name for contact in model.contacts], "contact")
-    _unique([sensor.channel for sensor in model.sensors] + [model.drive.channel], "channel")
+    _unique(list(model.channels), "channel")
     if not names:
         raise ModelError("the rig has no bodies; give at least one")
     if GROUND in names:
@@ -348,17 +402,26 @@ def check(model: RigModel) -> None:
         _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
         if part.a == part.b:
             raise ModelError(f"{type(part).__name__.lower()} {part.name!r} joins {part.a!r} to itself; name two ends")
-    _grounded(names, joints)
+    if not model.free_free:
+        _grounded(names, joints, model.imposed)
     for sensor in model.sensors:
-        _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
         _seen(model, sensor)
-    _known(names, tuple(model.drive.pushes), "the drive")
+        if sensor.force_in is None:
+            _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
+    for drive in model.drives:
+        _driven(model, names, drive)
     _finite(model)
     links = [link.name for link in model.links]
     for name, configuration in model.configurations.items():
         for rigid in configuration.rigid:
             if rigid not in links:
                 raise ModelError(f"configuration {name!r} blocks link {rigid!r}, which does not exist; the rig has {links}")
+        starts = (*configuration.initial_position, *configuration.initial_velocity)
+        _known(names, starts, f"the initial state of configuration {name!r}")
+        if fixed := [body for body in starts if body in model.imposed]:
+            raise ModelError(
+                f"configuration {name!r} gives an initial state of {fixed[0]!r}, whose motion is imposed; leave that out"
+            )
     for path in model.free:
         model.get(path)
     for name in model.limits.stroke:
@@ -367,26 +430,61 @@ def check(model: RigModel) -> None:
 
 
 def _seen(model: RigModel, sensor: Sensor) -> None:
+    here = f"sensor {sensor.channel!r}"
+    if sensor.force_in is not None:
+        forces = [f"links.{link.name}" for link in model.links] + [f"contacts.{contact.name}" for contact in model.contacts]
+        forces += [f"drive.{drive.channel}" for drive in model.drives if drive.imposes is not None]
+        if sensor.force_in not in forces:
+            raise ModelError(f"{here} records the force in {sensor.force_in!r}, which does not exist; the rig has {forces}")
+        if sensor.quantity not in ("force", "torque") or sensor.body or sensor.arms:
+            raise ModelError(
+                f'{here} records a force: give it force_in and quantity = "force" (or "torque"), no body and no arms'
+            )
+        return
+    if not sensor.body:
+        raise ModelError(f"{here} names no body; give the body whose motion it records, or force_in for a force")
     if sensor.quantity not in MOTION:
         raise ModelError(
-            f"sensor {sensor.channel!r} records a {sensor.quantity}, which is no motion of a body and is not simulated; "
-            f"give one of {', '.join(MOTION)}, or leave the sensor out"
+            f"{here} records a {sensor.quantity}, which is no motion of a body; give one of {', '.join(MOTION)}, or for a force "
+            "force_in in place of body"
         )
     body = next((body for body in model.bodies if body.name == sensor.body), None)
     if sensor.quantity in ROTARY and not sensor.arms and body is not None and body.motion == "straight":
         raise ModelError(
-            f"sensor {sensor.channel!r} records an {sensor.quantity} of body {body.name!r}, which moves straight; "
+            f"{here} records an {sensor.quantity} of body {body.name!r}, which moves straight; "
             'give that body motion = "rotation", or correct the quantity'
         )
 
 
+def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
+    here = "the drive" if drive is model.drive else f"the drive {drive.channel!r}"
+    _known(names, tuple(drive.pushes), here)
+    if drive.imposes is None:
+        if not drive.pushes:
+            raise ModelError(f"{here} pushes nothing; give pushes with a body, or imposes for a motion that is imposed")
+        return
+    if drive.imposes not in names:
+        raise ModelError(f"{here} imposes the motion of body {drive.imposes!r}, which does not exist; the rig has {names}")
+    if drive.pushes or drive.factor != 1.0:
+        raise ModelError(f"{here} imposes a motion and has pushes or a factor as well; leave those out")
+    if drive.quantity not in MOTION:
+        raise ModelError(f"{here} imposes a motion, but its quantity is {drive.quantity}; give one of {', '.join(MOTION)}")
+    if model.imposed.count(drive.imposes) > 1:
+        raise ModelError(f"two drives impose the motion of body {drive.imposes!r}; leave one out")
+
+
 def _finite(model: RigModel) -> None:
-    numbers = {"drive.factor": model.drive.factor, "drive.chain.gain": model.drive.chain.gain}
-    for name, weight in model.drive.pushes.items():
-        numbers[f"drive.pushes.{name}"] = weight
+    numbers: dict[str, float] = {}
+    for drive in model.drives:
+        here = "drive" if drive is model.drive else f"more_drives.{drive.channel}"
+        numbers |= {f"{here}.factor": drive.factor, f"{here}.chain.gain": drive.chain.gain}
+        numbers |= {f"{here}.pushes.{name}": weight for name, weight in drive.pushes.items()}
     for name, setup in model.configurations.items():
         numbers[f"configurations.{name}.lock_stiffness"] = setup.lock_stiffness or 0.0
         numbers[f"configurations.{name}.lock_damping"] = setup.lock_damping
+        for key in ("initial_position", "initial_velocity"):
+            values = getattr(setup, key)
+            numbers |= {f"configurations.{name}.{key}.{body}": value for body, value in values.items()}
     for called, arms in [
         *((part.name, part.arms) for part in model.links),
         *((part.name, part.arms) for part in model.contacts),
@@ -394,32 +492,32 @@ def _finite(model: RigModel) -> None:
     ]:
         for name, arm in arms.items():
             numbers[f"the arm {name!r} of {called!r}"] = arm
-    for chain in (model.drive.chain, *(sensor.chain for sensor in model.sensors)):
+    for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
         numbers |= {"a chain's gain": chain.gain, "a chain's delay": chain.delay, "a chain's offset": chain.offset}
         numbers |= {"a chain's bend": sum(map(sum, chain.bend)), "a chain's taps": sum(chain.taps)}
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
         if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
             raise ModelError("a chain's bend is no curve; give at least two points with increasing true values")
-    if model.drive.chain.bend or model.drive.chain.taps:
+    if any(drive.chain.bend or drive.chain.taps for drive in model.drives):
         raise ModelError("the drive's chain has a bend or taps, which only a sensor's may have; leave them out")
     for key, value in numbers.items():
         if not np.isfinite(value):
             raise ModelError(f"{key} is {value:g}; give a finite number")
-    if model.drive.chain.gain == 0.0:
+    if any(drive.chain.gain == 0.0 for drive in model.drives):
         raise ModelError("drive.chain.gain is 0, so the drive's true value cannot be known; give the gain of its channel")
 
 
-def _grounded(names: list[str], joints: Sequence[Link | Contact]) -> None:
+def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Sequence[str]) -> None:
     joined = [{part.a, part.b, *part.arms} for part in joints]
-    held = {GROUND}
+    held = {GROUND, *imposed}
     while grown := [ends for ends in joined if ends & held and not ends <= held]:
         held |= set().union(*grown)
     for name in names:
         if name not in held:
             raise ModelError(
                 f"body {name!r} floats: no link or contact joins it to the ground, directly or through others; "
-                'add a link or contact, to "ground" at the last'
+                'add a link or contact, to "ground" at the last, or write free_free = true for a rig that floats'
             )
 
 

@@ -18,7 +18,7 @@ from isorig.analysis.campaign import MOTION, Campaign, Channel, ComplexArray, Fl
 from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
 from isorig.analysis.proposals.limits import Peaks, simulated_peaks
 from isorig.analysis.proposals.policy import ALIKE, COHERENT, LOCK_PRICE, NO_BETTER, OVERHEAD, RESOLUTION, SHORTEST
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
@@ -192,6 +192,7 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
 
     Friction and curved forces are left out; the drive's force is its factor times its channel.
     """
+    single_drive(model, "a design of runs")
     basis, mass, damping, stiffness = linear_part(model, configuration)
     mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
     push = sum((weight * direction(model, name, GROUND, {}) for name, weight in model.drive.pushes.items()), np.zeros(len(basis)))

@@ -214,8 +214,11 @@ def _structure(model: RigModel, configuration: str) -> object:
 def _steppable(model: RigModel, configuration: str) -> bool:
     blocked = model.configurations[configuration].rigid
     sticking = [contact for contact in model.contacts if contact.name not in blocked]
+    setup = model.configurations[configuration]
     return (
         model.drive.chain.delay == model.drive.chain.offset == 0.0
+        and not (model.more_drives or model.imposed or setup.initial_position or setup.initial_velocity)
+        and all(sensor.force_in is None for sensor in model.sensors)
         and all(not link.laws or link.name in blocked for link in model.links)
         and len(sticking) <= 1
         and all(isinstance(contact.law, laws.Coulomb) for contact in sticking)

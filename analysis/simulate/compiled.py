@@ -38,9 +38,10 @@ ALONE, SETTLING, BANDED = 0, 1, 2
 class Compiled:
     """A rig as the kernel takes it, for steps of h / `cuts`.
 
-    The kernel's vector is y = (z, 1, u, u', f, f', f'' of every curved element): z the n coordinates and their
-    speeds, u the drive, straight within a step, f the curved forces, parabolas within a step; M long. In units of
-    a step: derivatives in y are multiplied by the step's length (and f'' by its square).
+    The kernel's vector is y = (z, 1, u, u', f, f', f'' of every curved element, u, u' of every further drive): z the n
+    coordinates and their speeds, u the drives, straight within a step, f the curved forces, parabolas within a step; M long.
+    An imposed motion is a drive whose acceleration its coordinate has, whatever the forces. In units of a step: derivatives
+    in y are multiplied by the step's length (and f'' by its square).
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ class Compiled:
         Of the curved elements: index of the element, law, parameters, direction, sign by state (0 beyond).
     memories
         Numbers that a law remembers at most.
-    elements, rubs
-        The elements' names, and whether they are contacts.
+    elements, rubs, across
+        The elements' names, whether they are contacts, and their directions on the coordinates, shape (elements, n).
     """
 
     basis: FloatArray
@@ -106,6 +107,7 @@ class Compiled:
     memories: int
     elements: tuple[str, ...]
     rubs: tuple[bool, ...]
+    across: FloatArray
 
 
 def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -> Compiled:
@@ -118,7 +120,8 @@ def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -
     ModelError
         Where the rig has no such configuration, more modes than the engine holds, or motions far too quick for the step.
     """
-    parts = (model.bodies, model.links, model.contacts, model.configurations, model.drive.pushes, model.drive.factor)
+    drives = [(drive.pushes, drive.factor, drive.imposes) for drive in model.drives]
+    parts = (model.bodies, model.links, model.contacts, model.configurations, drives)
     return _compiled(_Moving(model=model, parts=msgspec.msgpack.encode(parts, enc_hook=float)), configuration, h, finer)
 
 
@@ -133,12 +136,27 @@ class _Moving:
 def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Compiled:
     model = moving.model
     basis, mass, damping, stiffness = linear_part(model, configuration)
-    push = np.zeros(len(model.bodies))
-    for name, factor in model.drive.pushes.items():
-        push += factor * model.drive.factor * direction(model, name, GROUND, {})
-    inverse: FloatArray = np.linalg.inv(basis.T @ mass @ basis).astype(np.float64)
-    free = inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(push)), push])
-    elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis)
+    imposed = imposed_coordinates(model, basis)
+    whole = basis.T @ mass @ basis
+    # What an imposed coordinate does, no force changes: it has no mobility.
+    inverse = np.zeros_like(whole)
+    loose = np.setdiff1d(np.arange(len(whole)), list(imposed.values()))
+    inverse[np.ix_(loose, loose)] = np.linalg.inv(whole[np.ix_(loose, loose)])
+    columns = []
+    for drive in model.drives:
+        if drive.imposes is not None:
+            column = -inverse @ whole[:, imposed[drive.imposes]]
+            column[imposed[drive.imposes]] = 1.0
+        else:
+            push = np.zeros(len(model.bodies))
+            for name, factor in drive.pushes.items():
+                push += factor * drive.factor * direction(model, name, GROUND, {})
+            column = inverse @ basis.T @ push
+        columns.append(column)
+    free = np.column_stack(
+        [*(inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(basis))])).T, *columns]
+    )
+    elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis, loose)
     systems = _Systems(free, inverse, elements)
     quickest = float(np.abs(np.linalg.eigvals(systems.square())).max(initial=0.0))
     steepest = max((_steepness(element, inverse) for element in elements), default=0.0)
@@ -175,19 +193,36 @@ def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatA
     return constraint_basis(model, rigid if setup.lock_stiffness is None else []), mass, damping, stiffness
 
 
+def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
+    """Place of each imposed body's coordinate in a basis, by body."""
+    rows = {body.name: row for body, row in zip(model.bodies, basis, strict=True)}
+    return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
+
+
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
-    """Full coordinates from those that rigid links leave free, shape (bodies, free)."""
+    """Full coordinates from those that rigid links leave free, shape (bodies, free).
+
+    Raises
+    ------
+    ModelError
+        Where a rigid link leaves an imposed motion no body to move.
+    """
     basis = np.eye(len(model.bodies))
     for link in rigid:
         row = direction(model, link.a, link.b, link.arms) @ basis
-        gone = int(np.argmax(np.abs(row)))
+        # What is imposed stays a coordinate; the body that follows it does not.
+        choice = np.abs(row)
+        choice[list(imposed_coordinates(model, basis).values())] = 0.0
+        if model.imposed and not choice.any():
+            raise ModelError(f"link {link.name!r} is rigid between motions that are imposed; leave it free in this configuration")
+        gone = int(np.argmax(choice))
         step = np.delete(np.eye(basis.shape[1]), gone, axis=1)
         step[gone] = -np.delete(row, gone) / row[gone]
         basis = basis @ step
     return basis
 
 
-def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray) -> list[Element]:
+def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray, loose: IntArray) -> list[Element]:
     # A lock grips: across it neither laws nor contacts act.
     found: list[Element | None] = []
     for link in model.links:
@@ -198,8 +233,9 @@ def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray) -> li
         if contact.name not in blocked:
             w = direction(model, contact.a, contact.b, contact.arms) @ basis
             found.append(_placed(contact.law.element(0.0), contact.name, w, rubs=True))
-    # An element whose two ends cannot move apart, for other links are locked, does nothing.
-    elements = [element for element in found if element is not None and np.abs(element.direction).max() > 1e-12]
+    # An element whose two ends cannot move apart, for other links are locked, does nothing; one between imposed motions moves
+    # nothing.
+    elements = [element for element in found if element is not None and np.abs(element.direction[loose]).max(initial=0.0) > 1e-12]
     if prod(len(element.states) for element in elements) > MODES:
         names = ", ".join(element.name for element in elements if len(element.states) > 1)
         raise ModelError(f"the contacts and stops {names} have more than {MODES} states together; leave some out")
@@ -238,15 +274,23 @@ def _grip(element: Element) -> float:
     return sum(forces) / len(forces) if sum(forces) > 0.0 else 1.0
 
 
+def _root(inverse: FloatArray) -> FloatArray:
+    # Of a matrix with rows of zeros where a motion is imposed.
+    root, loose = np.zeros_like(inverse), np.flatnonzero(np.diag(inverse))
+    root[np.ix_(loose, loose)] = np.linalg.cholesky(inverse[np.ix_(loose, loose)])
+    return root
+
+
 class _Systems:
     """The linear system of every mode in physical units, z' = rate y."""
 
     def __init__(self, free: FloatArray, inverse: FloatArray, elements: Sequence[Element]) -> None:
         n = free.shape[0]
         self.m = m = 2 * n
+        self.further = free.shape[1] - m - 2
         self.elements = elements
         self.curved = [k for k, element in enumerate(elements) if element.formula]
-        self.size = m + 3 + 3 * len(self.curved)
+        self.size = m + 3 + 3 * len(self.curved) + 2 * self.further
         self.modes = list(product(*(range(len(element.states)) for element in elements)))
         modes, count = len(self.modes), len(elements)
         self.resistance = np.zeros((modes, count, self.size))
@@ -257,12 +301,13 @@ class _Systems:
         w = np.array([element.direction for element in elements]).reshape(count, n)
         self.kinds = [_kind(element) for element in elements]
         # In coordinates of unit mass.
-        self.along = w @ np.linalg.cholesky(inverse)
+        self.along = w @ _root(inverse)
         self.grips = np.array([_grip(element) for element in elements])
         self.strides = [prod(len(element.states) for element in elements[k + 1 :]) for k in range(count)]
         self.patterns: dict[tuple[int, ...], FloatArray] = {}
         acceleration = np.zeros((n, self.size))
-        acceleration[:, : m + 2] = free
+        acceleration[:, : m + 2] = free[:, : m + 2]
+        acceleration[:, self.size - 2 * self.further :: 2] = free[:, m + 2 :]
         for mode, states in enumerate(self.modes):
             given = self.resistance[mode]
             for k, element in enumerate(elements):
@@ -356,9 +401,12 @@ class _Systems:
         scale[m + 2] = step
         for place in range(len(self.curved)):
             scale[m + 4 + 3 * place], scale[m + 5 + 3 * place] = step, step**2
+        rates = np.arange(size - 2 * self.further + 1, size, 2)
+        scale[rates] = step
         system = np.zeros((modes, size, size))
         system[:, :m] = self.rate * step * scale[:m, None] / scale
         system[:, m + 1, m + 2] = 1.0
+        system[:, rates - 1, rates] = 1.0
         for place in range(len(self.curved)):
             first = m + 3 + 3 * place
             system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
@@ -413,6 +461,7 @@ class _Systems:
             memories=max((elements[k].memories for k in self.curved), default=0) or 1,
             elements=tuple(element.name for element in elements),
             rubs=tuple(element.rubs for element in elements),
+            across=self.w,
         )
 
 

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, FloatArray, IntArray
+from isorig.analysis.campaign import MOTION, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.rig_model import RigModel, direction
-from isorig.analysis.simulate.compiled import Compiled, compile_rig
+from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
+from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.kernel import run
-from isorig.analysis.simulate.sampling import TAPS, Excitation, sampled, shift
+from isorig.analysis.simulate.sampling import AS_IT_IS, TAPS, Excitation, interpolate, sampled, shift
 
 #: Times as many steps that a run takes where curved forces bend too much within one, in turn.
 FINER = (1, 2, 4, 8, 16)
 #: Share of the steps that may bend so much: cut into pieces one takes as long as two dozen others.
 SPLIT = 0.1
+#: Nothing is imposed.
+NOWHERE: Mapping[str, tuple[float, float]] = MappingProxyType({})
 #: What the kernel says where contacts cannot be settled.
 UNSETTLED = -3
 
@@ -32,7 +36,7 @@ class Response:
 
 def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> dict[str, FloatArray]:
     """Put the faults of the measurement chains on true values, by channel; see `Chain`."""
-    chains = {model.drive.channel: model.drive.chain, **{s.channel: s.chain for s in model.sensors}}
+    chains = {drive.channel: drive.chain for drive in model.drives} | {s.channel: s.chain for s in model.sensors}
     out = {}
     for name, true in motion.items():
         chain = chains[name]
@@ -64,8 +68,31 @@ def _bent(values: FloatArray, bend: tuple[tuple[float, float], ...]) -> FloatArr
 
 def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
     """The drive channel's true values, its own chain's offset, gain and delay undone."""
-    chain = model.drive.chain
-    return (shift(excitation.recorded, -chain.delay, excitation.sample_rate) - chain.offset) / chain.gain
+    return _true(model.drive.chain, excitation.recorded, excitation.sample_rate)
+
+
+def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
+    """The same of every drive by channel."""
+    return {
+        drive.channel: _true(drive.chain, each.recorded, each.sample_rate)
+        for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True)
+    }
+
+
+def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
+    return (shift(values, -chain.delay, rate) - chain.offset) / chain.gain
+
+
+def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
+    """The drives of a run as they were recorded, up to sample `stop`.
+
+    Raises
+    ------
+    DataError
+        Where the run lacks one of them.
+    """
+    first, *others = [run.channel(drive.channel).read(0, stop) for drive in model.drives]
+    return Excitation.prepare(first, run.sample_rate, oversample=oversample, others=others)
 
 
 def simulate(
@@ -77,7 +104,7 @@ def simulate(
     as_recorded: bool = False,
     samples: int | None = None,
 ) -> Response:
-    """The rig's free run from rest.
+    """The rig's free run from rest, or from where the configuration lets it begin.
 
     Parameters
     ----------
@@ -114,7 +141,14 @@ def simulate(
     h = 1.0 / (rate * over)
     sense = sense_of(model, compile_rig(model, configuration, h))
     motion = np.zeros((len(model.sensors), total))
-    run_rig(model, configuration, true_fine(model, excitation)[:total], h, start_time, sense, motion)
+    if any(sensor.force_in is not None for sensor in model.sensors):
+        from isorig.analysis.simulate.trace import with_forces
+
+        return with_forces(
+            model, excitation, configuration=configuration, start_time=start_time, as_recorded=as_recorded, samples=n, steps=total
+        )  # fmt: skip
+    fine, begun = true_fine(model, excitation)[:, :total], imposed_start(model, excitation)
+    run_rig(model, configuration, fine, h, start_time, sense, motion, begun=begun)
     return response_of(model, excitation, motion, n, as_recorded=as_recorded)
 
 
@@ -123,6 +157,8 @@ def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
     order = compiled.basis.shape[1]
     sense = np.zeros((len(model.sensors), 2 * order))
     for k, sensor in enumerate(model.sensors):
+        if sensor.force_in is not None:
+            continue
         place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
         sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ compiled.basis
     return sense
@@ -132,11 +168,12 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
     """Records of `n` samples from the sensors' values on the fine grid, see `sense_of`."""
     rate, over = excitation.sample_rate, excitation.oversample
     channels = {
-        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
+        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=MOTION.get(sensor.quantity) == 2)
         for k, sensor in enumerate(model.sensors)
     }
     if as_recorded:
-        recorded = record(model, {model.drive.channel: true_drive(model, excitation)[:n], **channels}, rate)
+        drives = {name: values[:n] for name, values in true_drives(model, excitation).items()}
+        recorded = record(model, {**drives, **channels}, rate)
         channels = {name: recorded[name] for name in channels}
     return Response(sample_rate=rate, channels=channels)
 
@@ -150,16 +187,21 @@ def run_rig(
     sense: FloatArray,
     out: FloatArray,
     *,
+    begun: Mapping[str, tuple[float, float]] = NOWHERE,
     curved: FloatArray | None = None,
     modes: IntArray | None = None,
     log: FloatArray | None = None,
 ) -> tuple[int, Compiled]:
-    """Run a rig through a true drive on steps of `h` seconds; give the number of changes of state, and what was run.
+    """Run a rig through its true drives on steps of `h` seconds; give the number of changes of state, and what was run.
 
     Parameters
     ----------
+    drive
+        See `true_fine`, shape (drives, steps); (steps,) where there is one.
     sense, out
         Rows on the coordinates and their speeds, (sensors, 2 n), and where their values go, (sensors, steps).
+    begun
+        Position and velocity of the bodies whose motion is imposed, at first; see `imposed_start`.
     curved, modes, log
         Where wanted: the curved forces (curves, steps), the mode (steps,), the changes (room, 3); see `kernel.run`.
 
@@ -169,14 +211,20 @@ def run_rig(
         Where the motion grows without bound.
     """
     changes = 0
+    first, *others = np.atleast_2d(drive)
+    more = np.array(others).reshape(len(others), len(first))
+    peaks = np.zeros(1 + len(others))
     for finer in FINER:
         compiled = compile_rig(model, configuration, h, finer)
         order, step = compiled.basis.shape[1], h / compiled.cuts
         rows = sense.copy()
         rows[:, order:] /= step
+        start, mode = initial_state(model, configuration, compiled, begun)
+        if len(compiled.codes):  # only curved forces need them
+            peaks = np.abs(np.atleast_2d(drive)).max(axis=1)
         changes = run(
-            np.ascontiguousarray(drive), compiled.cuts, step, start_time, order, compiled.whole, compiled.blocks,
-            compiled.series, compiled.terms, compiled.exits, compiled.limits, compiled.settle, compiled.possible,
+            np.ascontiguousarray(first), more, peaks, start, mode, compiled.cuts, step, start_time, order, compiled.whole,
+            compiled.blocks, compiled.series, compiled.terms, compiled.exits, compiled.limits, compiled.settle, compiled.possible,
             compiled.kinds, compiled.strides, compiled.states, compiled.curve_of, compiled.codes, compiled.params,
             compiled.directions, compiled.gates, rows, out,
             np.zeros((len(compiled.codes), 0)) if curved is None else curved,
@@ -199,6 +247,86 @@ def run_rig(
 
 
 def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drive's true values on the fine grid, its own chain's gain and delay undone."""
-    chain = model.drive.chain
-    return (shift(excitation.fine, -chain.delay, excitation.sample_rate * excitation.oversample) - chain.offset) / chain.gain
+    """The drives' true values on the fine grid, each chain's gain and delay undone, shape (drives, steps).
+
+    Of an imposed motion its acceleration: straight between the points of the grid, it integrates to the recorded motion there
+    (the second derivative of a cubic spline is a polygon).
+    """
+    rows = []
+    for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True):
+        if drive.imposes is None or MOTION[drive.quantity] == 2:
+            rows.append(_true(drive.chain, each.fine, each.sample_rate * each.oversample))
+        else:
+            rows.append(_imposed(drive, each)[2])
+    return np.array(rows)
+
+
+def imposed_start(model: RigModel, excitation: Excitation) -> dict[str, tuple[float, float]]:
+    """Position and velocity of every imposed body at the first sample."""
+    found = {}
+    for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True):
+        if drive.imposes is not None:
+            position, velocity, _ = _imposed(drive, each)
+            found[drive.imposes] = float(position[0]), float(velocity[0])
+    return found
+
+
+@lru_cache(maxsize=16)
+def _splined(key: bytes, order: int, rate: float, over: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    from scipy.interpolate import CubicSpline
+
+    values = np.frombuffer(key)
+    # Band-limited interpolation takes what comes before the record as zero.
+    fine = values[0] + interpolate(values - values[0], over, AS_IT_IS)
+    time = np.arange(len(fine)) / (rate * over)
+    spline = CubicSpline(time, fine)
+    if order == 1:
+        spline = CubicSpline(time, spline.antiderivative()(time))
+    return spline(time), spline(time, 1), spline(time, 2)
+
+
+def _imposed(drive: Drive, excitation: Excitation) -> tuple[FloatArray, FloatArray, FloatArray]:
+    # Position, velocity and acceleration on the fine grid.
+    order = MOTION[drive.quantity]
+    if order == 2:
+        zero = np.zeros(1)
+        return zero, zero, zero
+    true = _true(drive.chain, excitation.recorded, excitation.sample_rate)
+    return _splined(true.tobytes(), order, excitation.sample_rate, excitation.oversample)
+
+
+def initial_state(
+    model: RigModel, configuration: str, compiled: Compiled, imposed: Mapping[str, tuple[float, float]]
+) -> tuple[FloatArray, int]:
+    """Coordinates and speeds at first, shape (2 n,), and the mode that the engine begins in: contacts that move then slide.
+
+    Raises
+    ------
+    SimulationError
+        Where links that are rigid in this configuration do not allow the initial state.
+    """
+    setup = model.configurations[configuration]
+    order = compiled.basis.shape[1]
+    start = np.zeros(2 * order)
+    if not (setup.initial_position or setup.initial_velocity or imposed):
+        return start, 0
+    position, velocity = dict(setup.initial_position), dict(setup.initial_velocity)
+    for name, (at, speed) in imposed.items():
+        position[name], velocity[name] = at, speed
+    for half, given in ((slice(0, order), position), (slice(order, None), velocity)):
+        whole = np.array([given.get(body.name, 0.0) for body in model.bodies])
+        # Bodies that nobody gives a value follow the others through rigid links.
+        named = [k for k, body in enumerate(model.bodies) if body.name in given]
+        if named:
+            start[half] = np.linalg.lstsq(compiled.basis[named], whole[named])[0]
+        if named and not np.allclose(compiled.basis[named] @ start[half], whole[named], atol=1e-12):
+            raise SimulationError(
+                f"the initial state of configuration {configuration!r} moves bodies apart that its rigid links join; "
+                "give them the same values"
+            )
+    mode = 0
+    for k, across in enumerate(compiled.across):
+        speed = float(across @ start[order:])
+        if compiled.kinds[k] == SETTLING and speed != 0.0:
+            mode += int(compiled.strides[k]) * (1 if speed > 0.0 else 2)
+    return start, mode

@@ -14,7 +14,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, matrices
+from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, matrices, single_drive
 
 #: Corner of the low-pass as a share of the sample rate, its order, and the decimation behind it.
 CORNER = 0.08
@@ -38,7 +38,13 @@ class Motion:
 
 def floats(model: RigModel) -> bool:
     """Whether some body is held by no spring, directly or through others: some motion stretches none of them."""
-    _, _, stiffness = matrices(model)
+    if model.free_free:
+        # Its accelerations are those of a free run, wherever it floats to.
+        return False
+    loose = [k for k, body in enumerate(model.bodies) if body.name not in model.imposed]
+    if not loose:
+        return False
+    stiffness = matrices(model)[2][np.ix_(loose, loose)]
     size = np.sqrt(np.diag(stiffness))
     if not size.all():
         return True
@@ -71,6 +77,7 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     SimulationError
         Where the model has what a motion does not tell: a body that nobody measured, a fault of a sensor.
     """
+    single_drive(model, "a rig that is judged by its drive")
     pushed = [name for name, weight in model.drive.pushes.items() if weight]
     unseen = [body.name for body in model.bodies if body.name not in motion.position]
     faults = [sensor.chain != Chain() for sensor in model.sensors]

@@ -68,7 +68,9 @@ def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
 
 
 @inlined
-def march(rig: Rig, motion: Motion, record: Record, u: FloatArray, cuts: int, t0: float, mode: int, q: int) -> int:
+def march(
+    rig: Rig, motion: Motion, record: Record, u: FloatArray, more: FloatArray, cuts: int, t0: float, mode: int, q: int
+) -> int:
     """Whole steps from step `q` on in one mode, up to the first in which a margin may fall below zero; that step's number."""
     y, base, ends, largest, d0, v0 = motion.y, motion.base, motion.ends, motion.largest, motion.d0, motion.v0
     after8, after, ratio, codes = motion.ahead, motion.ahead.reshape(-1), motion.ratio, rig.codes
@@ -94,8 +96,10 @@ def march(rig: Rig, motion: Motion, record: Record, u: FloatArray, cuts: int, t0
                 read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
+        if len(more) > 0:
+            further(more, at, cut, share, y)
         if curves == 0:
-            ahead(columns, blocks, y, 0, m + 3, base, after8)
+            ahead(columns, blocks, y, 0, size, base, after8)
         else:
             base[:] = 0.0
             ahead(columns, blocks, y, 0, m + 3, base, base)
@@ -149,6 +153,15 @@ def march(rig: Rig, motion: Motion, record: Record, u: FloatArray, cuts: int, t0
 
 
 @kernel
+def further(more: FloatArray, at: int, cut: int, share: float, y: FloatArray) -> None:
+    """Set the further drives and their rates at the start of a step; they are the last entries of the vector."""
+    first = len(y) - 2 * len(more)
+    for e in range(len(more)):
+        slope = (more[e, at + 1] - more[e, at]) * share
+        y[first + 2 * e], y[first + 2 * e + 1] = more[e, at] + slope * cut, slope
+
+
+@kernel
 def bend(y: FloatArray, f: int, f0: float, fm: float, f1: float, left: float) -> None:
     """Make the curved force at y[f] a parabola through its values at start, middle and end of `left` of a step."""
     y[f + 1] = (-3.0 * f0 + 4.0 * fm - f1) / left
@@ -165,7 +178,7 @@ def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) 
         d0[c], v0[c] = along(rig.directions[c], y, n, rig.step)
         f = force_at(n, c)
         ends[c] = y[f] + part * (y[f + 1] + 0.5 * part * y[f + 2])
-    ahead(rows, len(rows), y, 0, drive, motion.still, known if curves > 0 else motion.taylor)
+    ahead(rows, len(rows), y, 0, drive if curves > 0 else size, motion.still, known if curves > 0 else motion.taylor)
     if curves > 0:
         ahead(rows, len(rows), y, drive, size, known, motion.taylor)
     before = 0.0
@@ -249,23 +262,26 @@ def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, pass
 
 
 @inlined
-def begin(rig: Rig, motion: Motion, u: FloatArray, t0: float) -> None:
-    """From rest in the first mode: the curved forces and their least sizes."""
+def begin(rig: Rig, motion: Motion, peaks: FloatArray, start: FloatArray, mode: int, t0: float) -> None:
+    """The initial state, the curved forces in the first mode and their least sizes."""
     n, curves, whole = rig.n, len(rig.codes), rig.whole
     motion.y[2 * n] = motion.ratio[0] = 1.0
-    peak = 0.0
-    for k in range(len(u) if curves > 0 else 0):
-        peak = max(peak, abs(u[k]))
+    for i in range(n):
+        motion.y[i], motion.y[n + i] = start[i], start[n + i] * rig.step
+    last = len(motion.y) - 2 * len(peaks)
     for c in range(curves):
-        f, push, bends = force_at(n, c), 0.0, 1e-300
+        f, pushed, bends = force_at(n, c), 0.0, 1e-300
         for i in range(n):
             block, lane = (4 * curves + n + i) // 8, (4 * curves + n + i) % 8
             for k in range(len(whole)):
-                push = max(push, abs(whole[k, block, 2 * n + 1, lane]))
+                pushed = max(pushed, peaks[0] * abs(whole[k, block, 2 * n + 1, lane]))
+                for e in range(1, len(peaks)):
+                    pushed = max(pushed, peaks[e] * abs(whole[k, block, last + 2 * e, lane]))
                 bends = max(bends, abs(whole[k, block, f, lane]))
-        motion.floor[c] = LEAST * peak * push / bends + 1e-30
-        motion.gate[c] = rig.gates[c, rig.states[0, rig.curve_of[c]]]
-        motion.y[f] = resist(rig.codes[c], rig.params[c], motion.gate[c], motion.inner, c, 0.0, 0.0, t0)
+        motion.floor[c] = LEAST * pushed / bends + 1e-30
+        motion.gate[c] = rig.gates[c, rig.states[mode, rig.curve_of[c]]]
+        d, v = along(rig.directions[c], motion.y, n, rig.step)
+        motion.y[f] = resist(rig.codes[c], rig.params[c], motion.gate[c], motion.inner, c, d, v, t0)
 
 
 @inlined
@@ -284,15 +300,18 @@ def note(rig: Rig, log: FloatArray, mode: int, new_mode: int, now: float, events
 
 
 @kernel
-def from_event_to_event(rig: Rig, motion: Motion, record: Record, u: FloatArray, cuts: int, t0: float, split_share: float) -> int:
+def from_event_to_event(
+    rig: Rig, motion: Motion, record: Record, u: FloatArray, more: FloatArray, peaks: FloatArray, start: FloatArray, mode: int,
+    cuts: int, t0: float, split_share: float,
+) -> int:  # fmt: skip
     """The run itself, see `run`."""
     n, y, curves = rig.n, motion.y, len(rig.codes)
     m, share, bent = 2 * n, 1.0 / cuts, 2 * curves
-    mode, calm, events, q, splits = 0, True, 0, 0, 0
-    begin(rig, motion, u, t0)
+    calm, events, q, splits = True, 0, 0, 0
+    begin(rig, motion, peaks, start, mode, t0)
     while True:
         if calm:
-            q = march(rig, motion, record, u, cuts, t0, mode, q)
+            q = march(rig, motion, record, u, more, cuts, t0, mode, q)
         at, cut = q // cuts, q % cuts
         if cut == 0:
             read_out(record, y, n, at, mode)
@@ -303,6 +322,7 @@ def from_event_to_event(rig: Rig, motion: Motion, record: Record, u: FloatArray,
             return events
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
+        further(more, at, cut, share, y)
         now, left, part, trips, split, passed = t0 + q * rig.step, 1.0, 1.0, 0, False, -1
         while left > 1e-13:
             part = min(part, left)
@@ -319,6 +339,8 @@ def from_event_to_event(rig: Rig, motion: Motion, record: Record, u: FloatArray,
             for i in range(m):
                 y[i] = motion.end[bent + i]
             y[m + 1] += tau * y[m + 2]
+            for e in range(len(y) - 2 * len(more), len(y), 2):
+                y[e] += tau * y[e + 1]
             left -= tau
             if which < 0:
                 for c in range(curves):
@@ -364,6 +386,10 @@ def from_event_to_event(rig: Rig, motion: Motion, record: Record, u: FloatArray,
 @allocating_kernel
 def run(
     u: FloatArray,
+    more: FloatArray,
+    peaks: FloatArray,
+    start: FloatArray,
+    mode: int,
     cuts: int,
     step: float,
     t0: float,
@@ -392,12 +418,18 @@ def run(
     split_share: float,
     memories: int,
 ) -> int:
-    """Run a rig from rest through a drive on a fine grid.
+    """Run a rig through its drives on a fine grid.
 
     Parameters
     ----------
     u
         The drive, shape (n,); a fine step has `cuts` steps of `step` seconds, the first at `t0`.
+    more
+        Further drives, shape (drives - 1, n).
+    peaks
+        Largest magnitude of each drive, shape (drives,).
+    start, mode
+        Coordinates (m) and speeds (m/s) at first, shape (2 n,), and the mode that they are in.
     n
         Number of coordinates.
     whole, blocks, series, terms, exits, limits, settle, possible, kinds, strides, states, curve_of, codes, params, directions,
@@ -435,4 +467,5 @@ def run(
         directions, gates,
     )  # fmt: skip
     motion = room(rig, memories)
-    return from_event_to_event(rig, motion, Record(weights, places, filled, out, curved, modes, log), u, cuts, t0, split_share)
+    record = Record(weights, places, filled, out, curved, modes, log)
+    return from_event_to_event(rig, motion, record, u, more, peaks, start, mode, cuts, t0, split_share)

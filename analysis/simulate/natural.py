@@ -9,7 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate.compiled import linear_part
+from isorig.analysis.simulate.compiled import imposed_coordinates, linear_part
 
 #: Roots slower than this share of the fastest are motions that no spring holds.
 HELD = 1e-6
@@ -37,9 +37,12 @@ class NaturalMode:
 def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...]:
     """The modes in ascending frequency, by the roots of the damped equations of motion; friction and laws are left out.
 
-    Motions that no spring holds are no modes, nor are those that creep back without swinging.
+    Motions that no spring holds are no modes, nor are those that creep back without swinging; bodies whose motion is imposed
+    stand still.
     """
     basis, mass, damping, stiffness = linear_part(model, configuration)
+    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
+    basis = basis[:, loose]
     m, c, k = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
     n = len(m)
     if n == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -17,6 +18,8 @@ TAPS = 16
 AFTER = 256
 #: Straight lines between values dampen a line by sinc^2, which this undoes up to the fourth power of the step.
 STRAIGHTENED = np.array([-1.0, 14.0, -1.0]) / 12.0
+#: Joined by anything else.
+AS_IT_IS = np.ones(1)
 #: Central difference whose error is of the fourth power of the step, and the plain one where no filter follows.
 SLOPE = np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12.0
 PLAIN = np.array([0.5, 0.0, -0.5])
@@ -29,15 +32,15 @@ def _lowpass(factor: int, half: int) -> FloatArray:
     return firwin(2 * half * factor + 1, 1.0 / factor, window=("kaiser", 8.0)) if factor > 1 else np.ones(1)
 
 
-def interpolate(x: FloatArray, factor: int) -> FloatArray:
-    """Band-limited interpolation by a whole factor, to be joined by straight lines, shape (n * factor,)."""
+def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -> FloatArray:
+    """Band-limited interpolation by a whole factor, shape (n * factor,); by default to be joined by straight lines."""
     from scipy.signal import upfirdn
 
     if factor == 1:
         return x
-    h = np.convolve(_lowpass(factor, TAPS) * factor, STRAIGHTENED)
+    h = np.convolve(_lowpass(factor, TAPS) * factor, joined)
     y = upfirdn(h, x, up=factor)
-    lead = TAPS * factor + len(STRAIGHTENED) // 2
+    lead = TAPS * factor + len(joined) // 2
     return y[lead : lead + len(x) * factor]
 
 
@@ -55,6 +58,8 @@ class Excitation:
         Fine steps per sample.
     fine
         The drive on the fine grid, shape (n * oversample,); joined by straight lines it has the drive's spectrum.
+    others
+        Further drives of the same rig, in its order.
 
     Examples
     --------
@@ -69,9 +74,12 @@ class Excitation:
     sample_rate: float
     oversample: int
     fine: FloatArray
+    others: tuple[Excitation, ...] = ()
 
     @classmethod
-    def prepare(cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8) -> Excitation:
+    def prepare(
+        cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = ()
+    ) -> Excitation:
         """Interpolate a drive with a band-limited filter.
 
         Raises
@@ -87,18 +95,26 @@ class Excitation:
         if not 0.0 < sample_rate < np.inf:
             raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
         fine = interpolate(recorded, oversample)
-        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine)
+        further = tuple(cls.prepare(other, sample_rate, oversample=oversample) for other in others)
+        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further)
 
     def resampled(self, oversample: int) -> Excitation:
         """The same drive on another grid."""
         if oversample == self.oversample:
             return self
-        return Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample)
+        others = [other.recorded for other in self.others]
+        return Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample, others=others)
+
+    def with_drive(self, recorded: FloatArray) -> Excitation:
+        """Another record of the first drive on the same grid, shape (n,)."""
+        others = [other.recorded for other in self.others]
+        return Excitation.prepare(recorded, self.sample_rate, oversample=self.oversample, others=others)
 
     def beginning(self, samples: int) -> Excitation:
         """The first samples of the same drive, and what filters and delays need beyond them."""
         kept = samples + AFTER
-        return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample])
+        others = tuple(other.beginning(samples) for other in self.others)
+        return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample], others=others)
 
 
 @lru_cache(maxsize=16)
@@ -141,7 +157,11 @@ def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: b
     lead = TAPS + (1 if differentiate and factor > 1 else 0)
     if factor == 1:
         lead = 1 if differentiate else 0
-    return fir(g / h if differentiate else g, fine, factor, lead, n)
+    begun = float(fine[0])
+    if begun == 0.0:
+        return fir(g / h if differentiate else g, fine, factor, lead, n)
+    # Before the record's beginning the motion stood where it begins.
+    return fir(g / h if differentiate else g, fine - begun, factor, lead, n) + (0.0 if differentiate else begun)
 
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
-from isorig.analysis.model.rig_model import RigModel, direction
-from isorig.analysis.simulate.compiled import compile_rig
-from isorig.analysis.simulate.free_run import Response, response_of, run_rig, sense_of, true_fine
+from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.errors import SimulationError
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
+from isorig.analysis.simulate.compiled import Compiled, compile_rig, imposed_coordinates, linear_part
+from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
 
 #: Changes of state that are kept per second at least; the room for them grows as needed.
@@ -83,62 +84,175 @@ def trace(
     """
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
     h = 1.0 / (rate * over)
-    compiled = compile_rig(model, configuration, h)
-    order, curves = compiled.basis.shape[1], len(compiled.codes)
-    u = true_fine(model, excitation)
-    states, curved = np.zeros((2 * order, len(u))), np.zeros((curves, len(u)))
-    modes = np.zeros(len(u), dtype=np.int64)
-    log = np.zeros((0, 3))
-    while True:
-        changes, compiled = run_rig(
-            model, configuration, u, h, start_time, np.eye(2 * order), states, curved=curved, modes=modes, log=log
-        )  # fmt: skip
-        if changes <= len(log):
-            break
-        log = np.zeros((changes + ROOM, 3))
-    y = np.zeros((compiled.resistance.shape[2], len(u)))
-    y[: 2 * order] = states
-    y[order : 2 * order] *= h / compiled.cuts
-    y[2 * order], y[2 * order + 1] = 1.0, u
-    for place in range(curves):
-        y[2 * order + 3 + 3 * place] = curved[place]
-    forces = np.zeros((len(compiled.elements), len(u)))
-    for mode in np.unique(modes):
-        inside = modes == mode
-        forces[:, inside] = compiled.resistance[mode] @ y[:, inside]
-    holds = compiled.holds[modes].T.astype(np.float64)
-    for k in (k for k, rubs in enumerate(compiled.rubs) if rubs):
-        placed = (log[:changes][log[:changes, 1] == k, 0] - start_time) / h
-        _in_time(forces[k], placed)
-        _in_time(holds[k], placed)
+    inside = _run(model, excitation, configuration, start_time, len(excitation.fine))
+    compiled = inside.compiled
 
     def smooth(values: FloatArray) -> FloatArray:
         return sampled(values, over, n, h, differentiate=False)
 
     contacts = {name: k for k, (name, rubs) in enumerate(zip(compiled.elements, compiled.rubs, strict=True)) if rubs}
-    blocked = model.configurations[configuration].rigid
-    transmitted = {}
-    for link in model.links:
-        if link.name in blocked:
-            continue
-        w = direction(model, link.a, link.b, link.arms) @ compiled.basis
-        force = link.stiffness * (w @ states[:order]) + link.damping * (w @ states[order:])
-        beside = {contact.name for contact in model.contacts if (contact.a, contact.b) == (link.a, link.b)}
-        for k, name in enumerate(compiled.elements):
-            if name in beside if compiled.rubs[k] else name == link.name:
-                force = force + forces[k]
-        transmitted[link.name] = smooth(force)
+    held = {
+        name: compiled.holds[inside.modes, k].astype(np.float64).reshape(n, over).mean(axis=1) for name, k in contacts.items()
+    }
     return Trace(
-        response=response_of(model, excitation, sense_of(model, compiled) @ states, n, as_recorded=as_recorded),
-        friction={name: smooth(forces[k]) for name, k in contacts.items()},
-        held={name: compiled.holds[modes, k].astype(np.float64).reshape(n, over).mean(axis=1) for name, k in contacts.items()},
-        transmitted=transmitted,
+        response=_response(model, excitation, inside, configuration, n, as_recorded=as_recorded),
+        friction={name: smooth(inside.forces[k]) for name, k in contacts.items()},
+        held=held,
+        transmitted={
+            link.name: smooth(_through(model, inside, link, configuration))
+            for link in model.links
+            if link.name not in model.configurations[configuration].rigid
+        },
         changes=tuple(
             Change(time=float(time) - start_time, contact=compiled.elements[int(k)], slides=_way(int(state)))
-            for time, k, state in log[:changes]
+            for time, k, state in inside.log
             if compiled.rubs[int(k)]
         ),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Inside:
+    # A run with everything that goes on inside, on the fine grid: coordinates and speeds, drives, forces of the elements, modes.
+    compiled: Compiled
+    drives: FloatArray
+    states: FloatArray
+    forces: FloatArray
+    modes: IntArray
+    log: FloatArray
+    step: float
+
+
+def _run(model: RigModel, excitation: Excitation, configuration: str, start_time: float, total: int) -> _Inside:
+    h = 1.0 / (excitation.sample_rate * excitation.oversample)
+    compiled = compile_rig(model, configuration, h)
+    order, curves = compiled.basis.shape[1], len(compiled.codes)
+    u = true_fine(model, excitation)[:, :total]
+    steps = u.shape[1]
+    states, curved = np.zeros((2 * order, steps)), np.zeros((curves, steps))
+    modes = np.zeros(steps, dtype=np.int64)
+    log = np.zeros((0, 3))
+    while True:
+        changes, compiled = run_rig(
+            model, configuration, u, h, start_time, np.eye(2 * order), states, begun=imposed_start(model, excitation),
+            curved=curved, modes=modes, log=log,
+        )  # fmt: skip
+        if changes <= len(log):
+            break
+        log = np.zeros((changes + ROOM, 3))
+    y = np.zeros((compiled.resistance.shape[2], steps))
+    y[: 2 * order] = states
+    y[order : 2 * order] *= h / compiled.cuts
+    y[2 * order], y[2 * order + 1] = 1.0, u[0]
+    for place in range(curves):
+        y[2 * order + 3 + 3 * place] = curved[place]
+    y[len(y) - 2 * (len(u) - 1) :: 2] = u[1:]
+    forces = np.zeros((len(compiled.elements), steps))
+    for mode in np.unique(modes):
+        inside = modes == mode
+        forces[:, inside] = compiled.resistance[mode] @ y[:, inside]
+    for k in (k for k, rubs in enumerate(compiled.rubs) if rubs):
+        _in_time(forces[k], (log[:changes][log[:changes, 1] == k, 0] - start_time) / h)
+    return _Inside(compiled=compiled, drives=u, states=states, forces=forces, modes=modes, log=log[:changes], step=h)
+
+
+def _motion(inside: _Inside, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # Elongation and its speed along a direction on the bodies.
+    order = inside.compiled.basis.shape[1]
+    row = w @ inside.compiled.basis
+    return row @ inside.states[:order], row @ inside.states[order:]
+
+
+def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> FloatArray:
+    """The force of a link's laws or of a contact; where no free body feels it, from the motion that is imposed on both ends."""
+    compiled, rubs = inside.compiled, isinstance(part, Contact)
+    own = [k for k, name in enumerate(compiled.elements) if name == part.name and compiled.rubs[k] == rubs]
+    force = np.zeros(inside.states.shape[1])
+    for k in own:
+        force = force + inside.forces[k]
+    if not own and len(model.imposed):
+        d, v = _motion(inside, direction(model, part.a, part.b, part.arms))
+        if np.ptp(d) > 0.0:
+            for law in (part.law,) if isinstance(part, Contact) else part.laws:
+                stiffness = 0.0 if isinstance(part, Contact) else part.stiffness
+                force = force + law.along(d, v, 1.0 / inside.step, stiffness)
+    return force
+
+
+def _through(model: RigModel, inside: _Inside, link: Link, configuration: str) -> FloatArray:
+    # What passes from a to b through the link, its laws and the contacts between the same two ends.
+    d, v = _motion(inside, direction(model, link.a, link.b, link.arms))
+    force = link.stiffness * d + link.damping * v + _element_force(model, inside, link)
+    blocked = model.configurations[configuration].rigid
+    for contact in model.contacts:
+        if (contact.a, contact.b) == (link.a, link.b) and contact.name not in blocked:
+            force = force + _element_force(model, inside, contact)
+    return force
+
+
+def _imposing(model: RigModel, inside: _Inside, which: int, configuration: str) -> FloatArray:
+    # What it takes to impose a motion: what the body's mass needs, and what all joints and other drives put on it.
+    drive = model.drives[which]
+    basis, mass, damping, stiffness = linear_part(model, configuration)
+    order = basis.shape[1]
+    name = str(drive.imposes)
+    place = imposed_coordinates(model, basis)[name]
+    row = basis[:, place]
+    x, v = basis @ inside.states[:order], basis @ inside.states[order:]
+    acceleration = np.gradient(v, inside.step, axis=1)
+    force = row @ (mass @ acceleration + damping @ v + stiffness @ x)
+    blocked = model.configurations[configuration].rigid
+    parts: list[Link | Contact] = [*model.links, *model.contacts]
+    for part in parts:
+        weight = float(direction(model, part.a, part.b, part.arms) @ row)
+        if weight and part.name not in blocked and (isinstance(part, Contact) or part.laws):
+            force = force + weight * _element_force(model, inside, part)
+    for other, values in zip(model.drives, inside.drives, strict=True):
+        for body, factor in other.pushes.items():
+            force = force - float(direction(model, body, GROUND, {}) @ row) * factor * other.factor * values
+    return np.asarray(force)
+
+
+def _force(model: RigModel, inside: _Inside, configuration: str, what: str) -> FloatArray:
+    kind, name = what.split(".", 1)
+    if kind == "contacts":
+        if name in model.configurations[configuration].rigid:
+            return np.zeros(inside.states.shape[1])
+        return _element_force(model, inside, model.contact(name))
+    if kind == "links":
+        if name in model.configurations[configuration].rigid:
+            raise SimulationError(
+                f"the force in link {name!r} is recorded, but configuration {configuration!r} blocks it, and what passes through "
+                "a perfect lock is not simulated; give the lock a stiffness or leave the sensor out"
+            )
+        return _through(model, inside, model.link(name), configuration)
+    which = next(k for k, drive in enumerate(model.drives) if drive.channel == name)
+    return _imposing(model, inside, which, configuration)
+
+
+def _response(
+    model: RigModel, excitation: Excitation, inside: _Inside, configuration: str, n: int, *, as_recorded: bool
+) -> Response:
+    motion = np.asarray(sense_of(model, inside.compiled) @ inside.states)
+    for k, sensor in enumerate(model.sensors):
+        if sensor.force_in is not None:
+            motion[k] = _force(model, inside, configuration, sensor.force_in)
+    return response_of(model, excitation, motion, n, as_recorded=as_recorded)
+
+
+def with_forces(
+    model: RigModel,
+    excitation: Excitation,
+    *,
+    configuration: str,
+    start_time: float,
+    as_recorded: bool,
+    samples: int,
+    steps: int,
+) -> Response:
+    """A free run of a rig of which some sensors record forces, see `isorig.analysis.simulate.free_run.simulate`."""
+    inside = _run(model, excitation, configuration, start_time, steps)
+    return _response(model, excitation, inside, configuration, samples, as_recorded=as_recorded)
 
 
 def _in_time(values: FloatArray, changes: FloatArray) -> None:

@@ -15,7 +15,7 @@ def simulate(
     parameters: Path | None = None,
     method: Literal["joint", "half-power"] = "joint",
     drive: Path | None = None,
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves"] | None = None,
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves", "free"] | None = None,
     configuration: str = "unlocked",
     gain: float = 70.0,
     level: float | None = None,
@@ -51,9 +51,9 @@ def simulate(
     drive
         A recording whose drive channel is used; then the options of the made-up drive do not count.
     excitation
-        What is made up: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s, or
-        consecutive moves; where nothing is said, what the description says in usual, as for level, band, seconds and
-        sample_rate.
+        What is made up: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s,
+        consecutive moves, or free (no drive: a mass that is released). The default is what the description says in usual, as
+        for level, band, seconds and sample_rate.
     configuration
         How the rig is set up.
     gain

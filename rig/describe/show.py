@@ -6,7 +6,7 @@ from rich.console import Console
 
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.simulate.natural import NaturalMode, natural_modes
 from isorig.rig.describe.identifiable import from_usual_runs, sentences, uncertainties
 from isorig.rig.describe.tree import drawn, numbers
 from isorig.rig.errors import PlanError
@@ -14,6 +14,8 @@ from isorig.rig.files.parameter_units import unit_of
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.terminal import show_table
 
+#: Share of a mode's largest motion below which a body is not listed.
+STILL = 0.02
 #: Letters of a line of the drawing.
 WIDEST = 1 << 10
 
@@ -69,11 +71,14 @@ def shown(model: RigModel, *, sensors: bool) -> None:
 def show_modes(model: RigModel) -> None:
     """The modes of every configuration."""
     found = [
-        (name, f"{mode.frequency:.4g}", f"{mode.damping:.3g}", ", ".join(
-            f"{body.name} {part:+.2f}" for body, part in zip(model.bodies, mode.shape.tolist(), strict=True) if abs(part) > 0.02
-        ))
+        (name, f"{mode.frequency:.4g}", f"{mode.damping:.3g}", _shape(model, mode))
         for name in model.configurations
         for mode in natural_modes(model, name)
-    ]  # fmt: skip
+    ]
     if found:
         show_table("Modes of the springs and dampers", ("configuration", "Hz", "damping ratio", "shape"), found)
+
+
+def _shape(model: RigModel, mode: NaturalMode) -> str:
+    parts = zip(model.bodies, mode.shape.tolist(), strict=True)
+    return ", ".join(f"{body.name} {part:+.2f}" for body, part in parts if abs(part) > STILL)

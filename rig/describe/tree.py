@@ -38,16 +38,23 @@ def drawn(model: RigModel) -> Tree:
     for name in waiting:
         if name not in places:
             tree.add(_body(model, name))
+    for sensor in model.sensors:
+        if sensor.force_in is not None:
+            tree.add(f"● {sensor.channel}: {sensor.quantity} in {sensor.force_in}, {SI_UNIT[sensor.quantity]}")
     return tree
 
 
 def _body(model: RigModel, name: str) -> str:
     lines = [f"[{name}] {_number(model, f'bodies.{name}.mass')}"]
-    drive = model.drive
-    if name in drive.pushes:
-        weight, unit = drive.pushes[name], factor_unit(model)
-        factor = f"{drive.factor:.4g}{'' if unit == '1' else f' {unit}'}{' ?' if 'drive.factor' in model.free else ''}"
-        lines.append(f"  ◄ pushed by {weight:g} × {factor} × {drive.channel} ({SI_UNIT[drive.quantity]})")
+    for drive in model.drives:
+        quantity = f"{drive.channel}: {drive.quantity.replace('_', ' ')}, {SI_UNIT[drive.quantity]}"
+        if drive.imposes == name:
+            lines.append(f"  ◄ motion imposed by {quantity}")
+        if name in drive.pushes:
+            unit = factor_unit(model, drive)
+            free = " ?" if drive is model.drive and "drive.factor" in model.free else ""
+            factor = f"{drive.factor:.4g}{'' if unit == '1' else f' {unit}'}{free}"
+            lines.append(f"  ◄ pushed by {drive.pushes[name]:g} × {factor} × {quantity}")
     for sensor in model.sensors:
         if sensor.body == name:
             base = "" if sensor.relative_to == GROUND else f" relative to {sensor.relative_to}"
@@ -95,7 +102,7 @@ def numbers(model: RigModel) -> Sequence[str]:
             paths += _numbers_of(law, f"links.{link.name}.laws.{k}")
     for contact in model.contacts:
         paths += _numbers_of(contact.law, f"contacts.{contact.name}.law")
-    return [*paths, "drive.factor"]
+    return paths if model.drive.imposes is not None else [*paths, "drive.factor"]
 
 
 def _numbers_of(law: object, path: str) -> list[str]:

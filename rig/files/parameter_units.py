@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.laws import LAWS
-from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.analysis.model.rig_model import GROUND, Drive, RigModel
 
 #: Of the parts of a rig other than laws, and of every law's parameters.
 UNITS = {
@@ -28,7 +28,7 @@ def unit_of(path: str, model: RigModel | None = None) -> str:
     if model is None or not way:
         return unit
     if path == "drive.factor":
-        return factor_unit(model)
+        return factor_unit(model, model.drive)
     if last in ("offset", "limit", "gain") and "chain" in way:
         channel = model.drive if way[0] == "drive" else model.sensor(way[1])
         return "1" if last == "gain" else SI_UNIT[channel.quantity]
@@ -45,9 +45,8 @@ def unit_of(path: str, model: RigModel | None = None) -> str:
     return unit
 
 
-def factor_unit(model: RigModel) -> str:
-    """Unit of the drive's factor: force (or torque) per unit of its channel."""
-    drive = model.drive
+def factor_unit(model: RigModel, drive: Drive) -> str:
+    """Unit of a drive's factor: force (or torque) per unit of its channel."""
     turns = bool(drive.pushes) and all(model.body(name).motion == "rotation" for name in drive.pushes)
     if drive.quantity == ("torque" if turns else "force"):
         return "1"

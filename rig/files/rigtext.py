@@ -11,7 +11,7 @@ import msgspec
 from isorig.analysis.model.rig_model import RigModel
 
 #: Parts that stand one to a line.
-LISTS = ("bodies", "links", "contacts", "sensors")
+LISTS = ("bodies", "links", "contacts", "more_drives", "sensors")
 #: Tables with a heading, at the end of the file.
 HEADED = ("configurations", "limits", "usual")
 
@@ -28,11 +28,11 @@ def description_text(model: RigModel, notes: Mapping[str, str] | None = None) ->
     """
     tree, said = plain(model), notes or {}
     lines = _comment(said.get("", ""))
-    for key in ("name", "note"):
+    for key in ("name", "note", "free_free"):
         if key in tree:
             lines.append(f"{key} = {_value(tree[key])}")
     for key in ("free", *LISTS):
-        if key in tree:
+        if tree.get(key):
             lines += ["", *_comment(said.get(key, "")), f"{key} = ["]
             lines += [*(f"  {_value(part)}," for part in tree[key]), "]"]
         if key == "contacts":

@@ -114,12 +114,18 @@ def _spring(x: float, top: float, bottom: float) -> str:
 
 
 def _drive(model: RigModel, places: dict[str, tuple[float, float, float]]) -> str:
-    pushed = next((name for name in model.drive.pushes if name in places), None)
-    if pushed is None:
-        return ""
-    x, y, wide = places[pushed]
-    end = x + wide - 8.0
-    shaft = f"M{end - 84.0:.0f} {y - 8.0:.0f}H{end:.0f}"
-    heads = f"m-8 -5l8 5l-8 5M{end - 76.0:.0f} {y - 13.0:.0f}l-8 5l8 5"
-    words = _words(end - 84.0, y - 16.0, f"drive: {model.drive.channel}")
-    return f'<path d="{shaft}{heads}" class="drive"/>{words}'
+    parts = []
+    count: dict[str, int] = {}
+    for drive in model.drives:
+        driven = next((name for name in (drive.imposes, *drive.pushes) if name in places), None)
+        if driven is None:
+            continue
+        x, y, wide = places[driven]
+        # Several on one body next to each other.
+        end = x + wide - 8.0 - 120.0 * count.setdefault(driven, 0)
+        count[driven] += 1
+        shaft = f"M{end - 84.0:.0f} {y - 8.0:.0f}H{end:.0f}"
+        heads = f"m-8 -5l8 5l-8 5M{end - 76.0:.0f} {y - 13.0:.0f}l-8 5l8 5"
+        word = "drive" if drive.imposes is None else "imposed"
+        parts.append(f'<path d="{shaft}{heads}" class="drive"/>{_words(end - 84.0, y - 16.0, f"{word}: {drive.channel}")}')
+    return "".join(parts)

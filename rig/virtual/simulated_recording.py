@@ -6,15 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
-from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate import Change, Excitation, excitation, trace
+from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.simulate import Change, excitation, trace
+from isorig.analysis.simulate.free_run import excitation_of
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.prediction import predicted, seconds_from
 from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
 
-Kind = Literal["random", "multisine", "sweep", "half-sine", "moves"]
+Kind = Literal["random", "multisine", "sweep", "half-sine", "moves", "free"]
 #: Periods of a synthetic multisine.
 PERIODS = 4
 #: Duration of a synthetic half sine, and its start, seconds.
@@ -32,7 +35,8 @@ class MadeUp:
     Parameters
     ----------
     kind
-        Band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine, consecutive moves.
+        Band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine, consecutive moves, or none at all (a
+        mass that is released).
     gain
         Drive gain.
     level
@@ -86,33 +90,47 @@ def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
         raise PlanError(f"--band is {band[0]:g} to {band[1]:g} Hz; it must ascend from above 0 to at most {rate / 2.0:g} Hz")
     if plan.level is not None and not 0.0 <= plan.level < float("inf"):
         raise PlanError(f"--level is {plan.level:g}; it must be finite and not negative, so correct it")
-    rough = plan.kind in ("random", "multisine")
-    usual = plan.gain * (HEAD_PER_GAIN if rough else MOVE_PER_GAIN)
-    if model.drive.quantity != "acceleration":
-        usual = FORCE_LEVEL if model.drive.quantity == "force" else 1.0
-    level = usual if plan.level is None else plan.level
     period = n // PERIODS if plan.kind == "multisine" else None
-    values: FloatArray
-    match plan.kind:
-        case "random":
-            values = excitation.random(samples=n, sample_rate=rate, rms=level, band=band, seed=plan.seed)
-        case "multisine":
-            values, _ = excitation.multisine(
-                period=n // PERIODS, periods=PERIODS, sample_rate=rate, rms=level, band=band, seed=plan.seed
-            )
-        case "sweep":
-            values = excitation.sweep(samples=n, sample_rate=rate, peak=level, band=band)
-        case "half-sine":
-            values = excitation.half_sine(samples=n, sample_rate=rate, peak=level, length=PULSE, start=PULSE_START)
-        case "moves":
-            values = excitation.moves(samples=n, sample_rate=rate, peak=level)
-    drive = Channel(name=model.drive.channel, samples=values, quantity=model.drive.quantity, unit=SI_UNIT[model.drive.quantity])
+    channels = {}
+    for k, drive in enumerate(model.drives):
+        values = _wave(plan, n, band, _level(plan, drive), plan.seed + k)
+        channels[drive.channel] = Channel(
+            name=drive.channel, samples=values, quantity=drive.quantity, unit=SI_UNIT[drive.quantity]
+        )
     run = Run(
-        id="made_up", configuration=plan.configuration, sample_rate=rate, gain=plan.gain, channels={drive.name: drive},
+        id="made_up", configuration=plan.configuration, sample_rate=rate, gain=plan.gain, channels=channels,
         excitation="other" if plan.kind == "half-sine" else plan.kind, started=BEGIN,
-        band=None if plan.kind in ("half-sine", "moves") else band, period=period,
+        band=None if plan.kind in ("half-sine", "moves", "free") else band, period=period,
     )  # fmt: skip
     return Campaign(runs=(run,), description=given.description, source="a made-up drive")
+
+
+def _level(plan: MadeUp, drive: Drive) -> float:
+    if plan.level is not None:
+        return plan.level
+    if drive.quantity != "acceleration":
+        return FORCE_LEVEL if drive.quantity == "force" else 1.0
+    return plan.gain * (HEAD_PER_GAIN if plan.kind in ("random", "multisine") else MOVE_PER_GAIN)
+
+
+def _wave(plan: MadeUp, n: int, band: tuple[float, float], level: float, seed: int) -> FloatArray:
+    rate = plan.sample_rate
+    match plan.kind:
+        case "random":
+            return excitation.random(samples=n, sample_rate=rate, rms=level, band=band, seed=seed)
+        case "multisine":
+            whole, _ = excitation.multisine(
+                period=n // PERIODS, periods=PERIODS, sample_rate=rate, rms=level, band=band, seed=seed
+            )
+            return whole
+        case "sweep":
+            return excitation.sweep(samples=n, sample_rate=rate, peak=level, band=band)
+        case "half-sine":
+            return excitation.half_sine(samples=n, sample_rate=rate, peak=level, length=PULSE, start=PULSE_START)
+        case "moves":
+            return excitation.moves(samples=n, sample_rate=rate, peak=level)
+        case "free":
+            return np.zeros(n)
 
 
 def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[str, tuple[Change, ...]]]:
@@ -132,7 +150,7 @@ def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[
     simulated = predicted(model, campaign, origin=given.origin)
     runs, changes = [], {}
     for run in simulated.runs:
-        drive = Excitation.prepare(run.channels[model.drive.channel].read(), run.sample_rate)
+        drive = excitation_of(model, run)
         found = trace(model, drive, configuration=run.configuration, start_time=seconds_from(campaign, run, given.origin))
         inner: dict[str, tuple[FloatArray, Quantity]] = {}
         for name, force in found.friction.items():

@@ -94,6 +94,8 @@ def test_a_shipped_description_is_shown_and_simulated(name: str, tmp_path: Path,
         assert part.name in said
     for sensor in model.sensors:
         assert f"● {sensor.channel}: {sensor.quantity.replace('_', ' ')}" in said
+    for drive in model.drives:
+        assert f"{drive.channel}: {drive.quantity}, {SI_UNIT[drive.quantity]}" in said
     assert "The sensors determine all of them." in said
     assert all(path in said for path in model.free)
     picture = (tmp_path / "rig.svg").read_text(encoding="utf-8")
@@ -176,7 +178,7 @@ def test_angles_are_simulated_as_angles() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('quantity = "displacement" },', 'quantity = "force" },', "is no motion of a body and is not simulated"),
+        ('quantity = "displacement" },', 'quantity = "force" },', "is no motion of a body"),
         ('quantity = "displacement" },', 'quantity = "angle" },', 'give that body motion = "rotation"'),
         ("band = [0.1, 8.0]", "band = [0.1, 800.0]", "at most half of usual.sample_rate"),
         ("seconds = 30.0", "seconds = 0.0", "usual.seconds is 0"),
