@@ -22,16 +22,13 @@ demo: setup
 test: setup
 	$(BIN)/python -m pytest -q -m "not study" -n 2 --dist loadfile
 
-# Speed and accuracy beside peers, each in one run.
-bench: setup
-	$(BIN)/python bench/simulate.py
-	$(BIN)/python bench/spectra.py
-	$(BIN)/python bench/damping.py
-	$(BIN)/python bench/acquire.py
-	$(BIN)/python bench/view.py
-	$(BIN)/python bench/design.py
-	$(BIN)/python bench/diagnose.py
-	$(BIN)/python bench/fleet.py
+# Speed and accuracy beside peers in one run, which writes docs/bench.md. `make bench QUICK=--quick` takes fewer repeats.
+bench: .venv/bench
+	$(BIN)/python bench/run.py $(QUICK)
+
+.venv/bench: .venv/ready bench/requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r bench/requirements.lock -c requirements.lock
+	touch $@
 
 # The long tests, and the rates of the diagnosis: goes on where the last one ended, for docs/study.md.
 study: setup

@@ -1,6 +1,6 @@
 """What recording costs: 8 channels at 51.2 kHz from a framed instrument in another process, over a pseudo-terminal.
 
-    python bench/acquire.py [seconds]
+    python bench/acquire.py [--seconds SECONDS]
 
 Prints the share of one core that the recording process used, and what was lost, for frames of several lengths and for several
 times between two syncs of the working file (`rig acquire --sync`).
@@ -9,7 +9,6 @@ times between two syncs of the working file (`rig acquire --sync`).
 from __future__ import annotations
 
 import multiprocessing
-import sys
 import tempfile
 import time
 from multiprocessing.connection import Connection
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from table import Row, keep, options
 
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.wire import PtyWire
@@ -76,15 +76,22 @@ def measure(seconds: float, rows: int, sync: float) -> tuple[float, float, int, 
     return wall1 - wall0, (cpu1 - cpu0) / (wall1 - wall0), taken[0].tally.stored, taken[0].tally.lost
 
 
-def main(seconds: float) -> None:
+def main(seconds: float) -> list[Row]:
     """A row for each length of frame."""
+    rows_kept: list[Row] = []
     print(f"{CHANNELS} channels at {RATE:g} Hz, 32 bits")
     print(f"{'rows of a frame':>15} {'sync, s':>8} {'seconds':>8} {'% of a core':>12} {'stored':>9} {'lost':>5}")
     for rows, sync in CASES:
         length, share, stored, lost = measure(seconds, rows, sync)
         shown = "none" if sync > seconds else f"{sync:g}"
         print(f"{rows:>15} {shown:>8} {length:>8.1f} {100.0 * share:>12.1f} {stored:>9} {lost:>5}")
+        what = f"frames of {rows} rows, " + ("no sync" if sync > seconds else f"sync every {sync:g} s")
+        rows_kept.append(Row(what=what, unit="% of a processor", ours=100.0 * share, limit=f"lost samples: {lost}"))
+    return rows_kept
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)
+    parser = options(__doc__)
+    parser.add_argument("--seconds", type=float, help="length of each recording: 20, or 6 with --quick")
+    given = parser.parse_args()
+    keep(main(given.seconds or (6.0 if given.quick else 20.0)), given.rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from table import Row, keep, options
 
 from isorig.analysis.isolation.design import frictionless, stroke_study
 from isorig.analysis.model.built_in import THESIS, wire_bonder
@@ -13,7 +14,9 @@ from isorig.analysis.simulate.move_profile import Move, head_acceleration
 RATE = 2048.0
 
 
-def main() -> None:
+def main() -> list[Row]:
+    """Two calls, for the first compiles."""
+    kept = []
     generator = np.random.default_rng(0)
     rigs = [wire_bonder({**THESIS, "head_mass": mass}) for mass in generator.normal(6.5, 0.2, 100)]
     head = head_acceleration([Move(distance=3e-3, acceleration=166.7, pause=0.05)] * 10, RATE, tail=2.0)
@@ -26,6 +29,7 @@ def main() -> None:
             f"{name}, with friction: {found.draws.size + found.stroke.size} designs of {len(head) / RATE:.2f} s "
             f"in {seconds:.2f} s, lowest {found.lowest:.3g} Hz"
         )
+        kept.append(Row(what=f"{found.draws.size + found.stroke.size} designs with friction, {name}", unit="s", ours=seconds))
     free = stroke_study([frictionless(rig) for rig in rigs], grid, head, RATE, limit=5e-3)
     going_on = head_acceleration([Move(distance=3e-3, acceleration=166.7, pause=0.05)] * 10, RATE, tail=0.0)
     steady = stroke_study([frictionless(wire_bonder())], grid, going_on, RATE, limit=5e-3)
@@ -33,7 +37,9 @@ def main() -> None:
         f"without friction: lowest {free.lowest:.3f} ± {free.std:.3f} Hz with the swing after the last move, "
         f"{steady.lowest:.3f} Hz while moves go on (thesis: 0.6 Hz)"
     )
+    return kept
 
 
 if __name__ == "__main__":
-    main()
+    given = options(__doc__).parse_args()
+    keep(main(), given.rows)

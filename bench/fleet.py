@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import shutil
@@ -27,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "rig" / "fleet"))
 
 from made_up import drawn_fleet, write_catalogue
 from recorded import drawn_rig, record
+from table import Row, keep, options
 
 from isorig.rig.diagnose_many import diagnose_file, shared_out
 from isorig.rig.fleet.catalogue import Catalogue
@@ -48,7 +48,7 @@ def timed(function: Callable[[], object], clock: Callable[[], float] = time.perf
     return clock() - begun
 
 
-def overhead(folder: Path) -> None:
+def overhead(folder: Path) -> list[Row]:
     """Processor time of the fleet beside that of the diagnoses."""
     measured, store = folder / "measured", Catalogue(folder / "fleet")
     draw = np.random.default_rng(1)
@@ -67,9 +67,13 @@ def overhead(folder: Path) -> None:
     print(f"a diagnosis (four runs of ten seconds)        {1e3 * alone / RECORDINGS:8.0f} ms of a processor")
     print(f"the fleet beside it                           {1e3 * beside / RECORDINGS:8.1f} ms, {100 * beside / alone:.1f} %")
     print(f"an update that finds {RECORDINGS} recordings done         {1e3 * done:8.0f} ms")
+    return [
+        Row(what="the fleet's own work for a campaign", unit="ms", ours=1e3 * beside / RECORDINGS),
+        Row(what="a diagnosis of four runs of ten seconds", unit="ms", ours=1e3 * alone / RECORDINGS),
+    ]
 
 
-def ten_thousand(folder: Path) -> None:
+def ten_thousand(folder: Path) -> list[Row]:
     """A catalogue of ten thousand answers: read, asked, followed, drawn."""
     write_catalogue(folder / "many", drawn_fleet(2, rigs=RIGS, campaigns=CAMPAIGNS))
     store = Catalogue(folder / "many")
@@ -88,6 +92,10 @@ def ten_thousand(folder: Path) -> None:
     print(f"  of that followed                            {timed(lambda: followed(frame, 'coulomb'), time.process_time):8.2f} s")
     print(f"  of that drawn                               {timed(lambda: fleet_page(fleet, {}), time.process_time):8.2f} s")
     print(f"  the page                                    {(folder / 'fleet.html').stat().st_size / 1e6:8.1f} MB")
+    return [
+        Row(what=f"{RIGS * CAMPAIGNS} answers read by pandas", unit="s", ours=whole),
+        Row(what="`rig fleet report` of them, from call to page", unit="s", ours=took),
+    ]
 
 
 def spin(steps: int) -> float:
@@ -137,7 +145,7 @@ def workers(folder: Path, count: int) -> Iterator[str]:
                 process.kill()
 
 
-def speed_up(folder: Path, real: bool) -> None:
+def speed_up(folder: Path, real: bool) -> Row:
     """How much faster two workers are than one."""
     import fleet as module  # under the name by which the workers know it
 
@@ -154,6 +162,7 @@ def speed_up(folder: Path, real: bool) -> None:
     what = "diagnoses" if real else "jobs of fixed work"
     gain = took[1] / took[2]
     print(f"{len(jobs)} {what}: one worker {took[1]:.1f} s, two {took[2]:.1f} s, speed-up {gain:.2f} ({gain / 2:.2f} a worker)")
+    return Row(what=f"{len(jobs)} {what} by two workers, and by one", unit="s", ours=took[2], peer="one worker", theirs=took[1])
 
 
 def _all(function: Callable[[Any], Any], jobs: list[Any], address: str) -> None:
@@ -163,22 +172,22 @@ def _all(function: Callable[[Any], Any], jobs: list[Any], address: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--only", choices=["overhead", "answers", "workers"])
-    only = parser.parse_args().only
+    given = parser.parse_args()
+    only, kept = given.only, []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if only != "answers":
-            overhead(folder)
+            kept += overhead(folder)
         if only in (None, "answers"):
-            ten_thousand(folder)
-        if only in (None, "workers"):
-            if shutil.which("taskset") is None or len(os.sched_getaffinity(0)) < 2:
-                print("two workers need two processors and taskset; not measured")
-                return
+            kept += ten_thousand(folder)
+        if only in (None, "workers") and (shutil.which("taskset") is None or len(os.sched_getaffinity(0)) < 2):
+            print("two workers need two processors and taskset; not measured")
+        elif only in (None, "workers"):
             print(f"load of the machine before it: {os.getloadavg()[0]:.1f}")
-            for real in (False, True):
-                speed_up(folder, real)
+            kept += [speed_up(folder, real) for real in ((False,) if given.quick else (False, True))]
+    keep(kept, given.rows)
 
 
 if __name__ == "__main__":

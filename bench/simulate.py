@@ -2,7 +2,7 @@
 
 Run `python bench/simulate.py`. Times are the least of several repeats, in ms of one core per simulated second. Errors are of
 the motor's speed relative to the table, rms over rms, against an integrator of tests/analysis/reference.py (DOP853 at 1e-12,
-events located) over one second. diffrax is tried where it is installed, and left out where not.
+events located) over one second. diffrax comes with the extra `bench`, and is left out where it is not installed.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 import numba
 import numpy as np
 from msgspec.structs import replace
+from table import Row, keep, options
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
@@ -132,7 +133,8 @@ def with_laws() -> dict[str, RigModel]:
     }
 
 
-def main() -> None:
+def main() -> list[Row]:
+    """Times and errors of ours and of peers."""
     from reference import Reference
 
     model = rig()
@@ -153,9 +155,9 @@ def main() -> None:
         "scipy RK45, thesis's law, force straight": {"between": "straight"},
         "scipy LSODA, arctan 1e-3": {"between": "straight", "smoothing": 1e-3, "method": "LSODA"},
     }
-    for name, options in peers.items():
-        spent = least(lambda o=options: literal_run(model, short, RATE, **o), 5) * 1000.0
-        rows.append((name, spent, error(literal_run(model, short, RATE, **options).states.T)))
+    for name, chosen in peers.items():
+        spent = least(lambda o=chosen: literal_run(model, short, RATE, **o), 5) * 1000.0
+        rows.append((name, spent, error(literal_run(model, short, RATE, **chosen).states.T)))
     solved = diffrax_run(short)
     if solved is None:
         print("diffrax is not installed: left out")
@@ -165,6 +167,11 @@ def main() -> None:
     print(f"{'method':44s} {'ms per s':>9s} {'error':>9s} {'times as long':>14s} {'times the error':>16s}")
     for name, spent, wrong in rows:
         print(f"{name:44s} {spent:9.3f} {wrong:9.1e} {spent / rows[0][1]:14.0f} {wrong / rows[0][2]:16.1e}")
+    kept = [
+        Row(what=what, unit=unit, ours=rows[0][k], peer=row[0], theirs=row[k])
+        for row in rows[1:]
+        for k, what, unit in ((1, "time of one simulated second", "ms"), (2, "error of the slip speed, rms over rms", ""))
+    ]
 
     print(f"{'the exact engine with one law':44s} {'ms per s':>9s}")
     for name, one in with_laws().items():
@@ -180,15 +187,16 @@ def main() -> None:
         f"bare 6x6 recurrence: {bare:.4f} ms per s ({bare / RATE * 1e6:.1f} ns a sample); "
         f"the exact engine takes {exact / bare:.1f} times as long"
     )
+    kept.append(Row(what="time of one simulated second", unit="ms", ours=exact, peer="bare 6x6 recurrence", theirs=bare))
 
     head = Excitation.prepare(force / THESIS["head_mass"], RATE, oversample=1)
     cores = len(side_by_side(lambda k: k, range(8))) and numba.config.NUMBA_DEFAULT_NUM_THREADS
     rigs = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 512)]
     watched = [replace(rig, sensors=rig.sensors[:1], free=()) for rig in rigs]
     ways = {
-        "a figure of one sensor": lambda: scan(watched, head, lambda batch: batch.channels["motor"].max(axis=1)),
-        "a figure beside three sensors": lambda: scan(rigs, head, lambda batch: batch.channels["motor"].max(axis=1)),
-        "all records kept": lambda: simulate_many(rigs, head),
+        "one figure, one sensor simulated": lambda: scan(watched, head, lambda batch: batch.channels["motor"].max(axis=1)),
+        "one figure, three sensors simulated": lambda: scan(rigs, head, lambda batch: batch.channels["motor"].max(axis=1)),
+        "all records stored": lambda: simulate_many(rigs, head),
     }
     for told, call in ways.items():
         call()
@@ -202,12 +210,21 @@ def main() -> None:
             f"batch of {len(rigs)}, {told}: {each:.4f} ms per simulated second, simulation and core ({cores} cores), "
             f"{each / bare:.2f} of the bare recurrence"
         )
+        what = f"a rig of a batch of {len(rigs)}, {told}, one simulated second"
+        kept.append(Row(what=what, unit="ms", ours=each, peer="bare 6x6 recurrence", theirs=bare))
+    return [*kept, import_time()]
+
+
+def import_time() -> Row:
+    """Of the package, in a process of its own."""
     light = [
         float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
-        for code in ["import time; t = time.perf_counter(); import analysis; print(time.perf_counter() - t)"] * 3
+        for code in ["import time; t = time.perf_counter(); import isorig.analysis; print(time.perf_counter() - t)"] * 3
     ]
-    print(f"import analysis: {min(light):.3f} s")
+    print(f"import isorig.analysis: {min(light):.3f} s")
+    return Row(what="import of isorig.analysis", unit="s", ours=min(light))
 
 
 if __name__ == "__main__":
-    main()
+    given = options(__doc__).parse_args()
+    keep(main(), given.rows)

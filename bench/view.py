@@ -1,6 +1,6 @@
 """What the operator's screen costs: 8 channels at 51.2 kHz recorded while the screen is open.
 
-    python bench/view.py [seconds]
+    python bench/view.py [--seconds SECONDS]
 
 One page answers each frame at once, another never reads what it is sent. Prints the share of one core that the recording process
 used, and the screen's own process beside it; the frames that the pages took; what was stored and lost.
@@ -12,7 +12,6 @@ import asyncio
 import json
 import multiprocessing
 import socket
-import sys
 import tempfile
 import threading
 import time
@@ -22,6 +21,7 @@ from urllib.parse import urlsplit
 
 import psutil
 from acquire import CHANNELS, RATE, instrument
+from table import Row, keep, options
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -115,15 +115,24 @@ def measure(seconds: float, rows: int) -> dict[str, float]:
     }  # fmt: skip
 
 
-def main(seconds: float) -> None:
+def main(seconds: float) -> list[Row]:
     """A row for each length of frame."""
+    kept: list[Row] = []
     print(f"{CHANNELS} channels at {RATE:g} Hz, 32 bits, with the screen open in one page and another that stands still")
     print(f"{'rows of a frame':>15} {'seconds':>8} {'recorder %':>10} {'screen %':>9} {'frames/s':>9} {'stored':>9} {'lost':>5}")
     for rows in ROWS:
         got = measure(seconds, rows)
         shares = f"{100.0 * got['recorder']:>10.1f} {100.0 * got['screen']:>9.1f}"
         print(f"{rows:>15} {got['seconds']:>8.1f} {shares} {got['frames']:>9.1f} {got['stored']:>9.0f} {got['lost']:>5.0f}")
+        lost = f"lost samples: {got['lost']:.0f}"
+        for who, key in (("the recording", "recorder"), ("the screen", "screen")):
+            what = f"frames of {rows} rows, {who}"
+            kept.append(Row(what=what, unit="% of a processor", ours=100.0 * got[key], limit=lost))
+    return kept
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)
+    parser = options(__doc__)
+    parser.add_argument("--seconds", type=float, help="length of each recording: 20, or 10 with --quick")
+    given = parser.parse_args()
+    keep(main(given.seconds or (10.0 if given.quick else 20.0)), given.rows)

@@ -88,7 +88,8 @@ def test_nothing_is_lost_at_the_full_rate(tmp_path: Path, trouble: str) -> None:
 @pytest.mark.study
 def test_recording_with_the_screen_open_costs_a_tenth_of_a_core_at_most() -> None:
     bench = Path(__file__).parents[3] / "bench" / "view.py"
-    done = subprocess.run([sys.executable, str(bench), "60"], capture_output=True, text=True, timeout=280, check=True)
+    call = [sys.executable, str(bench), "--seconds", "60"]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=280, check=True)
     for row in done.stdout.splitlines()[2:]:
         _, _, recorder, _, frames, stored, lost = (float(word) for word in row.split())
         assert recorder <= 100.0 * SHARE

@@ -1,0 +1,112 @@
+"""All benchmarks one after the other, and one table of them with ratios to their peers: docs/bench.md.
+
+    python bench/run.py [--quick] [NAME ...]
+
+With names only these benchmarks run, and the table is printed without being kept. The exit status is 1 where a benchmark failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from table import Row
+
+HERE = Path(__file__).parent
+PAGE = HERE.parent / "docs" / "bench.md"
+#: Each benchmark and what it measures.
+NAMES = {
+    "simulate": "The simulator: time and error",
+    "spectra": "Transfer functions: time and memory",
+    "damping": "Damping ratios: bias",
+    "acquire": "Recording: share of a processor",
+    "view": "The operator's screen: share of a processor",
+    "design": "The design study: time",
+    "diagnose": "Diagnoses: time",
+    "fleet": "A fleet: time",
+}
+#: Seconds after which a benchmark is stopped: several times what the longest takes on two processors.
+LONGEST = 900.0
+PEERS = ("numpy", "scipy", "numba", "pyFRF", "pyEMA", "diffrax", "jax")
+HEAD = """# Benchmarks
+
+`make bench` runs all benchmarks and writes this page; `make bench QUICK=--quick` uses fewer repetitions. Each benchmark is one
+file in `bench/`, which prints more figures than this page has. The ratio is the other package's value divided by ours: a ratio
+above 1 means that the other package takes longer or has the larger error. Absolute times depend on the machine; ratios hardly do.
+"""
+
+
+def measure(name: str, quick: bool) -> tuple[list[Row], str]:
+    """The rows of a benchmark, and what went wrong, if anything did."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rows.json"
+        call = [sys.executable, str(HERE / f"{name}.py"), "--rows", str(path), *(["--quick"] if quick else [])]
+        try:
+            done = subprocess.run(call, check=False, timeout=LONGEST)
+        except subprocess.TimeoutExpired:
+            return [], f"`bench/{name}.py` was stopped after {LONGEST:g} s."
+        if done.returncode or not path.exists():
+            return [], f"`bench/{name}.py` ended with status {done.returncode}."
+        return [Row(**row) for row in json.loads(path.read_text(encoding="utf-8"))], ""
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Rows as a table in Markdown."""
+    lines = ["| quantity | isorig | other package or method | its value | ratio | limit |", "|---|---|---|---|---|---|"]
+    for row in rows:
+        theirs = "" if row.theirs is None else f"{row.theirs:.3g} {row.unit}"
+        ratio = "" if row.ratio is None else f"{row.ratio:.3g}"
+        lines.append(f"| {row.what} | {row.ours:.3g} {row.unit} | {row.peer} | {theirs} | {ratio} | {row.limit} |")
+    return "\n".join(lines)
+
+
+def machine(quick: bool) -> str:
+    """Where the figures come from."""
+    versions = []
+    for name in PEERS:
+        try:
+            versions.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            versions.append(f"{name} not installed")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    repeats = "with few repetitions (`--quick`)" if quick else "with all repetitions"
+    return (
+        f"Measured on {cores} processors ({platform.machine()}, load {os.getloadavg()[0]:.1f} at the start), {repeats}; "
+        f"Python {platform.python_version()}, {', '.join(versions)}."
+    )
+
+
+def main() -> int:
+    """Run the benchmarks and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[[], *NAMES], help="which benchmarks; all where none is named")
+    parser.add_argument("--quick", action="store_true", help="fewer repeats")
+    given = parser.parse_args()
+    parts, failures = [HEAD, machine(given.quick) + "\n"], []
+    for name in given.names or NAMES:
+        print(f"\n== {name}", flush=True)
+        began = time.perf_counter()
+        rows, wrong = measure(name, given.quick)
+        took = f"`python bench/{name}.py` took {time.perf_counter() - began:.0f} s."
+        parts.append(f"## {NAMES[name]}\n\n{wrong or table(rows)}\n\n{took}\n")
+        if wrong:
+            failures.append(wrong)
+    page = "\n".join(parts)
+    print(f"\n{page}")
+    if not given.names:
+        PAGE.write_text(page, encoding="utf-8")
+        print(f"kept in {PAGE.relative_to(HERE.parent)}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
