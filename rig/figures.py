@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: The unit of an acceleration over an acceleration.
 PER = "m/s² per m/s²"
+#: What a picture of transfer functions shows: magnitude, phase and coherence; real and imaginary parts; the complex plane.
+View = Literal["bode", "parts", "nyquist"]
 #: How curves are drawn that may lie on one another.
 DASHES = ("-", "--", ":", "-.")
 
@@ -35,6 +37,58 @@ def save(figure: Figure, path: str | Path) -> None:
     """Write a figure whole or not at all, in the format that its name says."""
     with replaced(path) as temporary:
         figure.savefig(temporary, format=str(path).rsplit(".", 1)[-1], dpi=150)
+
+
+def frf_view(frfs: Mapping[str, Frf], band: tuple[float, float], view: View = "bode") -> Figure:
+    """Transfer functions by name in one of the views, within a band (Hz)."""
+    return {"bode": frf_figure, "parts": parts_figure, "nyquist": nyquist_figure}[view](frfs, band)
+
+
+def unit_of(frf: Frf) -> str:
+    """The unit of a transfer function, as on an axis."""
+    response, reference = (unit.replace("^2", "²") for unit in frf.units)
+    return f"{response or 'unknown unit'} per {reference or 'unknown unit'}"
+
+
+def parts_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
+    """Real and imaginary part of transfer functions by name, with bands of one standard deviation."""
+    figure = Figure(figsize=(9.0, 6.5), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    for k, (name, frf) in enumerate(frfs.items()):
+        kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
+        for axis, part in zip(axes, (frf.value.real, frf.value.imag), strict=True):
+            # The error of each part is that of the magnitude: errors of an average are alike in all directions.
+            _banded(axis, frf.frequency[kept], part[kept], frf.magnitude_std[kept], name, DASHES[k % 2], positive=False)
+    first = next(iter(frfs.values()))
+    ratio = f"{first.response} / {first.reference}, {unit_of(first)}"
+    axes[0].set(ylabel=f"real part of {ratio}")
+    axes[1].set(ylabel=f"imaginary part of {ratio}", xlabel="frequency, Hz", xlim=band)
+    axes[0].legend(fontsize=8)
+    for axis in axes:
+        axis.axhline(0.0, color="0.6", lw=0.8)
+        axis.yaxis.label.set_fontsize(8)
+    return _gridded(figure)
+
+
+def nyquist_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
+    """Imaginary over real part of transfer functions by name, one scale on both axes."""
+    figure = Figure(figsize=(7.5, 7.5), layout="constrained")
+    axis = figure.subplots()
+    for k, (name, frf) in enumerate(frfs.items()):
+        kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
+        f, value = frf.frequency[kept], frf.value[kept]
+        (line,) = axis.plot(value.real, value.imag, DASHES[k % 2], marker=".", ms=3, lw=0.8, label=name)
+        if len(value):
+            top = int(np.argmax(np.abs(value)))
+            axis.annotate(f"{f[top]:.4g} Hz", (value[top].real, value[top].imag), fontsize=8, color=line.get_color())
+    first = next(iter(frfs.values()))
+    ratio = f"{first.response} / {first.reference}, {unit_of(first)}"
+    axis.set(xlabel=f"real part of {ratio}", ylabel=f"imaginary part of {ratio}", aspect="equal")
+    axis.set_title(f"{band[0]:.4g} to {band[1]:.4g} Hz", fontsize=9)
+    axis.axhline(0.0, color="0.6", lw=0.8)
+    axis.axvline(0.0, color="0.6", lw=0.8)
+    axis.legend(fontsize=8)
+    return _gridded(figure)
 
 
 def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
@@ -52,7 +106,7 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
         phase.plot(f, turned, ".", ms=2, color=line)
         coherence.plot(f, frf.coherence[kept], lw=0.9, color=line)
     first = next(iter(frfs.values()))
-    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {PER}")
+    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {unit_of(first)}")
     magnitude.legend(fontsize=8)
     phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
     coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz", xlim=band)
@@ -182,10 +236,13 @@ def surface_figure(surface: ErrorSurface) -> Figure:
     return figure
 
 
-def _banded(axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str, dash: str = "-") -> ColorType:
+def _banded(
+    axis: Axes, x: FloatArray, y: FloatArray, std: FloatArray, name: str, dash: str = "-", *, positive: bool = True
+) -> ColorType:
     (line,) = axis.plot(x, y, dash, lw=1.0, label=name)
     colour = line.get_color()
-    axis.fill_between(x, np.maximum(y - std, y / 3.0), y + std, color=colour, alpha=0.25, lw=0)
+    # On a logarithmic axis the band ends at a third of the value.
+    axis.fill_between(x, np.maximum(y - std, y / 3.0) if positive else y - std, y + std, color=colour, alpha=0.25, lw=0)
     return colour
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,17 +12,21 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.gain_levels import by_level
+from isorig.analysis.spectra.hits import looks_hit
+from isorig.analysis.spectra.impact import HammerTest, hammer_test
 from isorig.analysis.spectra.inputs import Estimator
 from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
-from isorig.analysis.spectra.welch import Frf, estimate
+from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
+from isorig.analysis.spectra.windows import WindowName, window_named
 
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
     """A transfer function and the runs that it was averaged over; `band` is the drive's, Hz.
 
-    `left_out` are runs whose records are spoilt; `periods` is the same period by period, where the drive repeats.
+    `left_out` are runs whose records are spoilt; `periods` is the same period by period, where the drive repeats; `hammer` is the
+    hammer test that it comes from, if it does.
     """
 
     frf: Frf
@@ -31,6 +36,7 @@ class Transfer:
     band: tuple[float, float]
     left_out: tuple[str, ...] = ()
     periods: PeriodicFrf | None = None
+    hammer: HammerTest | None = None
 
     @property
     def name(self) -> str:
@@ -46,36 +52,42 @@ class Transfer:
         """The lines that the drive reached."""
         f = self.frf.frequency
         kept = (f >= self.band[0]) & (f <= self.band[1])
-        arrays = ("frequency", "value", "coherence", "magnitude_std", "phase_std")
-        return replace(self.frf, **{name: getattr(self.frf, name)[kept] for name in arrays})
+        rows = {name: values for name in FRF_ROWS if (values := getattr(self.frf, name)) is not None}
+        return replace(self.frf, frequency=f[kept], **{name: values[kept] for name, values in rows.items()})
 
 
 def transfer_functions(
     campaign: Campaign,
     *,
-    reference: str = "head",
+    reference: str | Sequence[str] = "head",
     responses: Sequence[str] = (),
     resolution: float = 0.25,
     estimator: Estimator = "H1",
+    window: WindowName = "hann",
+    overlap: float = OVERLAP,
     found: Sequence[Fault] | None = None,
 ) -> list[Transfer]:
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
 
-    A run in which the gain changed counts as one for every level.
+    A run in which the gain changed counts as one for every level. Runs of unnamed excitation ("other") whose reference consists
+    of hammer pulses are evaluated hit by hit (`isorig.analysis.spectra.impact`).
 
     Parameters
     ----------
     campaign
         Measured or simulated.
-    reference, responses, resolution, estimator
-        As in `isorig.analysis.spectra.welch`; all other channels where no response is named.
+    reference
+        The channel that drives, or all channels that drive at the same time.
+    responses, resolution, estimator, window, overlap
+        As in `isorig.analysis.spectra.welch`; all other channels where no response is named. Hammer hits need no window and no
+        overlap.
     found
         What is wrong with the campaign's records; worked out where None. Spoilt runs are left out where others remain.
 
     Raises
     ------
     DataError
-        Where no run has a broad-band drive, or a channel is missing.
+        Where no run has a broad-band drive, a channel is missing, several drives cannot be separated, or no hammer hit is sound.
 
     Examples
     --------
@@ -91,41 +103,88 @@ def transfer_functions(
     runs = broad(campaign.runs)
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
-    wrong = faults_in(campaign, reference) if found is None else found
+    drives = (reference,) if isinstance(reference, str) else tuple(dict.fromkeys(reference))
+    wrong = faults_in(campaign, drives[0]) if found is None else found
+    hit = {run.id for run in runs if len(drives) == 1 and looks_hit(run, drives[0])}
+    seen_through = window_named(window)
     transfers = []
     for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (k[0] != "unlocked", -k[1])):
         same = broad(campaign.select(configuration=configuration, gain=gain))
-        names = responses or [name for name in same[0].sensors if name != reference]
+        names = responses or [name for name in same[0].sensors if name not in drives]
+        struck = [run for run in same if run.id in hit]
+        if struck and len(struck) < len(same):
+            rest = next(run.id for run in same if run.id not in hit)
+            raise DataError(
+                f"run {struck[0].id!r} is a hammer test and run {rest!r} is not, but both are {configuration} at gain {gain:g}; "
+                "put them into separate recordings, or give them different gains"
+            )
         # Responses that share their sound runs share one pass.
         alike: dict[tuple[str, ...], list[str]] = {}
         for name in names:
-            alike.setdefault(tuple(run.id for run in sound(same, wrong, [reference, name])), []).append(name)
+            alike.setdefault(tuple(run.id for run in sound(same, wrong, [*drives, name])), []).append(name)
         for kept, group in alike.items():
             averaged = [run for run in same if run.id in kept]
             left_out = tuple(run.id for run in same if run.id not in kept)
-            transfers += _averaged(averaged, reference, group, resolution, estimator, left_out)
+            if struck:
+                transfers += _struck(averaged, drives[0], group, resolution, estimator, left_out)
+            else:
+                chosen = partial(estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap)
+                transfers += _averaged(averaged, drives, group, chosen, estimator, left_out)
     return sorted(transfers, key=lambda item: item.frf.response)
 
 
 def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
-    """What is wrong with a campaign's records: driven by the head where it was measured, else by the reference."""
+    """What is wrong with a campaign's records: driven by the head where it was measured, else by the reference.
+
+    Of a hammer test only dead channels are named: its hits are checked one by one, and its records are mostly silent.
+    """
     head = any("head" in run.channels for run in campaign.runs)
-    return faults(campaign, reference="head" if head else reference)
+    hit = {run.id for run in campaign.runs if looks_hit(run, reference)}
+    found = faults(campaign, reference="head" if head else reference)
+    return tuple(fault for fault in found if fault.run not in hit or fault.kind == "dead")
+
+
+def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[str, ...]:
+    """A sentence for runs that do not name their excitation and were averaged as noise."""
+    averaged = {run for item in found if item.hammer is None for run in item.runs}
+    unnamed = [run.id for run in campaign.runs if run.id in averaged and run.excitation == "other"]
+    if not unnamed:
+        return ()
+    runs = f"Run {unnamed[0]!r} does" if len(unnamed) == 1 else f"{len(unnamed)} runs do"
+    return (
+        f"{runs} not name the excitation (it is 'other') and the reference has no hammer hits: averaged as noise, by segments. "
+        "Name the excitation in the recording, or the force channel of the hammer with --reference.",
+    )
+
+
+def _struck(
+    runs: list[Run], reference: str, names: Sequence[str], resolution: float, estimator: Estimator, left_out: tuple[str, ...]
+) -> list[Transfer]:
+    test = hammer_test(runs, reference=reference, channels=names, resolution=resolution)
+    return [
+        Transfer(
+            frf=test.spectra.frf(name, reference, estimator), configuration=runs[0].configuration, gain=runs[0].gain,
+            runs=tuple(run.id for run in runs), band=test.band, left_out=left_out, hammer=test,
+        )
+        for name in names
+    ]  # fmt: skip
 
 
 def _averaged(
-    runs: list[Run], reference: str, names: Sequence[str], resolution: float, estimator: Estimator, left_out: tuple[str, ...]
-) -> list[Transfer]:
-    spectra = estimate(runs, references=[reference], channels=names, resolution=resolution)
+    runs: list[Run], references: tuple[str, ...], names: Sequence[str], chosen: Callable[..., Spectra], estimator: Estimator,
+    left_out: tuple[str, ...],
+) -> list[Transfer]:  # fmt: skip
+    spectra = chosen(references=references, channels=names)
     bands = [run.band for run in runs if run.band is not None]
-    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (resolution, runs[0].sample_rate / 2.56)
+    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (spectra.resolution, runs[0].sample_rate / 2.56)
     return [
         Transfer(
-            frf=spectra.frf(name, reference, estimator), configuration=runs[0].configuration, gain=runs[0].gain,
-            runs=tuple(run.id for run in runs), band=(max(band[0], spectra.resolution), band[1]), left_out=left_out,
-            periods=_by_period(runs, name, reference),
+            frf=frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs),
+            band=(max(band[0], spectra.resolution), band[1]), left_out=left_out,
+            periods=_by_period(runs, name, references[0]) if len(references) == 1 else None,
         )
         for name in names
+        for frf in spectra.frfs(name, references, estimator)
     ]  # fmt: skip
 
 
@@ -143,7 +202,11 @@ def about(item: Transfer) -> dict[str, Any]:
     seen = item.within_band()
     size = np.abs(seen.value)
     top = int(np.argmax(size))
-    beside = {} if item.periods is None else {"periods": _about_periods(item.periods)}
+    further: dict[str, Any] = {} if item.periods is None else {"periods": _about_periods(item.periods)}
+    if seen.multiple_coherence is not None:
+        further["median_multiple_coherence"] = float(np.median(seen.multiple_coherence))
+    if item.hammer is not None:
+        further["hammer"] = _about_hits(item.hammer)
     return {
         "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
         "gain": item.gain, "runs": list(item.runs), "left_out": list(item.left_out),
@@ -153,8 +216,18 @@ def about(item: Transfer) -> dict[str, Any]:
             "frequency_hz": float(seen.frequency[top]), "magnitude": float(size[top]),
             "magnitude_std": float(seen.magnitude_std[top]),
         },
-        "median_coherence": float(np.median(seen.coherence)), **beside,
+        "median_coherence": float(np.median(seen.coherence)),
+        "units": list(seen.units), "window": None if seen.window is None else seen.window.name, "overlap": seen.overlap,
+        **further,
     }  # fmt: skip
+
+
+def _about_hits(test: HammerTest) -> dict[str, Any]:
+    hits = [
+        {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
+        for hit in test.hits
+    ]  # fmt: skip
+    return {"hits": hits, "exponential_window_per_s": test.spectra.decay, "text": list(test.text)}
 
 
 def _about_periods(found: PeriodicFrf) -> dict[str, Any]:

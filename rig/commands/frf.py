@@ -10,10 +10,9 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
-    from isorig.analysis.spectra.quality import Fault
     from isorig.rig.transfer import Transfer
 
-#: Seconds between two looks at a recording that is being made.
+#: Seconds between two readings of a recording that is being made.
 LOOK = 2.0
 
 
@@ -21,13 +20,21 @@ def frf(
     campaign: Path,
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
-    reference: str = "head",
+    reference: tuple[str, ...] = ("head",),
     response: tuple[str, ...] = (),
     resolution: float = 0.25,
     estimator: Literal["H1", "H2", "Hv"] = "H1",
+    window: Literal["hann", "hamming", "blackman", "flattop", "rectangular"] = "hann",
+    overlap: float = 0.5,
+    view: tuple[Literal["bode", "parts", "nyquist"], ...] = ("bode",),
+    band: tuple[float, float] | None = None,
     follow: bool = False,
 ) -> None:
     """Estimate transfer functions, averaged over the runs of each configuration and gain.
+
+    Runs of unnamed excitation whose reference consists of hammer pulses are evaluated as a hammer test: each hit is cut out with
+    a pre-trigger, checked, windowed and averaged with the others. Double hits, overloads, weak hits and hits on a rig that still
+    vibrates are rejected; each rejection is printed.
 
     Example: rig frf campaign.h5 --reference table --response heatblock -o frf
 
@@ -39,31 +46,49 @@ def frf(
         The folder for a picture and a table of each transfer function, and frf.json about all. Where the drive repeats, also
         what its periods say of noise and distortion. Bad records are named, and left out where others remain.
     reference
-        The channel that drives.
+        The channel that drives. Give it once for each channel if several drive at the same time (MIMO).
     response
         The channels that answer; all others where absent.
     resolution
         Distance of lines, Hz.
     estimator
-        H1 has no bias from noise in the response, H2 none from noise in the reference, Hv shares it.
+        H1 has no bias from noise in the response, H2 none from noise in the reference; Hv (total least squares) allows for noise
+        in all channels.
+    window
+        The window of the segments. Hammer tests use a force window, and an exponential window where a response rings on.
+    overlap
+        Overlap of the segments, 0 to 0.95 of their length.
+    view
+        Pictures: magnitude, phase and coherence (bode), real and imaginary part (parts), complex plane (nyquist). Repeatable.
+    band
+        Lowest and highest frequency of the pictures, Hz; the driven band where absent.
     follow
         The recording is being made: estimate from what is there, again and again until it is finished.
     """
     from isorig.analysis.errors import DataError
     from isorig.rig.acquire.follow import follow as followed
     from isorig.rig.files.recording import open_recording
-    from isorig.rig.transfer import faults_in, transfer_functions
+    from isorig.rig.transfer import faults_in, transfer_functions, unnamed_excitation
 
-    def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[Fault]]:
-        wrong = faults_in(measured, reference)
-        return transfer_functions(
-            measured, reference=reference, responses=response, resolution=resolution, estimator=estimator, found=wrong
-        ), wrong
+    if band is not None and not 0.0 <= band[0] < band[1]:
+        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
+
+    def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[str]]:
+        wrong = faults_in(measured, reference[0])
+        found = transfer_functions(
+            measured, reference=reference, responses=response, resolution=resolution, estimator=estimator, window=window,
+            overlap=overlap, found=wrong,
+        )  # fmt: skip
+        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)]
+
+    def write(found: tuple[list[Transfer], Sequence[str]], name: str) -> None:
+        _pictures(found[0], output, view, band)
+        _tell(*found, output, name)
 
     if not follow:
         with open_recording(campaign) as measured:
             found = found_in(measured)
-        _tell(*found, output, campaign.name)
+        write(found, campaign.name)
         print(output)
         return
     for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
@@ -75,14 +100,32 @@ def frf(
             # There is no broad-band run yet.
             continue
         seconds = sum(run.duration for run in measured.runs)
-        _tell(*found, output, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
+        write(found, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
     print(output)
 
 
-def _tell(found: Sequence[Transfer], wrong: Sequence[Fault], output: Path, name: str) -> None:
+def _pictures(
+    found: Sequence[Transfer],
+    output: Path,
+    views: Sequence[Literal["bode", "parts", "nyquist"]],
+    band: tuple[float, float] | None,
+) -> None:
+    from isorig.rig.figures import frf_view, periods_figure, save
+
+    for response, reference in dict.fromkeys((item.frf.response, item.frf.reference) for item in found):
+        same = [item for item in found if (item.frf.response, item.frf.reference) == (response, reference)]
+        reached = min(item.band[0] for item in same), max(item.band[1] for item in same)
+        for view in dict.fromkeys(views):
+            figure = frf_view({item.label: item.within_band() for item in same}, band or reached, view)
+            save(figure, output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png"))
+        if any(item.periods is not None for item in same):
+            periods = {item.label: item.periods for item in same if item.periods is not None}
+            save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
+
+
+def _tell(found: Sequence[Transfer], wrong: Sequence[str], output: Path, name: str) -> None:
     import numpy as np
 
-    from isorig.rig.figures import frf_figure, periods_figure, save
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.terminal import show_table
     from isorig.rig.transfer import about
@@ -93,6 +136,8 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[Fault], output: Path, name:
             "frequency_hz": value.frequency, "real": value.value.real, "imag": value.value.imag, "magnitude": np.abs(value.value),
             "magnitude_std": value.magnitude_std, "phase_std_rad": value.phase_std, "coherence": value.coherence,
         }  # fmt: skip
+        if value.multiple_coherence is not None:
+            columns["multiple_coherence"] = value.multiple_coherence
         write_csv(output / f"{item.name}.csv", columns)
         if (by := item.periods) is not None:
             columns = {
@@ -100,30 +145,33 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[Fault], output: Path, name:
                 "magnitude_std": by.magnitude_std, "phase_std_rad": by.phase_std, "noise": by.noise, "distortion": by.distortion,
             }  # fmt: skip
             write_csv(output / f"{item.name}-periods.csv", columns)
-    for response, reference in dict.fromkeys((item.frf.response, item.frf.reference) for item in found):
-        same = [item for item in found if item.frf.response == response]
-        band = min(item.band[0] for item in same), max(item.band[1] for item in same)
-        figure = frf_figure({item.label: item.within_band() for item in same}, band)
-        save(figure, output / f"{response}-over-{reference}.png")
-        if any(item.periods is not None for item in same):
-            periods = {item.label: item.periods for item in same if item.periods is not None}
-            save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
     rows = [about(item) for item in found]
-    content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [f.text for f in wrong]}
+    content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": list(wrong)}
     write_json(output / "frf.json", content)
+    several = len({item.frf.reference for item in found}) > 1
     show_table(
         f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
-        ("response", "set-up", "gain", "avg", "band, Hz", "peak, Hz", "magnitude", "coherence"),
-        [_row(row) for row in rows],
+        (
+            "response over reference" if several else "response",
+            "set-up",
+            "gain",
+            "avg",
+            "band, Hz",
+            "peak, Hz",
+            "magnitude",
+            "coherence",
+        ),
+        [_row(row, several) for row in rows],
     )
-    for sentence in [f.text for f in wrong] + [row["periods"]["text"] for row in rows if "periods" in row]:
+    hammers = dict.fromkeys(text for row in rows if "hammer" in row for text in row["hammer"]["text"])
+    for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row)]:
         print(sentence)
 
 
-def _row(told: dict[str, Any]) -> list[str]:
+def _row(told: dict[str, Any], several: bool) -> list[str]:
     band, peak = told["band_hz"], told["peak"]
     return [
-        told["response"],
+        f"{told['response']} / {told['reference']}" if several else told["response"],
         told["configuration"],
         f"{told['gain']:g}", f"{told['averages']:.0f}", f"{band[0]:g}–{band[1]:g}", f"{peak['frequency_hz']:.2f}",
         f"{peak['magnitude']:.3g} ± {peak['magnitude_std']:.1g}", f"{told['median_coherence']:.3f}",
