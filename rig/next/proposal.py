@@ -258,7 +258,7 @@ def propose(
         found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), budget, most, progress)
         runs = (*lead, *_proposed(found))
         return Proposal(kind=kind, runs=runs, chosen=found, twins=twins, unreached=unreached, remedies=cures)
-    if now.rivals.verdict in UNNAMED and (run := _again(now, budget) or _broadest(now, budget)) is not None:
+    if now.rivals.verdict in UNNAMED and (run := _again(now, budget) or _stronger(now, budget)) is not None:
         kind, asked = ("reproducible", "") if run.run.repeat_of else ("undecided", NO_CAUSE)
         return Proposal(kind=kind, runs=(*lead, run), twins=twins, asked=asked)
     supposed = _supposed(now)
@@ -337,26 +337,27 @@ def _again(now: Situation, budget: float) -> Proposed | None:
     return Proposed(run=replace(candidate(plan), repeat_of=name))
 
 
-def _broadest(now: Situation, budget: float) -> Proposed | None:
-    # Where no candidate cause explains the error: the strongest broad-band run that was not measured yet, first in the
-    # configuration with the largest misfit. It excites most of what any cause depends on.
+def _stronger(now: Situation, budget: float) -> Proposed | None:
+    # Where no candidate cause explains the error: the random drive, not measured yet, under which a link moves furthest beyond
+    # what the runs so far reached. What an unknown cause depends on is then seen over the widest range.
+    model, rate = now.explains.model, now.rivals.sample_rate
     known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
-    worst = next((run.configuration for run in now.rivals.runs if run.id == now.rivals.worst), now.configuration)
-    runs = [
-        run for run in now.menu() if run.excitation == "random" and run.repeat_of is None and run.seconds <= min(BROAD, budget)
-    ]
-    runs = [run for run in runs if (run.configuration, run.excitation, run.gain, run.band) not in known]
-    models = drawn(now.explains, KEPT, 5)
-    for run in sorted(runs, key=lambda run: (run.configuration != worst, -run.gain, -_width(run))):
-        one = prospect(run, now.rivals.sample_rate, now.start_time, now.scale)
-        peaks = simulated_peaks(models, one.excitation(whole=True), run.configuration, one.start_time)
+    runs = [r for r in now.menu() if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(BROAD, budget)]
+    runs = [r for r in runs if (r.configuration, r.excitation, r.gain, r.band) not in known]
+    reached = largest([simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in now.taken]).stroke
+    ranked = []
+    for run in runs:
+        one = prospect(run, rate, now.start_time, now.scale)
+        peaks = simulated_peaks([model], one.excitation(), run.configuration, one.start_time)
         if not peaks.beyond(now.limits):
-            return Proposed(run=run, peaks=peaks, told=("It excites the rig more, or over another band, than the runs so far.",))
+            ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
+            ranked.append((max(ratios, default=0.0), one))
+    models = drawn(now.explains, KEPT, 5)
+    for ratio, one in sorted(ranked, key=lambda item: -item[0]):
+        peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
+        if ratio > 1.0 and not peaks.beyond(now.limits):
+            return Proposed(run=one.run, peaks=peaks, told=(f"A link moves {ratio:.2g} times as far as in the runs so far.",))
     return None
-
-
-def _width(run: CandidateRun) -> float:
-    return 0.0 if run.band is None else run.band[1] - run.band[0]
 
 
 def _noise_first(now: Situation) -> tuple[Proposed, ...]:

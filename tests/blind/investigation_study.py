@@ -3,8 +3,8 @@
 `python tests/blind/investigation_study.py --minutes 20` goes on where the table ends; it can be stopped at any time. Every
 envelope is investigated from nothing (`proposed`). Where its cause was found after further runs, it is investigated again from
 its first stage on, with the last run repeated (`repeat`) and with allowed runs chosen at random (`random`) in place of the
-proposals, up to twice as many runs. `--standard` diagnoses the standard plan of seven runs on the same envelopes and adds them
-to the table of `study.py`. Envelopes come in a fixed random order, so that those counted by any time are a fair sample.
+proposals, up to twice as many runs. `--standard` diagnoses the standard plan of seven runs on the same envelopes, into a
+table with the columns of `study.py`. Envelopes come in a fixed random order, so that those counted by any time are a fair sample.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from isorig.rig.next.course import RECORDING, STATE, Course, Stage, Terms, diagn
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation, propose
 from isorig.rig.next.runs import candidate, prospect
 
-TABLE = study.TABLE.with_name("investigations.csv")
+TABLE, PLANNED = (study.TABLE.with_name(f"{name}.csv") for name in ("investigations", "standard-plan"))
 COLUMNS = (
     "kind", "size", "seed", "way", "truth", "verdict", "named", "open", "first_open", "right", "runs", "further", "seconds",
     "proposal", "broken", "ended",
@@ -48,8 +48,8 @@ COLUMNS = (
 RUNS, SECONDS = 8, 240.0
 #: Sound rigs, and envelopes of every cause and foreign form and size, in a round.
 SOUND, SIZES = 6, (1.0, 0.33)
-#: Seconds after which a diagnosis ends: the default of `rig diagnose` on a free computer, doubled for one that is shared.
-LIMIT = 600.0
+#: Seconds after which a diagnosis ends: four times the default of `rig diagnose`, for a computer that is shared.
+LIMIT = 1200.0
 Job = tuple[str, float, int]
 
 
@@ -217,7 +217,7 @@ def main() -> None:
     parser.add_argument("--table", type=Path, default=TABLE)
     parser.add_argument("--kinds", nargs="*", default=None, help="only these kinds")
     args = parser.parse_args()
-    table, columns = (study.TABLE, study.COLUMNS) if args.standard else (args.table, COLUMNS)
+    table, columns = (PLANNED, study.COLUMNS) if args.standard else (args.table, COLUMNS)
     known = done(table)
     chosen = [job for job in jobs(range(args.first, args.first + args.rounds)) if not args.standard or job in done(args.table)]
     todo = [job for job in chosen if job not in known and (args.kinds is None or job[0] in args.kinds)]
@@ -227,15 +227,14 @@ def main() -> None:
             break
         begun = time.monotonic()
         print(*job, flush=True)
-        found = [standard(job)] if args.standard else list(rows(job, args.alone))
-        fresh = not table.exists()
-        table.parent.mkdir(parents=True, exist_ok=True)
-        with table.open("a", newline="") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            if fresh:
-                writer.writeheader()
-            writer.writerows(found)
-        for each in found:
+        for each in [standard(job)] if args.standard else rows(job, args.alone):
+            fresh = not table.exists()
+            table.parent.mkdir(parents=True, exist_ok=True)
+            with table.open("a", newline="") as file:
+                writer = csv.DictWriter(file, columns, lineterminator="\n")
+                if fresh:
+                    writer.writeheader()
+                writer.writerow(each)
             print(f"{time.monotonic() - begun:5.0f} s:", ", ".join(str(each[name]) for name in columns), flush=True)
 
 

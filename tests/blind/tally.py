@@ -23,7 +23,7 @@ from isorig.rig.virtual.campaign import SESSION
 
 DOCS = Path(__file__).parents[2] / "docs"
 OTHER = DOCS / "study" / "other-rigs.csv"
-INVESTIGATIONS = DOCS / "study" / "investigations.csv"
+INVESTIGATIONS, PLANNED = DOCS / "study" / "investigations.csv", DOCS / "study" / "standard-plan.csv"
 #: Seconds of measuring of the standard plan of seven runs.
 STANDARD = sum(take.seconds for take in SESSION)
 PAGE, PICTURE = DOCS / "study.md", DOCS / "pictures" / "study-confusion.png"
@@ -214,6 +214,15 @@ def pairs_parted(found: pd.DataFrame, standard: pd.DataFrame) -> str:
     )
 
 
+def _compared(found: pd.DataFrame) -> str:
+    if not (found["way"] == "repeat").any():
+        return "Proposals have not been compared with repeated or random runs yet."
+    head = ("next run", "right cause alone", "median of further runs", "further runs in all")
+    return f"""Causes found after further runs were looked for again from the first stage on, in up to twice as many runs:
+
+{markdown(further_runs(found), head)}"""
+
+
 def investigation_section(found: pd.DataFrame, standard: pd.DataFrame) -> str:
     """The part of the page on investigations."""
     proposed = found[found["way"] == "proposed"]
@@ -231,18 +240,16 @@ def investigation_section(found: pd.DataFrame, standard: pd.DataFrame) -> str:
 {len(proposed)} sealed rigs ({seeds_of(proposed)}) were investigated from nothing by `tests/blind/investigation_study.py`, as
 `rig investigate` does it: the rig plays the proposed runs, and what is hidden is disclosed after the last answer. The standard
 plan is the session of seven runs, {STANDARD:g} s of measuring. Every investigation has a line in
-`docs/study/investigations.csv`, the standard plan on the same rigs one in `docs/study/results.csv`. The study shared its
+`docs/study/investigations.csv`, the standard plan on the same rigs one in `docs/study/standard-plan.csv`. The study shared its
 computer with other work: a proposal compares candidates for 20 s at most, so that a free computer compares more of them.
 
 {markdown(investigations(found, standard), head)}
 
 The median of measuring over all investigations is {100 * share:.0f} % of the standard plan's. The limit of the stroke was
 exceeded in {int((found["broken"] != "").sum())} of {len(found)} investigations. A proposal took {times.median():.0f} s in the
-median and {times.max():.0f} s at most.
+median and {times.max():.0f} s at most. A rig in which nothing is named although something is hidden counts as wrong.
 
-Causes that were found after further runs were looked for again from the first stage on, in up to twice as many runs:
-
-{markdown(further_runs(found), ("next run", "right", "median of further runs", "further runs in all"))}
+{_compared(found)}
 
 {pairs_parted(found, standard)}
 """
@@ -274,7 +281,7 @@ line in `docs/study/other-rigs.csv`.
 {markdown(other_rigs(others), head)}
 """
     if INVESTIGATIONS.exists():
-        section += investigation_section(pd.read_csv(INVESTIGATIONS, keep_default_na=False), table)
+        section += investigation_section(*(pd.read_csv(path, keep_default_na=False) for path in (INVESTIGATIONS, PLANNED)))
     text = f"""# How often it is right
 
 {len(table)} campaigns{seeds} were drawn blind, each with a rig of its own, an effect of a drawn size or none, or one
