@@ -140,7 +140,7 @@ def twins(proposal: Proposal) -> list[str]:
 
 
 def untested(proposal: Proposal, most: int = 8) -> list[str]:
-    """What stays untested whatever is allowed."""
+    """Causes that none of the compared runs would show."""
     if proposal.chosen is None or proposal.kind != "untested":
         return []
     names = [cause(apart.truth) for apart in proposal.chosen.best if apart.distance < CANNOT]
@@ -148,7 +148,7 @@ def untested(proposal: Proposal, most: int = 8) -> list[str]:
     if not names:
         return []
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return [f"No single allowed run would show, at the smallest size worth finding: {', '.join(names[:most])}{more}."]
+    return [f"None of the compared runs alone would show, at the smallest size worth finding: {', '.join(names[:most])}{more}."]
 
 
 def summary(proposal: Proposal) -> list[str]:

@@ -171,7 +171,8 @@ def rows(job: Job, alone: bool) -> Iterator[dict[str, object]]:
         rig = sealed(kind, size, seed)
         course, choice = investigated(rig, place, Course(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
         yield row(job, "proposed", rig, course, choice)
-        if alone or kind not in CAUSES or not right(rig, kind, answer(course)) or further(course) == 0:
+        found = answer(course)
+        if alone or kind not in CAUSES or found is None or found.open or not right(rig, kind, found) or further(course) == 0:
             return
         for way, choose in (("repeat", repeated), ("random", at_random(seed))):
             folder = Path(name) / way

@@ -1,0 +1,49 @@
+"""The counts of investigations on a table made by hand."""
+
+import pandas as pd
+from tally import STANDARD, further_runs, investigations, pairs_parted
+
+COLUMNS = ("kind", "size", "seed", "way", "right", "open", "first_open", "further", "seconds", "ended")
+FOUND = pd.DataFrame(
+    [
+        ("end_stop", 1.0, 1, "proposed", 1, "", "a | b", 1, 35.0, "One cause stands."),
+        ("end_stop", 1.0, 1, "repeat", 1, "a | b", "a | b", 2, 65.0, "The 4 runs that it may take are taken."),
+        ("end_stop", 1.0, 1, "random", 1, "", "a | b", 2, 65.0, "One cause stands."),
+        ("wrong_mass", 0.33, 2, "proposed", 1, "a | b", "a | b", 0, 25.0, "No allowed run parts a from b."),
+        ("none", 1.0, 3, "proposed", 0, "", "", 3, 95.0, "One cause stands."),
+    ],
+    columns=COLUMNS,
+)  # fmt: skip
+PLAN = pd.DataFrame(
+    [("end_stop", 1.0, 1, 0, "a+b"), ("wrong_mass", 0.33, 2, 1, "a+b"), ("other", 1.0, 9, 1, "")],
+    columns=("kind", "size", "seed", "right", "alike"),
+)
+
+
+def test_the_standard_plan_takes_so_many_seconds() -> None:
+    assert STANDARD == 510.0
+
+
+def test_counts_by_what_is_hidden() -> None:
+    rows = {row[0]: row[1:] for row in investigations(FOUND, PLAN)}
+    assert list(rows) == ["catalogued cause, full size", "catalogued cause, a third of it", "no effect"]
+    right, shared, seconds = rows["catalogued cause, full size"]
+    assert right.startswith("1 of 1")
+    assert shared == "1 and 0 of 1"
+    assert seconds == "35 s (35 to 35 s)"
+    assert rows["no effect"][0].startswith("0 of 1")
+    assert rows["no effect"][1] == "0 and 0 of 0"
+
+
+def test_further_runs_count_where_the_right_cause_is_left_alone() -> None:
+    """Repeating the run leaves two causes, one of them right: it never ends."""
+    proposed, repeat, random = further_runs(FOUND)
+    assert proposed[1:3] == ("1 of 1", "1")
+    assert repeat[1:3] == ("0 of 1", "more than twice those proposed")
+    assert random[1:3] == ("1 of 1", "2")
+
+
+def test_pairs_that_the_standard_plan_left() -> None:
+    said = pairs_parted(FOUND, PLAN)
+    assert "indistinguishable causes in 2 of 2 envelopes; investigations distinguished 1 of these and said of 1" in said
+    assert "2 of 3 investigations had several causes left: 1 ended with one, 1 with the" in said
