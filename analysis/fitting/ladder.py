@@ -29,6 +29,9 @@ CLOSE = 1e-2
 TETHER = 1.0
 #: Seconds of each run that a free shape's fit sees on its way to the whole, and its tether then.
 UNROLLED, HOLDS = (16.0, 30.0), 3.0
+#: A longer stretch on which the model's misfit is below this multiple of that on the shorter one is left out: nothing has drifted
+#: apart there. Chosen: drift of a waveform multiplies the misfit by ten and more.
+UNCHANGED = 2.0
 #: Steps of a fit on all that fits may see.
 LAST_STEPS = 4
 #: Seconds of each run that a look at all candidates takes in, and the share of a model's misfit that must show in them.
@@ -145,16 +148,24 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
-    """A free shape's fit brought to its end: over longer and longer stretches, for each may reach points of the curve that no
-    shorter one did, and from far off the mark there is no way back."""
+    """A free shape's fit continued to the whole runs, over longer and longer stretches where the motion drifts apart on them.
+
+    Each stretch may reach points of the curve that no shorter one did, and from far off the mark there is no way back.
+    """
     done = rough
     longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
-    for seconds in (*(s for s in UNROLLED if s < longest), np.inf):
-        whole = np.isinf(seconds)
-        problem = Problem(trials, share=SIMULATION_LIMIT) if whole else Problem(glanced(trials, seconds))
-        steps = LAST_STEPS if whole else STEPS[-1]
-        done = fit(done.model, done.free, problem, iterations=steps, tolerance=1e-3, tether=HOLDS)
-    return done
+    for seconds in (s for s in UNROLLED if s < longest):
+        if _misfit(done.model, Problem(trials)) < UNCHANGED * done.cost:
+            break
+        problem = Problem(glanced(trials, seconds))
+        done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
+    problem = Problem(trials, share=SIMULATION_LIMIT)
+    return fit(done.model, done.free, problem, iterations=LAST_STEPS, tolerance=1e-3, tether=HOLDS)
+
+
+def _misfit(model: RigModel, problem: Problem) -> float:
+    # Mean square weighted residual; not a number, and so below nothing, where the model cannot be simulated.
+    return float(np.mean(problem.residuals([model])[0] ** 2))
 
 
 def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit | None:
