@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import msgspec
@@ -20,6 +21,9 @@ from isorig.analysis.spectra.motion import motion_of
 #: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
 FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
+#: A measured swing is a link's own where it is this many times what noise alone integrates to, and more than this share of its
+#: ends' motion: calibration errors of two sensors that move together make some hundredths of it. Chosen.
+CLEAR_OF_NOISE, OWN = 10.0, 0.2
 #: Points at which a spring's bend is read from a record.
 SKETCHED = 49
 #: Share of a band's signal that counts as noise where the misfit's peaks are looked for; lines that a band needs; octaves that
@@ -84,16 +88,18 @@ def push_of(model: RigModel, peaks: Mapping[str, float]) -> float:
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
     """Largest relative displacement (m) and velocity (m/s) of each link.
 
-    Of what its ends' sensors measured, integrated in the frequency domain above the drive's lowest frequency, and what the model
-    does, the smaller: integrated noise is large beside a stiff link's swing, and a model may swing too far.
+    What its ends' sensors measured, integrated in the frequency domain above the drive's lowest frequency, where it is clear of
+    integrated noise and of the sensors' calibration errors. Elsewhere the smaller of that and what the model does: integrated
+    noise is large compared with a stiff link's swing, and a model may swing too far.
     """
     deflection: dict[str, float] = {}
     speed: dict[str, float] = {}
     for trial in trials:
         for link, simulated in _simulated_swings(model, trial).items():
-            measured = _measured_swing(model, model.link(link), trial) or simulated
-            speed[link] = max(speed.get(link, 0.0), min(simulated[0], measured[0]))
-            deflection[link] = max(deflection.get(link, 0.0), min(simulated[1], measured[1]))
+            found = _measured_swing(model, model.link(link), trial)
+            for k, most in enumerate((speed, deflection)):
+                value = simulated[k] if found is None else found.most[k] if found.clear else min(simulated[k], found.most[k])
+                most[link] = max(most.get(link, 0.0), value)
     largest = max(deflection.values(), default=1e-3), max(speed.values(), default=1e-1)
     for link in (link.name for link in model.links):
         deflection.setdefault(link, largest[0])
@@ -121,21 +127,32 @@ def _simulated_swings(model: RigModel, trial: Trial) -> dict[str, tuple[float, f
     return {link.name: (most[f"velocity {link.name}"], most[f"displacement {link.name}"]) for link in free}
 
 
-def _measured_swing(model: RigModel, link: Link, trial: Trial) -> tuple[float, float] | None:
-    # Largest velocity and displacement between a link's ends by their own sensors; None where one has none.
+@dataclass(frozen=True)
+class _Measured:
+    # Largest velocity and displacement between a link's ends, and whether they are the link's own motion.
+    most: tuple[float, float]
+    clear: bool
+
+
+def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | None:
+    # By the sensors of the link's ends; None where an end has none.
     ends = [end for end in (link.a, link.b) if end != GROUND]
+    noise = 0.0
     if trial.motion is not None:
         moves = [(trial.motion.velocity[end], trial.motion.position[end]) for end in ends]
     else:
         sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}
         if any(end not in sensors for end in ends):
             return None
-        moves = [
-            motion_of(trial.measured[trial.channels.index(s.channel)], s.quantity, trial.sample_rate, trial.run.band)
-            for s in (sensors[end] for end in ends)
-        ]
+        moves = []
+        for sensor in (sensors[end] for end in ends):
+            row = trial.channels.index(sensor.channel)
+            moves.append(motion_of(trial.measured[row], sensor.quantity, trial.sample_rate, trial.run.band))
+            random = np.random.default_rng(row).normal(0.0, trial.noise[row], trial.samples)
+            noise += float(np.abs(motion_of(random, sensor.quantity, trial.sample_rate, trial.run.band)[1]).max())
     v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
-    return float(np.abs(v).max()), float(np.abs(d).max())
+    swing, largest = float(np.abs(d).max()), max(float(np.abs(move[1]).max()) for move in moves)
+    return _Measured((float(np.abs(v).max()), swing), clear=swing > CLEAR_OF_NOISE * noise and swing > OWN * largest)
 
 
 def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:

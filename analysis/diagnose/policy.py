@@ -51,8 +51,8 @@ class Policy:
     form_errors
         Standard errors over runs by which a form's error may exceed the free shape's (findings, version 2).
     settled
-        Share of the excess below which what a form leaves is another matter, and no free shape is fitted beside it. Chosen: a
-        tenth of the error; forms that are merely the nearest leave several per cent.
+        Share of the excess below which what a form leaves is another matter: neither pairs of causes nor free shapes of other
+        kinds and places are fitted then. Chosen: a tenth of the error; forms of the wrong kind leave several per cent.
     form_alike
         Ratio of rms errors up to which a form counts as within those standard errors, however small they are. Chosen as
         `matters`, a few per cent, and twice that for what a curve of many points fits of a soiled rig's dirt in every run.

@@ -11,7 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.diagnose.evidence import Sign
-from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.mechanisms import CATALOGUE
 from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
 from isorig.analysis.diagnose.mechanisms.shapes import free_shapes, tabulated
@@ -44,7 +44,7 @@ from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.rig_model import RigModel
 
 #: Candidates that get a full fit, and free shapes.
-FINALISTS, SHAPED = 4, 3
+FINALISTS, CURVES = 4, 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,19 +214,19 @@ def next_step(
     rungs = ladder(trials, 0.0 if seconds < SCREENS[-1] else seconds)
     run = race(starts_of(diverse(looks), current, guess, rungs[0]), rungs, current, progress)
     forms = _entries(run.ranked[:FINALISTS], trials, fine, progress)
-    settled = any(
-        adequate(entry.score, floors) or share_removed(now.error, entry.score.error, floors) > 1.0 - POLICY.settled
-        for entry in forms
-    )
-    if left >= POLICY.rest and not settled and not forms_only:
-        if steps > 1:
+    # What a form leaves that removes nearly all is no further place's or kind's; whether another law of its own kind does better
+    # there is asked all the same.
+    nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
+    alone = any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
+    if left >= POLICY.rest and not forms_only and not alone:
+        if nearly is None and steps > 1:
             progress("no form makes the model adequate; fitting pairs of forms")
             found = pairs(run, rungs, lambda model: observe(campaign, model, trials, guess), progress)
             both = _together(found, forms, now, trials, fine, floors, progress)
             if both is not None:
                 return both
         progress("no forms make the model adequate; fitting free shapes")
-        shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress)
+        shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, nearly.place if nearly else None)
         again = _again(looks, shapes, current, floors, rungs, progress)
         forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
         if not any(adequate(entry.score, floors) for entry in forms):
@@ -261,10 +261,13 @@ def _entries(
 
 def _shapes(
     forms: Sequence[Entry], current: Fit, evidence: Evidence, trials: Sequence[Trial], fine: Sequence[Trial],
-    rungs: Sequence[Rung], progress: Progress,
+    rungs: Sequence[Rung], progress: Progress, only: tuple[Kind, str] | None,
 ) -> list[Entry]:  # fmt: skip
+    # All free shapes, or those of one kind and place only.
     begun: list[tuple[Candidate, tuple[Free, ...], RigModel]] = []
     for shape in free_shapes(current.model, evidence):
+        if only not in (None, (kind_of(shape.cause), shape.location)):
+            continue
         free = shape.parameters(current.model, current.free)
         begun += [(shape, free, start) for start in shape.starts]
         # A shape goes on where the best form of its kind ended.
@@ -285,7 +288,7 @@ def _shapes(
     for candidate, rough in ranked:
         if rough.cost < BEHIND * best and all(candidate.key != other.key for other, _ in chosen):
             chosen.append((candidate, rough))
-    return _entries(chosen[:SHAPED], trials, fine, progress)
+    return _entries(chosen[:CURVES], trials, fine, progress)
 
 
 def _again(

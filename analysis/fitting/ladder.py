@@ -53,6 +53,9 @@ SHAPE_STEPS = 2
 LOST = 10.0
 #: A candidate whose misfit is this many times the best's is out of the race.
 BEHIND = 6.0
+#: Candidates that reach the last rung and the one before it at most: those two cost most of a race, and on a soiled rig nothing
+#: falls far behind. Chosen: half as many again as are finished, and two and a half times as many.
+CROWD = {1: 6, 2: 10}
 #: A refitted model's misfit, in allowances, from which a rung tells candidates apart; and the share by which one must lower it.
 TELLING, PROMISING = 2.0, 0.1
 #: A fit whose misfit over a run's first moments is more than this times its allowance has been bent by what it lacks.
@@ -288,6 +291,7 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
             continue
         telling = telling or (place, better)
         running = [p for k, p in enumerate(better) if k < 2 or p[1].cost < BEHIND * better[0][1].cost]
+        running = running[: CROWD.get(len(rungs) - 1 - place, len(running))]
         starts = [(candidate, done.free, done.model) for candidate, done in running]
         costs = {id(candidate): done.cost for candidate, done in running}
     ranked = [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]

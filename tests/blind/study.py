@@ -18,9 +18,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from decisions import keep, recorded_files
 from envelopes import CAUSES, OUTSIDE, Envelope, draw_envelope
 
-from isorig.rig.diagnose_many import diagnose_files
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
 from isorig.rig.prediction import predicted
@@ -110,7 +110,7 @@ def main() -> None:
             for k, (kind, size, seed) in enumerate(batch):
                 envelopes[f"sealed-{k}"] = draw_envelope(kind, size, seed), size, seed
                 write(folder / f"sealed-{k}.h5", envelopes[f"sealed-{k}"][0].campaign)
-            for outcome in diagnose_files([(folder / f"{name}.h5", folder / name) for name in envelopes], "coulomb"):
+            for outcome in recorded_files([(folder / f"{name}.h5", folder / name) for name in envelopes], "coulomb"):
                 envelope, size, seed = envelopes[outcome.campaign]
                 if outcome.refusal:
                     print(f"{envelope.kind}: refused: {outcome.refusal}", flush=True)
@@ -122,6 +122,7 @@ def main() -> None:
                     if fresh:
                         writer.writeheader()
                     writer.writerow(row)
+                keep(folder / outcome.campaign, args.table)
                 print(", ".join(f"{row[k]}" for k in COLUMNS), flush=True)
 
 

@@ -22,9 +22,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from decisions import keep, recorded_files
 from other_envelopes import KINDS, OtherEnvelope, answer_of, draw_other
 
-from isorig.rig.diagnose_many import diagnose_files
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
 from isorig.rig.prediction import predicted
@@ -97,7 +97,7 @@ def main() -> None:
                 envelope = draw_other(kind, size, seed, soil=soil, rest=rest)
                 write(folder / f"sealed-{k}.h5", replace(envelope.campaign, description=described(envelope)))
                 sealed[f"sealed-{k}"] = envelope, (kind, size, soil, int(rest), seed)
-            for outcome in diagnose_files([(folder / f"{name}.h5", folder / name) for name in sealed], "coulomb"):
+            for outcome in recorded_files([(folder / f"{name}.h5", folder / name) for name in sealed], "coulomb"):
                 envelope, job = sealed[outcome.campaign]
                 if outcome.refusal:
                     print(f"{envelope.kind}: refused: {outcome.refusal}", flush=True)
@@ -109,6 +109,7 @@ def main() -> None:
                     if fresh:
                         writer.writeheader()
                     writer.writerow(row)
+                keep(folder / outcome.campaign, args.table)
                 print(", ".join(f"{row[k]}" for k in COLUMNS), flush=True)
 
 

@@ -16,6 +16,7 @@ from scipy.stats import binomtest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from decisions import sensitivity
 from envelopes import CAUSES, OUTSIDE
 from study import TABLE
 
@@ -265,6 +266,26 @@ def seeds_of(table: pd.DataFrame) -> str:
     return f"seeds {table['seed'].min()} to {table['seed'].max()}"
 
 
+def sensitivity_section() -> str:
+    """What other thresholds of the verdict would have changed; empty before any campaign has been counted."""
+    count, rows = sensitivity((TABLE, OTHER))
+    if not count:
+        return ""
+    head = ("threshold", "value", "at half: rules, answers", "at double: rules, answers")
+    cells = [(f"`{name}`", value, f"{half[0]}, {half[1]}", f"{double[0]}, {double[1]}") for name, value, half, double in rows]
+    return f"""
+## How much the thresholds matter
+
+The rules of `analysis/diagnose/policy.py` decide from errors alone, so the study keeps what each rule was asked and asks it
+again with other thresholds. Of {count} campaigns: in how many any rule decides otherwise, and in how many the verdict or the
+number of causes changes, with a threshold at half and at double. Of thresholds near one, half and double of what they lack to
+one are taken; of ratios, half and double of what they exceed one by. Thresholds that steer the search itself are not in the
+table.
+
+{markdown(cells, head)}
+"""
+
+
 def main() -> None:
     earlier = pd.read_csv(EARLIER, keep_default_na=False)
     table = pd.read_csv(TABLE, keep_default_na=False) if TABLE.exists() else earlier.iloc[:0]
@@ -287,6 +308,7 @@ line in `docs/study/other-rigs.csv`.
 """
     if INVESTIGATIONS.exists():
         section += investigation_section(*(pd.read_csv(path, keep_default_na=False) for path in (INVESTIGATIONS, PLANNED)))
+    section += sensitivity_section()
     text = f"""# How often it is right
 
 {len(table)} campaigns{seeds} were drawn blind, each with a rig of its own, an effect of a drawn size or none, or one
