@@ -255,7 +255,7 @@ def propose(
         if one.why == "undecided" and (again := _again(now, budget)) is not None:
             return Proposal(kind="reproducible", runs=(*lead, again), twins=twins)
         kind = "rivals" if one.why == "indistinguishable" else "undecided"
-        found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), budget, most, progress)
+        found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), now.menu(), budget, most, progress)
         runs = (*lead, *_proposed(found))
         return Proposal(kind=kind, runs=runs, chosen=found, twins=twins, unreached=unreached, remedies=cures)
     if now.rivals.verdict in UNNAMED and (run := _again(now, budget) or _stronger(now, budget)) is not None:
@@ -263,7 +263,11 @@ def propose(
         return Proposal(kind=kind, runs=(*lead, run), twins=twins, asked=asked)
     supposed = _supposed(now)
     question = Question(truths=supposed, rivals=(now.explains,), supposed=True)
-    found, unreached, _ = _compared(now, question, budget, most, progress)
+    # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
+    broad = tuple(run for run in now.menu() if run.excitation != "sine")
+    found, unreached, _ = _compared(now, question, broad, budget, most, progress)
+    if not found.choices:
+        found, unreached, _ = _compared(now, question, now.menu(), budget, most, progress)
     return Proposal(kind="untested", runs=(*lead, *_proposed(found)), chosen=found, twins=twins, unreached=unreached)
 
 
@@ -277,10 +281,10 @@ def _proposed(found: Chosen) -> tuple[Proposed, ...]:
 
 
 def _compared(
-    now: Situation, question: Question, budget: float, most: int, progress: Callable[[str], None]
+    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, progress: Callable[[str], None]
 ) -> tuple[Chosen, int, tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...]]:  # fmt: skip
     rate = now.rivals.sample_rate
-    prospects = [prospect(run, rate, now.start_time, now.scale) for run in now.menu()]
+    prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs]
     # Where the time runs out those that were compared are a fair sample.
     prospects = [prospects[k] for k in np.random.default_rng(2).permutation(len(prospects))]
     comparison = Comparison(question, now.rivals.noise, now.taken)

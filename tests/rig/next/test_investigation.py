@@ -13,6 +13,7 @@ from open_questions import end_stop, fitted, rivals, two_springs, written
 
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
+from isorig.analysis.proposals.choice import Chosen
 from isorig.analysis.proposals.menu import CandidateRun
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import read_plan
@@ -21,6 +22,7 @@ from isorig.rig.diagnose_many import Outcome
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import course as course_module
+from isorig.rig.next import proposal as proposal_module
 from isorig.rig.next.course import PAGE, SESSION, STATE, Course, Measured, Terms, investigate, nothing_known, read_course
 from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
 from isorig.rig.next.sentences import summary
@@ -188,6 +190,24 @@ def test_an_error_without_a_candidate_cause_is_repeated_and_then_excited_otherwi
     assert item.peaks is not None
     assert not item.peaks.beyond(PLAN.limits)
     assert propose(now, work=1.0, budget=5.0).kind == "untested"
+
+
+@pytest.mark.parametrize("gains", [True, False])
+def test_a_sine_is_proposed_for_unknown_causes_only_if_nothing_broader_shows_one(
+    gains: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    compared: list[set[str]] = []
+
+    def comparing(now: object, question: object, runs: list[CandidateRun], *rest: object) -> tuple[Chosen, int, tuple[()]]:
+        compared.append({run.excitation for run in runs})
+        choices = ("a choice",) if gains else ()
+        return Chosen(choices=choices, before=0.0, best=(), compared=1), 0, ()  # type: ignore[arg-type]
+
+    monkeypatch.setattr(proposal_module, "_compared", comparing)
+    monkeypatch.setattr(proposal_module, "_proposed", lambda found: ())
+    propose(situation([rivals(verdict="adequate")], PLAN.limits), work=1.0)
+    assert "sine" not in compared[0]
+    assert [("sine" in each) for each in compared[1:]] == ([] if gains else [True])
 
 
 def test_causes_of_the_same_equations_end_it(lab: Callable[..., Lab], tmp_path: Path) -> None:
