@@ -130,6 +130,17 @@ def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:
     return _gridded(figure)
 
 
+def ratio_figure(curves: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]], title: str, unit: str) -> Figure:
+    """Magnitudes over frequency by name, each with its standard deviation."""
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    axis = figure.subplots()
+    for (name, (frequency, value, std)), dash in zip(curves.items(), DASHES * len(curves), strict=False):
+        _banded(axis, frequency, value, std, name, dash)
+    axis.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="ratio" if unit == "1" else unit, title=title)
+    axis.legend(fontsize=8)
+    return _gridded(figure)
+
+
 def isolation_figure(
     ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float], *, logarithmic: bool = True
 ) -> Figure:  # fmt: skip

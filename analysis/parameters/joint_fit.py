@@ -1,4 +1,4 @@
-"""The parameter table of the wire bonder: a joint fit of all runs with friction in the model."""
+"""The parameter table of a rig: a joint fit of all runs with friction in the model."""
 
 from __future__ import annotations
 
@@ -18,13 +18,17 @@ from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
 from isorig.analysis.fitting.solve import Fit, disagreement
 from isorig.analysis.fitting.trials import Trial, drive_noise
 from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.spectra.quality import Fault, faults, without
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
 #: Relative deviation by what the estimate itself cannot see, the instrument's sampling filter: found by fitting recordings
 #: made through filters of three quarters to two and a half times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+#: Relative step by which the slopes of a mode's frequency and damping are taken, and the relative change that is rounding.
+SLOPE, ROUNDING = 1e-4, 1e-9
 #: The drive's factor: the head's mass.
 HEAD = "drive.factor"
 #: Names under which a recording tells how well it is known what it takes as known: masses in kg, and all sensors' sensitivities
@@ -32,6 +36,7 @@ HEAD = "drive.factor"
 CALIBRATION = "calibration_std"
 MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
 WEIGHED = "weighed"
+NO_SLIDING = "it leaves no trace in these runs: take one in which the contact slides"
 NO_TRACE = "it leaves no trace in these runs: take one in which it moves"
 
 
@@ -50,12 +55,14 @@ class Entry:
 class Characterization:
     """The table by name, the fit behind it, the runs, and how it does on what was held out beside the noise floor.
 
+    Of the wire bonder the table has its bodies' masses, frequencies and damping ratios; of another rig the parameters of its
+    description by their paths, and the frequency and damping ratio of the modes of every configuration that was measured.
     `faults` are of the records: runs with spoilt channels took no part where their configuration has others. `head_mass` is
     fitted where nobody has weighed it. `calibrated` says whether the recording tells how well its sensors are calibrated.
     """
 
     table: dict[str, Entry]
-    head_mass: Entry
+    head_mass: Entry | None
     calibrated: bool
     fit: Fit
     trials: tuple[Trial, ...]
@@ -85,7 +92,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     campaign
         What was measured; needs locked and unlocked runs for all figures.
     model
-        The wire bonder with first guesses.
+        The rig with first guesses.
     progress
         Called with one line per stage.
 
@@ -99,9 +106,9 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     """
     progress("looking for bad data")
     wrong = faults(campaign, reference=model.drive.channel)
-    needed = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
-    campaign = without(campaign, wrong, needed, from_rest=True)
-    if "head_mass" not in campaign.known:
+    campaign = without(campaign, wrong, model.channels, from_rest=True)
+    bonder = is_wire_bonder(model)
+    if bonder and "head_mass" not in campaign.known:
         model = msgspec.structs.replace(model, free=(*model.free, HEAD))
     progress("fitting all runs with friction in the model")
     rough, fine = fit_baseline(campaign, model)
@@ -112,22 +119,78 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
     # A misfit beyond the simulation's limit bends every parameter; its size relative to the signal bounds how far.
     excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
-    misfit = max(0.0, excess - 2.0 * SIMULATION_LIMIT)
+    misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
     known = _Known(fitted, fine, explained, misfit, note, _uncertain(campaign.known, fitted))
+    table = _bonder_table(known, campaign.known) if bonder else _table(known)
+    return Characterization(
+        table=table, head_mass=_head(known, campaign.known) if bonder else None,
+        calibrated=CALIBRATION in campaign.known, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)),
+        adequate=explained, faults=wrong, doubts=doubts(model, (fitted,), fine),
+    )  # fmt: skip
+
+
+def is_wire_bonder(model: RigModel) -> bool:
+    """Whether a rig has the bodies and links by which the wire bonder's table is named."""
+    bodies, links = {body.name for body in model.bodies}, {link.name for link in model.links}
+    return all(body in bodies and link in links for body, link in BODIES) and model.drive.quantity == "acceleration"
+
+
+def _bonder_table(known: _Known, given: Mapping[str, float]) -> dict[str, Entry]:
     table: dict[str, Entry] = {}
     for body, link in BODIES:
-        table |= _rows(known, body, link, campaign.known)
+        table |= _rows(known, body, link, given)
     path = "contacts.isolation.law.friction_force"
-    if path in fitted.values:
-        table["friction_force"] = known.entry({path: 1.0}, fitted.values[path], "N", "friction")
+    if path in known.fitted.values:
+        table["friction_force"] = known.entry({path: 1.0}, known.fitted.values[path], "N", "friction")
     else:
         table["friction_force"] = Entry(value=None, std=None, unit="N", method="none", note="the model has no friction")
-    return Characterization(
-        table=table, head_mass=_head(known, campaign.known), calibrated=CALIBRATION in campaign.known, fit=fitted,
-        trials=fine, score=judged, floor=float(np.median(floors)), adequate=explained, faults=wrong,
-        doubts=doubts(model, (fitted,), fine),
-    )  # fmt: skip
+    return table
+
+
+def _table(known: _Known) -> dict[str, Entry]:
+    """The parameters of any rig by their paths, and its modes."""
+    fitted = known.fitted
+    table = {
+        path: known.entry({path: 1.0}, value, unit_of(path, fitted.model), _kind(path)) for path, value in fitted.values.items()
+    }
+    table |= {
+        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method="given", note="")
+        for path in physical_parameters(fitted.model)
+        if path not in table
+    }
+    configurations = dict.fromkeys(trial.run.configuration for trial in known.trials)
+    for configuration in configurations:
+        slopes = _mode_slopes(fitted, configuration)
+        for k, mode in enumerate(natural_modes(fitted.model, configuration)):
+            name = f"{configuration}.mode{k + 1}"
+            table[f"{name}.frequency"] = known.entry(slopes[k][0], mode.frequency, "Hz", "frequency")
+            table[f"{name}.damping"] = known.entry(slopes[k][1], mode.damping, "1", "damping")
+    return table
+
+
+def _kind(path: str) -> str:
+    last = path.rsplit(".", maxsplit=1)[-1]
+    return last if last in (*UNSEEN, "offset") else "friction" if path.startswith("contacts.") else "damping"
+
+
+def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
+    # How frequency and damping of each mode change with the fitted values, by central differences; only where they do.
+    modes = natural_modes(fitted.model, configuration)
+    slopes: list[tuple[dict[str, float], dict[str, float]]] = [({}, {}) for _ in modes]
+    for path, value in fitted.values.items():
+        step = SLOPE * abs(value)
+        if not step or not path.startswith(("bodies.", "links.", "configurations.")):
+            continue
+        above, below = (natural_modes(fitted.model.replace({path: value + way * step}), configuration) for way in (1.0, -1.0))
+        if not len(above) == len(below) == len(modes):
+            continue
+        for k, (high, low) in enumerate(zip(above, below, strict=True)):
+            for which, change in enumerate((high.frequency - low.frequency, high.damping - low.damping)):
+                size = modes[k].frequency if which == 0 else modes[k].damping
+                if abs(change) > ROUNDING * size:
+                    slopes[k][which][path] = change / (2.0 * step)
+    return slopes
 
 
 class _Known:
@@ -136,7 +199,7 @@ class _Known:
     def __init__(
         self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float]
     ) -> None:  # fmt: skip
-        self.fitted, self._misfit, self._note = fitted, misfit, note
+        self.fitted, self.trials, self._misfit, self._note = fitted, trials, misfit, note
         self._given, self._given_moves = given, given_moves(fitted, trials, given)
         self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
         self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
@@ -145,17 +208,17 @@ class _Known:
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
         """The row of a figure that changes by `slopes` with the values at those paths."""
         if self._untraced & slopes.keys():
-            note = "it leaves no trace in these runs: take one in which the motor slides" if kind == "friction" else NO_TRACE
+            note = NO_SLIDING if kind == "friction" else NO_TRACE
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
         # A mass that is taken as known moves the fitted values, and a figure that has it in its formula by itself.
         own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
         variance = deviation(self._moves, slope) ** 2 + (self._shift @ slope) ** 2 + slope @ self._runs @ slope
         variance += float(((self._given_moves @ slope + own) ** 2).sum())
-        whole = float(np.sqrt(variance + (UNSEEN[kind] * value) ** 2))
+        whole = float(np.sqrt(variance + (UNSEEN.get(kind, UNSEEN["damping"]) * value) ** 2))
         if self._note:
             whole = float(np.hypot(whole, self._misfit * value))
-        if whole > 0.5 * abs(value):
+        if value and whole > 0.5 * abs(value) and kind != "offset":
             note = self._note or "the data do not determine it"
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
@@ -164,7 +227,8 @@ class _Known:
 def _uncertain(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
     # Deviations of what is taken as known, by its path in the model.
     model = fitted.model
-    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path not in fitted.values}
+    there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
+    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}
     if CALIBRATION in known:
         paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
         found |= dict.fromkeys(paths, known[CALIBRATION])

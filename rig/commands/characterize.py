@@ -9,42 +9,50 @@ from cyclopts import Parameter
 
 
 def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
-    """Fit masses, frequencies, damping ratios and friction to all runs, and write the parameter table.
+    """Fit a rig's free parameters to all runs, and write the parameter table with standard deviations.
 
-    The thesis's own readings, set-up by set-up, stand beside the joint fit.
+    Of the wire bonder these are masses, frequencies, damping ratios and friction, with the thesis's own readings set-up by
+    set-up. Of another rig they are the parameters of its description, and the frequency and damping ratio of its modes.
 
     Example: rig characterize campaign.h5 -o parameters
 
     Parameters
     ----------
     campaign
-        A recording of the wire bonder, locked and unlocked.
+        A recording; of the wire bonder locked and unlocked.
     output
-        The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit over its data,
-        set-ups.png and error-surface.png.
+        The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit over its data, and of
+        the wire bonder set-ups.png and error-surface.png.
     """
     from rich.console import Console
 
+    from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
+    from isorig.rig.report.fits import fits_page
     from isorig.rig.terminal import show_table
     from isorig.rig.thesis.four_set_ups import about, write_set_ups
 
     measured = read(campaign)
     with Console(stderr=True).status("reading") as status:
         found = characterize_campaign(measured, status.update)
-        status.update("reading the set-ups one by one")
-        read_off = about(write_set_ups(output, measured, found))
-    path = write_characterization(output, measured, found, {"set_ups": read_off})
+        if found.head_mass is None:
+            write_text(output / "fits.html", fits_page(measured, found))
+            more = {}
+        else:
+            status.update("reading the set-ups one by one")
+            more = {"set_ups": about(write_set_ups(output, measured, found))}
+    path = write_characterization(output, measured, found, more)
+    head = {} if found.head_mass is None else {"head_mass": found.head_mass}
     rows = [
         (name, "–" if e.value is None else f"{e.value:.6g}", "–" if e.std is None else f"{e.std:.2g}", e.unit, e.method, e.note)
-        for name, e in {"head_mass": found.head_mass, **found.table}.items()
+        for name, e in {**head, **found.table}.items()
     ]
     for doubt in found.doubts:
         print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
     title = f"{campaign.name}: held-out error {100 * found.error:.2g} % of the signal, noise alone {100 * found.floor:.2g} %"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
-    for level in drive_levels(measured):
+    for level in drive_levels(measured, found.fit.model.drive.channel):
         size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:

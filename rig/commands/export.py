@@ -14,7 +14,7 @@ def export(
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     what: Literal["samples", "frf"] = "samples",
     run: tuple[str, ...] = (),
-    reference: str = "head",
+    reference: str | None = None,
     resolution: float = 0.25,
     text: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
@@ -36,7 +36,7 @@ def export(
     run
         Only these runs; all where absent.
     reference
-        The channel that drives, for transfer functions.
+        The channel that drives, for transfer functions; the first drive of the rig's description where absent.
     resolution
         Distance of lines of transfer functions, Hz.
     text

@@ -20,7 +20,7 @@ def frf(
     campaign: Path,
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
-    reference: tuple[str, ...] = ("head",),
+    reference: tuple[str, ...] = (),
     response: tuple[str, ...] = (),
     resolution: float = 0.25,
     estimator: Literal["H1", "H2", "Hv"] = "H1",
@@ -46,7 +46,8 @@ def frf(
         The folder for a picture and a table of each transfer function, and frf.json about all. Where the drive repeats, also
         what its periods say of noise and distortion. Bad records are named, and left out where others remain.
     reference
-        The channel that drives. Give it once for each channel if several drive at the same time (MIMO).
+        The channel that drives, once for each channel if several drive at the same time (MIMO). The default are the drives of
+        the rig's description, of the wire bonder the head.
     response
         The channels that answer; all others where absent.
     resolution
@@ -68,15 +69,17 @@ def frf(
     from isorig.analysis.errors import DataError
     from isorig.rig.acquire.follow import follow as followed
     from isorig.rig.files.recording import open_recording
+    from isorig.rig.files.rigfile import references_of
     from isorig.rig.transfer import faults_in, transfer_functions, unnamed_excitation
 
     if band is not None and not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
 
     def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[str]]:
-        wrong = faults_in(measured, reference[0])
+        drives = reference or references_of(measured)
+        wrong = faults_in(measured, drives[0])
         found = transfer_functions(
-            measured, reference=reference, responses=response, resolution=resolution, estimator=estimator, window=window,
+            measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
             overlap=overlap, found=wrong,
         )  # fmt: skip
         return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)]

@@ -17,17 +17,25 @@ def isolation(
     method: Literal["joint", "half-power"] | None = None,
     stitch: float = 15.0,
     resolution: float = 0.25,
+    reference: str | None = None,
+    response: str | None = None,
+    configurations: tuple[str, str] | None = None,
 ) -> None:
-    """Work out how much of the drive reaches the heatblock unlocked over locked, and compare it with a simulation.
+    """Compute how much of the drive reaches a channel in one configuration relative to another, measured and simulated.
+
+    Of the wire bonder: how much reaches the heatblock, unlocked over locked. Of another rig, or with a reference, a response or
+    configurations given: the magnitude of response over reference, relative to the second configuration where there is one.
 
     Example: rig isolation campaign.h5 --parameters parameters/parameters.json -o isolation
 
     Example: rig isolation campaign.h5 --model diagnosis/model.json -o isolation
 
+    Example: rig isolation absorber.h5 --response absorber --configurations unlocked wedged -o isolation
+
     Parameters
     ----------
     campaign
-        A recording with broad-band runs unlocked and locked.
+        A recording with broad-band runs; of the wire bonder unlocked and locked.
     output
         The folder for isolation.csv, isolation.json and isolation.png.
     model
@@ -41,17 +49,35 @@ def isolation(
         Where the highest gain hands over to the next, Hz.
     resolution
         Distance of lines, Hz.
+    reference
+        The channel in the denominator; the first drive of the rig's description where absent.
+    response
+        The channel in the numerator; the last sensor of the description where absent.
+    configurations
+        Numerator and denominator; the first two of the description that were measured where absent.
     """
     import numpy as np
 
     from isorig.analysis.isolation.ratio import friction_bound
+    from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.figures import isolation_figure, save
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.recording import read
+    from isorig.rig.files.rigfile import rig_of
     from isorig.rig.isolation_comparison import about_isolated, about_offset, about_peaks, compared_isolation, given_models, told
+    from isorig.rig.transmissibility import transmissibility, write_transmissibility
 
+    measured = read(campaign)
     models, notes = given_models(model, parameters, method)
-    found = compared_isolation(read(campaign), models, stitch=stitch, resolution=resolution)
+    if not is_wire_bonder(rig_of(measured)) or reference or response or configurations:
+        compared = transmissibility(
+            measured, models, reference=reference, response=response, configurations=configurations, resolution=resolution
+        )  # fmt: skip
+        for sentence in [*notes, *write_transmissibility(output, compared)]:
+            print(sentence)
+        print(output)
+        return
+    found = compared_isolation(measured, models, stitch=stitch, resolution=resolution)
     columns = {"frequency_hz": found.measured.frequency, "gain": found.measured.gain}
     for name, ratio in found.ratios.items():
         plain = name.replace(" ", "_").replace("-", "_")

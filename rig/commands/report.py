@@ -13,15 +13,15 @@ def report(
 ) -> None:
     """Write one page about a recording, to be read by someone who was not there.
 
-    Runs, transfer functions with coherence, parameters, simulated over measured, the isolation ratio, and what the simulation
-    gets wrong. The page works offline, from a mail attachment too.
+    Runs, transfer functions with coherence, parameters, simulated over measured, of the wire bonder the isolation ratio, and
+    what the simulation gets wrong. The page works offline, from a mail attachment too.
 
     Example: rig report campaign.h5 -o report
 
     Parameters
     ----------
     campaign
-        A recording of the wire bonder, locked and unlocked.
+        A recording.
     output
         The folder for report.html, parameters.json, parameters.csv and model.json.
     history

@@ -15,14 +15,18 @@ app = App(name="virtual", help="A rig that exists in this program alone, as a re
 def campaign(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
-    model: Path | None = None,
+    model: str | None = None,
     seed: int = 0,
     noise: float = 1e-3,
+    seconds: float | None = None,
     session: Literal["first", "later"] = "first",
     hide: str | None = None,
     size: float = 1.0,
 ) -> None:
-    """Play a whole session on a virtual rig: three gains unlocked, two locked, a series of moves.
+    """Simulate a whole session on a virtual rig.
+
+    Of the wire bonder: three gains unlocked, two locked, a series of moves. Of another rig: three runs in every configuration,
+    driven as its description says in usual.
 
     Example: rig virtual campaign -o campaign.h5 --seed 1
 
@@ -31,11 +35,13 @@ def campaign(
     output
         The recording to write.
     model
-        A model.json; the thesis's wire bonder where absent.
+        A description in .toml, the name of one that rig describe lists, or a model.json; the thesis's wire bonder where absent.
     seed
         Seed of drives and noise.
     noise
-        Standard deviation of every sensor's noise, m/s^2.
+        Standard deviation of every sensor's noise: of the wire bonder in m/s^2, of another rig as a share of the channel's rms.
+    seconds
+        Length of a run of another rig than the wire bonder; as its description says where absent.
     session
         The first session, or other runs measured later on the same rig.
     hide
@@ -45,12 +51,22 @@ def campaign(
         Size of the effect; 1 is full size.
     """
     from isorig.analysis.model.built_in import wire_bonder
-    from isorig.rig.files.models import read_model
+    from isorig.analysis.parameters.joint_fit import is_wire_bonder
+    from isorig.rig.errors import PlanError
     from isorig.rig.files.recording import write
+    from isorig.rig.files.rigfile import GivenRig, read_rig
     from isorig.rig.virtual.campaign import LATER, SESSION
+    from isorig.rig.virtual.described import described_campaign
     from isorig.rig.virtual.effects import hidden_in, played
 
-    rig = read_model(model)[0] if model is not None else wire_bonder()
+    given = GivenRig(model=wire_bonder()) if model is None else read_rig(model)
+    rig = given.model
+    if not is_wire_bonder(rig):
+        if hide is not None or session != "first":
+            raise PlanError(f"--hide and --session are of the wire bonder; {rig.name} has neither, so leave them out")
+        write(output, described_campaign(given, seed=seed, noise=noise, seconds=seconds))
+        print(output)
+        return
     write(output, played(hidden_in(rig, hide, size, seed), SESSION if session == "first" else LATER, seed, noise))
     print(output)
 

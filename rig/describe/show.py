@@ -5,12 +5,12 @@ from __future__ import annotations
 from rich.console import Console
 
 from isorig.analysis.errors import AnalysisError
+from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import NaturalMode, natural_modes
 from isorig.rig.describe.identifiable import from_usual_runs, sentences, uncertainties
-from isorig.rig.describe.tree import drawn, numbers
+from isorig.rig.describe.tree import drawn
 from isorig.rig.errors import PlanError
-from isorig.rig.files.parameter_units import unit_of
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.terminal import show_table
 
@@ -44,7 +44,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     print("\n".join(line.rstrip() for line in drawing.get().splitlines()))
     print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? is fitted; the rest is taken as known\n")
     free = bool(model.free)
-    paths = model.free or tuple(path for path in numbers(model) if model.get(path) != 0.0)
+    paths = model.free or tuple(path for path in physical_parameters(model) if model.get(path) != 0.0)
     known: dict[str, str] = {}
     said: list[str] = []
     if sensors:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rich.tree import Tree
 
 from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.model.parameter_units import factor_unit, unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
-from isorig.rig.files.parameter_units import factor_unit, unit_of
 from isorig.rig.files.rigtext import plain
 
 
@@ -91,19 +89,3 @@ def _law(model: RigModel, law: object, path: str) -> str:
 def _number(model: RigModel, path: str) -> str:
     unit = unit_of(path, model)
     return f"{model.get(path):.4g}{'' if unit == '1' else f' {unit}'}{' ?' if path in model.free else ''}"
-
-
-def numbers(model: RigModel) -> Sequence[str]:
-    """Paths of the numbers that physics has in a rig: masses, springs, dampers, laws, the drive's factor."""
-    paths = [f"bodies.{body.name}.mass" for body in model.bodies]
-    for link in model.links:
-        paths += [f"links.{link.name}.{key}" for key in ("stiffness", "damping") if getattr(link, key)]
-        for k, law in enumerate(link.laws):
-            paths += _numbers_of(law, f"links.{link.name}.laws.{k}")
-    for contact in model.contacts:
-        paths += _numbers_of(contact.law, f"contacts.{contact.name}.law")
-    return paths if model.drive.imposes is not None else [*paths, "drive.factor"]
-
-
-def _numbers_of(law: object, path: str) -> list[str]:
-    return [f"{path}.{key}" for key, value in plain(law).items() if isinstance(value, float)]  # type: ignore[arg-type]

@@ -11,6 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.rig.errors import PlanError
 from isorig.rig.exchange import exporting
 from isorig.rig.files.recording import open_recording
+from isorig.rig.files.rigfile import references_of
 from isorig.rig.transfer import transfer_functions
 
 ENDINGS = (".mat", ".uff", ".csv", ".parquet")
@@ -22,7 +23,7 @@ def export_campaign(
     *,
     what: Literal["samples", "frf"],
     runs: Sequence[str] = (),
-    reference: str = "head",
+    reference: str | None = None,
     resolution: float = 0.25,
     binary: bool = True,
 ) -> list[Path]:
@@ -38,7 +39,7 @@ def export_campaign(
         campaign = _chosen(whole, runs)
         if what == "samples":
             return _samples(campaign, output, ending, binary=binary)
-        found = transfer_functions(campaign, reference=reference, resolution=resolution)
+        found = transfer_functions(campaign, reference=reference or references_of(campaign), resolution=resolution)
     if ending == ".mat":
         exporting.write_matlab(exporting.frf_tree(found), output)
     elif ending == ".uff":

@@ -13,9 +13,9 @@ from isorig.analysis.diagnose.budget import Budget
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_json, write_text
-from isorig.rig.files.parameter_units import unit_of
 from isorig.rig.files.rivals import write_rivals
 from isorig.rig.report.diagnosis import diagnosis_page
 

@@ -93,6 +93,10 @@ def read_seed(path: Path | None, method: Method = "joint") -> Seed:
 
 def seed_of(file: ParameterFile, method: Method, where: str) -> Seed:
     """The parameters from a parameter table."""
+    if not file.values.keys() & THESIS.keys():
+        raise PlanError(
+            f"{where} is the parameter table of another rig than the wire bonder; give the model.json next to it with --model"
+        )
     values, stds = dict(THESIS), dict.fromkeys(THESIS, 0.0)
     found = dict(file.values)
     notes: list[str] = []

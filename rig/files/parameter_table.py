@@ -16,7 +16,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.baseline import baseline_model
-from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_json, write_text
@@ -27,15 +27,13 @@ COLUMNS = ("value", "std", "unit", "method", "note")
 
 
 def characterize_campaign(campaign: Campaign, tell: Callable[[str], None]) -> Characterization:
-    """The parameter table of a recording of the wire bonder.
+    """The parameter table of a recording.
 
     Raises
     ------
     RecordingError
-        The recording is of another rig, or lacks what the rig needs.
+        The recording lacks what the rig needs.
     """
-    if campaign.description is not None:
-        raise RecordingError(f"{campaign.source} is of another rig; the parameter table is for the wire bonder, use rig diagnose")
     return characterize(campaign, baseline_model(campaign), progress=tell)
 
 
@@ -52,12 +50,15 @@ def write_characterization(
     rows.writerow(("name", *COLUMNS))
     rows.writerows((name, *("" if row[key] is None else row[key] for key in COLUMNS)) for name, row in table.items())
     write_text(folder / "parameters.csv", text.getvalue())
+    drive: dict[str, Any] = {"levels": drive_levels(campaign, found.fit.model.drive.channel)}
+    if found.head_mass is not None:
+        drive["head_mass"] = found.head_mass
     origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
     write_model(folder / "model.json", found.fit.model, origin=origin)
     content = {
         "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
         "measured": origin.isoformat() if origin is not None else None, "parameters": table,
-        "drive": {"head_mass": found.head_mass, "levels": drive_levels(campaign)}, "calibration_stated": found.calibrated,
+        "rig": found.fit.model.name, "drive": drive, "calibration_stated": found.calibrated,
         "faults": [fault.text for fault in found.faults], "doubts": [doubt.text for doubt in found.doubts], **(beside or {}),
     }  # fmt: skip
     return write_json(folder / "parameters.json", content)

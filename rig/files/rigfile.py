@@ -86,6 +86,17 @@ def rig_of(campaign: Campaign) -> RigModel:
     return _described(campaign.description, "it")[0]
 
 
+def references_of(campaign: Campaign) -> tuple[str, ...]:
+    """The channels that drive: those of the rig's description, or the wire bonder's head.
+
+    Raises
+    ------
+    PlanError
+        Where the description cannot be used.
+    """
+    return tuple(drive.channel for drive in rig_of(campaign).drives)
+
+
 def read_description(path: Path) -> tuple[RigModel, str]:
     """A rig and its description from a TOML file.
 

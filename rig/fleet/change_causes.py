@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.fitting.solve import base_parameters
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.rig.diagnose_many import shared_out
 from isorig.rig.errors import REFUSALS
 from isorig.rig.files.models import read_model
-from isorig.rig.files.parameter_units import unit_of
 from isorig.rig.fleet.catalogue import Catalogue, key_of
 from isorig.rig.fleet.history import FALSE_PER_MONTH, Fleet, Incident, Rig, followed
 from isorig.rig.fleet.sentences import incident_words

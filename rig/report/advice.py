@@ -11,6 +11,7 @@ from isorig.rig.report.sections import words
 
 #: Text if there is no advice.
 NOTHING = "The model can be used for rig predict, rig isolation and rig design."
+NOTHING_ELSE = "The model can be used for rig predict and rig isolation."
 #: Share of time stuck above which a gain does not show the isolation; rms force divided by friction at which the motor mostly
 #: slides.
 STUCK, SLIDES = 0.5, 1.2
@@ -22,6 +23,9 @@ def advice(campaign: Campaign, found: Characterization) -> list[str]:
     None if there is no advice.
     """
     told = [] if found.adequate else ["Run rig diagnose on this recording: it searches for the cause of the remaining error."]
+    if found.head_mass is None:
+        told += [f"{name} is not determined ({entry.note})." for name, entry in found.table.items() if entry.value is None]
+        return told + _holdout(campaign)
     friction = found.table["friction_force"].value
     unlocked = {run.gain: run for run in broad(campaign.select(configuration="unlocked"))}
     if friction is not None:
@@ -38,9 +42,13 @@ def advice(campaign: Campaign, found: Characterization) -> list[str]:
             "unlocked, to "
             "distinguish mass loading from friction and other nonlinearities."
         )
-    if not any(run.use == "holdout" for run in campaign.runs):
-        told.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
-    return told
+    return told + _holdout(campaign)
+
+
+def _holdout(campaign: Campaign) -> list[str]:
+    if any(run.use == "holdout" for run in campaign.runs):
+        return []
+    return ['Record one more run with use = "holdout": a whole held-out run tests the model more strictly.']
 
 
 def _stuck(found: Characterization, run: Run, friction: float) -> str:

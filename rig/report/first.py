@@ -11,7 +11,7 @@ from isorig.analysis.isolation.ratio import Isolated
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.rig.design_study import BOND
 from isorig.rig.isolation_comparison import Compared
-from isorig.rig.report.advice import NOTHING
+from isorig.rig.report.advice import NOTHING, NOTHING_ELSE
 from isorig.rig.report.frequency import isolation_chart
 from isorig.rig.report.page import Answer, First, Section
 from isorig.rig.report.sections import channels_table
@@ -44,7 +44,11 @@ def first_screen(
     return First(
         sketch=sketch(found.fit.model),
         measured=Section(title="What was measured", text=[_runs(campaign)], tables=[channels_table(campaign)]),
-        answers=[_job(campaign, found, compared), _model(found, compared, wrong), _next(found, advice)],
+        answers=[
+            *([] if found.head_mass is None else [_job(campaign, found, compared)]),
+            _model(found, compared, wrong),
+            _next(found, advice),
+        ],
         picture=None if compared is None else isolation_chart(compared),
     )
 
@@ -60,7 +64,7 @@ def _runs(campaign: Campaign) -> str:
 
 def _next(found: Characterization, advice: Sequence[str]) -> Answer:
     short = "Nothing is missing" if not advice else "Measure again" if found.adequate else "Search for the cause"
-    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING])
+    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING_ELSE if found.head_mass is None else NOTHING])
 
 
 def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> Answer:

@@ -9,6 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parameters.joint_fit import is_wire_bonder
 from isorig.rig.isolation_comparison import Compared, Model, compared_isolation, told
 from isorig.rig.prediction import predicted
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
@@ -38,7 +39,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
 
 def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
     """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
-    if "locked" not in model.configurations:
+    if "locked" not in model.configurations or not is_wire_bonder(model):
         return None, ""
     try:
         return compared_isolation(campaign, [Model(name="simulated", rig=model)]), ""

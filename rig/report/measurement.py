@@ -22,7 +22,7 @@ from isorig.rig.report.frequency import isolation_of, transfer_section
 from isorig.rig.report.history import history_sections
 from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number, provenance_section, runs_section, words
+from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
 
 MODEL: tuple[str, Role] = ("simulation", "simulated")
 
@@ -39,8 +39,9 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
         runs_section(campaign),
         transfer_section(campaign, model),
         Section(
-            title="Parameters", text=[PARAMETERS, _calibration(found), *contradictions(campaign, found)],
-            tables=[parameter_table(campaign, found)],
+            title="Parameters",
+            text=[ANY_RIG if found.head_mass is None else PARAMETERS, _calibration(found), *contradictions(campaign, found)],
+            tables=[entries_table(found.table) if found.head_mass is None else parameter_table(campaign, found)],
         ),
         *history_sections(found, history),
         Section(title="Simulation compared with measurement", charts=time_charts(found.trials, models)),
@@ -64,6 +65,10 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
 PARAMETERS = (
     "All runs fitted at once with friction in the model; frequencies are the uncoupled √(k/m)/2π, damping is the damping ratio. "
     "The thesis's column is its Table 4 and its force gauge, for another rig of this kind."
+)
+ANY_RIG = (
+    "All runs fitted at once with the friction of the description in the model; given values were not fitted. The modes are "
+    "those of the fitted springs and dampers, without friction."
 )
 #: Relative difference between given and fitted value that is reported.
 CONTRADICTS = 0.05
@@ -113,7 +118,7 @@ def parameter_table(campaign: Campaign, found: Characterization) -> Table:
             number(THESIS.get(name), 4), e.method,
             "*" if common and e.note == common else e.note,
         )
-        for name, e in {"head_mass": found.head_mass, **found.table}.items()
+        for name, e in (({"head_mass": found.head_mass} if found.head_mass else {}) | found.table).items()
     ]  # fmt: skip
     spread = "std" if found.calibrated else "std (noise alone)"
     return Table(

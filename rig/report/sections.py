@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.parameters.joint_fit import Entry
 from isorig.rig.report.page import Section, Table
 
 #: Text for missing information of a recording.
@@ -98,6 +99,15 @@ def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: st
         for name, row in parameters.items()
     ]
     return Table(columns=("parameter", "value", "std", "unit"), rows=rows, caption=caption)
+
+
+def entries_table(entries: Mapping[str, Entry]) -> Table:
+    """The parameters of a joint fit by name."""
+    rows = [
+        (name, number(e.value, 6), number(e.std, 2) if e.method != "given" else "–", unit(e.unit), e.method, e.note)
+        for name, e in entries.items()
+    ]
+    return Table(columns=("parameter", "value", "std", "unit", "method", "note"), rows=rows)
 
 
 def _sha256(path: Path) -> str:

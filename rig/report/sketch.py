@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, RigModel
-from isorig.rig.files.parameter_units import unit_of
 
 #: Dimensions in pixels: width, height of a body, space for a link, margins.
 WIDTH, BODY, LINK, SIDE, TOP, FLOOR = 460, 46, 52, 14, 30, 26

@@ -11,9 +11,9 @@ from scipy.interpolate import CubicSpline
 
 from isorig.analysis import laws
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, trace
-from isorig.rig.files.parameter_units import unit_of
 
 RATE, SECONDS = 2048.0, 2.0
 STIFFNESS, DAMPING = 600.0, 3.0

@@ -1,9 +1,9 @@
-"""Units of a model's parameters by their path."""
+"""The parameters of a model by their path, and their units."""
 
 from __future__ import annotations
 
 from isorig.analysis.campaign import SI_UNIT
-from isorig.analysis.laws import LAWS
+from isorig.analysis.laws import LAWS, Law
 from isorig.analysis.model.rig_model import GROUND, Drive, RigModel
 
 #: Of the parts of a rig other than laws, and of every law's parameters.
@@ -54,3 +54,18 @@ def factor_unit(model: RigModel, drive: Drive) -> str:
         return "kg"
     per = SI_UNIT[drive.quantity]
     return f"{'N m' if turns else 'N'}/{f'({per})' if ' ' in per or '/' in per else per}"
+
+
+def physical_parameters(model: RigModel) -> tuple[str, ...]:
+    """Paths of masses, stiffnesses, dampings, the numbers of laws and the drive's factor; without those that are absent."""
+    paths = [f"bodies.{body.name}.mass" for body in model.bodies]
+    for link in model.links:
+        paths += [f"links.{link.name}.{key}" for key in ("stiffness", "damping") if getattr(link, key)]
+        paths += [path for k, law in enumerate(link.laws) for path in _numbers(law, f"links.{link.name}.laws.{k}")]
+    for contact in model.contacts:
+        paths += _numbers(contact.law, f"contacts.{contact.name}.law")
+    return tuple(paths if model.drive.imposes is not None else [*paths, "drive.factor"])
+
+
+def _numbers(law: Law, path: str) -> list[str]:
+    return [f"{path}.{name}" for name in law.__struct_fields__ if isinstance(getattr(law, name), float)]

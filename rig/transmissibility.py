@@ -1,0 +1,199 @@
+"""Transmissibility of any rig: one channel over another, and its ratio between two configurations, measured and simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.errors import DataError
+from isorig.rig.errors import PlanError
+from isorig.rig.figures import ratio_figure, save
+from isorig.rig.files.output import write_csv, write_json
+from isorig.rig.files.rigfile import rig_of
+from isorig.rig.isolation_comparison import Model
+from isorig.rig.prediction import predicted
+from isorig.rig.transfer import Transfer, transfer_functions
+
+#: Factor by which the Hann window's correlation of neighbouring frequency bins increases the variance of a mean over bins.
+CORRELATED = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ratio:
+    """|response / reference| in one configuration, relative to another configuration where there is one.
+
+    Parameters
+    ----------
+    gain
+        Drive gain.
+    configuration, relative_to
+        The configuration, and the one in the denominator ("" where there is none).
+    frequency, value, std
+        Hz, the magnitude and its standard deviation, shape (bins,).
+    mean, mean_std
+        Root mean square over the bins, of numerator over denominator, and its standard deviation.
+    """
+
+    gain: float
+    configuration: str
+    relative_to: str
+    frequency: FloatArray
+    value: FloatArray
+    std: FloatArray
+    mean: float
+    mean_std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transmitted:
+    """The ratios by name ("measured", and those of the models) with what they are of."""
+
+    reference: str
+    response: str
+    unit: str
+    ratios: Mapping[str, tuple[Ratio, ...]]
+
+
+def transmissibility(
+    campaign: Campaign,
+    models: Sequence[Model],
+    *,
+    reference: str | None = None,
+    response: str | None = None,
+    configurations: tuple[str, str] | None = None,
+    resolution: float = 0.25,
+) -> Transmitted:
+    """The magnitude of one channel over another by gain, and between two configurations where both were measured.
+
+    Parameters
+    ----------
+    campaign
+        The recording.
+    models
+        Models whose simulation goes through the same estimate.
+    reference, response
+        Channels; the first drive and the last sensor of the rig's description where None.
+    configurations
+        Numerator and denominator; where None the first two configurations that were measured, or the only one alone.
+    resolution
+        Frequency resolution, Hz.
+
+    Raises
+    ------
+    PlanError
+        A configuration was not measured.
+    DataError
+        No gain was measured in both configurations.
+    """
+    rig = rig_of(campaign)
+    reference = reference or rig.drive.channel
+    response = response or next((s.channel for s in reversed(rig.sensors) if s.channel != reference), reference)
+    measured = list(dict.fromkeys(run.configuration for run in campaign.runs))
+    if configurations is None:
+        order = [name for name in rig.configurations if name in measured] or measured
+        configurations = (order[0], order[1] if len(order) > 1 else "")
+    for name in configurations:
+        if name and name not in measured:
+            raise PlanError(f"{campaign.source} has no run in the configuration {name!r}; it has {', '.join(measured)}")
+    played = {"measured": campaign} | {m.name: predicted(m.rig, campaign, origin=m.origin, as_recorded=True) for m in models}
+    ratios = {}
+    for name, each in played.items():
+        found = transfer_functions(each, reference=reference, responses=[response], resolution=resolution)
+        ratios[name] = _ratios(found, configurations, campaign.source)
+    units = [next(run.channels[name].unit for run in campaign.runs if name in run.channels) for name in (response, reference)]
+    unit = "1" if configurations[1] or units[0] == units[1] else f"{units[0]} per {units[1]}"
+    return Transmitted(reference=reference, response=response, unit=unit, ratios=ratios)
+
+
+def _ratios(found: Sequence[Transfer], configurations: tuple[str, str], source: str) -> tuple[Ratio, ...]:
+    above, below = ({t.gain: t for t in found if t.configuration == name} for name in configurations)
+    ratios = []
+    for gain, item in above.items():
+        if not configurations[1]:
+            frf = item.within_band()
+            size = np.abs(frf.value)
+            ratios.append(_ratio(gain, configurations, frf.frequency, size, frf.magnitude_std, np.ones_like(size), 0.0 * size))
+        elif gain in below:
+            one, other = item.within_band(), below[gain].within_band()
+            _, i, j = np.intersect1d(one.frequency, other.frequency, return_indices=True)
+            ratios.append(
+                _ratio(
+                    gain, configurations, one.frequency[i], np.abs(one.value[i]), one.magnitude_std[i], np.abs(other.value[j]),
+                    other.magnitude_std[j],
+                )
+            )  # fmt: skip
+    if not ratios:
+        raise DataError(
+            f"{source} has no gain with a broad-band drive in both {configurations[0]!r} and {configurations[1]!r}; measure one"
+        )
+    return tuple(ratios)
+
+
+def _ratio(
+    gain: float, names: tuple[str, str], frequency: FloatArray, top: FloatArray, top_std: FloatArray, bottom: FloatArray,
+    bottom_std: FloatArray,
+) -> Ratio:  # fmt: skip
+    value = top / bottom
+    std = value * np.hypot(top_std / top, bottom_std / bottom)
+    mean = float(np.sqrt((top**2).sum() / (bottom**2).sum()))
+    # First-order propagation through the two sums of squares.
+    parts = [np.sqrt(CORRELATED * ((x * s) ** 2).sum()) / (x**2).sum() for x, s in ((top, top_std), (bottom, bottom_std))]
+    return Ratio(
+        gain=gain, configuration=names[0], relative_to=names[1], frequency=frequency, value=value, std=std, mean=mean,
+        mean_std=mean * float(np.hypot(*parts)),
+    )  # fmt: skip
+
+
+def sentences(found: Transmitted) -> list[str]:
+    """The result in words."""
+    said = []
+    for name, ratios in found.ratios.items():
+        for r in ratios:
+            band = f"from {r.frequency[0]:.3g} to {r.frequency[-1]:.3g} Hz at gain {r.gain:g}"
+            compared = f", relative to {r.relative_to}," if r.relative_to else ""
+            said.append(
+                f"{name.capitalize()}: |{found.response} / {found.reference}| {r.configuration}{compared} {band} is "
+                f"{r.mean:.4g} ± {r.mean_std:.1g}{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
+            )
+    measured = {ratio.gain: ratio for ratio in found.ratios["measured"]}
+    for name, ratios in found.ratios.items():
+        for other in ratios if name != "measured" else ():
+            one = measured[other.gain]
+            if len(one.value) == len(other.value):
+                off = float(np.median(np.abs(np.log(other.value / one.value))))
+                said.append(
+                    f"At gain {other.gain:g} the {name} ratio differs from the measured one by {100 * (np.exp(off) - 1):.2g} % "
+                    "(median over frequency bins)."
+                )
+    return said
+
+
+def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
+    """Write isolation.csv for each gain, isolation.json and isolation.png; the sentences."""
+    said = sentences(found)
+    for name, ratios in found.ratios.items():
+        for r in ratios:
+            columns = {"frequency_hz": r.frequency, "ratio": r.value, "ratio_std": r.std}
+            write_csv(folder / f"isolation-{name}-gain{r.gain:g}.csv", columns)
+    rows = [
+        {
+            "name": name, "gain": r.gain, "configuration": r.configuration, "relative_to": r.relative_to,
+            "band_hz": [float(r.frequency[0]), float(r.frequency[-1])], "mean": r.mean, "mean_std": r.mean_std,
+        }
+        for name, ratios in found.ratios.items()
+        for r in ratios
+    ]  # fmt: skip
+    content = {
+        "format": "rig-isolation", "format_version": 1, "reference": found.reference, "response": found.response,
+        "unit": found.unit, "ratios": rows, "text": said,
+    }  # fmt: skip
+    write_json(folder / "isolation.json", content)
+    curves = {f"{name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for name, rs in found.ratios.items() for r in rs}
+    first = found.ratios["measured"][0]
+    relative = f", {first.configuration} relative to {first.relative_to}" if first.relative_to else f", {first.configuration}"
+    save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", found.unit), folder / "isolation.png")
+    return said

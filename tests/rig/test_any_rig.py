@@ -1,0 +1,174 @@
+"""The chain on rigs that are not the wire bonder: simulate, import of CSV, frf, characterize, isolation, diagnose, report."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.parameters.joint_fit import characterize
+from isorig.analysis.simulate.natural import natural_modes
+from isorig.rig.baseline import baseline_model
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read
+from isorig.rig.files.rigfile import SHIPPED, read_rig
+from isorig.rig.virtual.described import described_campaign
+
+#: What only the wire bonder has.
+BONDER = re.compile(r"wire.?bonder|heat.?block|\bbond\b|\bthesis|head_mass|\bthe head\b|\bthe motor\b|\bhead\b", re.IGNORECASE)
+OTHERS = [name for name in SHIPPED if name != "wire-bonder"]
+#: Rigs that take a few seconds each.
+QUICK = ("two-carts", "damper-test", "free-free-pair")
+CASES = [pytest.param(name, marks=() if name in QUICK else pytest.mark.study) for name in OTHERS]
+
+
+def called(capsys: pytest.CaptureFixture[str], *call: str | Path) -> str:
+    status = main([str(word) for word in call])
+    said = capsys.readouterr()
+    assert status == 0, f"{call}: {said.err}"
+    assert not (found := BONDER.findall(said.out)), f"{call} says {found}: {said.out}"
+    return said.out
+
+
+def imported(folder: Path, name: str, capsys: pytest.CaptureFixture[str], seconds: float) -> Path:
+    """A virtual session that went through CSV files of another program."""
+    called(capsys, "virtual", "campaign", "--model", name, "--seconds", str(seconds), "--seed", "1", "-o", folder / "virtual.h5")
+    called(capsys, "export", folder / "virtual.h5", "-o", folder / "table.csv")
+    campaign = read(folder / "virtual.h5")
+    (folder / "rig.toml").write_text(SHIPPED[name].read_text(encoding="utf-8"), encoding="utf-8")
+    lines = ['description = "rig.toml"']
+    for channel in campaign.runs[0].channels.values():
+        lines += [f"[channels.{channel.name}]", f'source = "{channel.name}"', f'unit = "{channel.unit}"']
+    for run in campaign.runs:
+        file = f"table-{run.id}.csv"
+        lines += [
+            "[[runs]]", f'id = "{run.id}"', f'file = "{file}"', f'configuration = "{run.configuration}"', f"gain = {run.gain}",
+            f"sample_rate = {run.sample_rate}", f'excitation = "{run.excitation}"',
+        ]  # fmt: skip
+        if run.band is not None:
+            lines.append(f"band = {list(run.band)}")
+    (folder / "mapping.toml").write_text("\n".join(lines), encoding="utf-8")
+    called(capsys, "import", folder / "mapping.toml", "-o", folder / "c.h5")
+    return folder / "c.h5"
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_chain_says_nothing_of_another_rig(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = imported(tmp_path, name, capsys, 6.0)
+    truth = read_rig(name).model
+    driven = truth.usual.excitation != "free"
+    called(capsys, "describe", name)
+    called(capsys, "check", recording)
+    if driven:
+        said = called(capsys, "frf", recording, "--resolution", "1.0", "-o", tmp_path / "frf")
+        assert all(sensor.channel in said for sensor in truth.sensors)
+    said = called(capsys, "characterize", recording, "-o", tmp_path / "parameters")
+    table = json.loads((tmp_path / "parameters" / "parameters.json").read_text())["parameters"]
+    for path in truth.free:
+        assert path in said
+        row = table[path]
+        assert abs(row["value"] - truth.get(path)) < 5.0 * row["std"] + 1e-3 * abs(truth.get(path)), path
+    configuration = read(recording).runs[0].configuration
+    for k, mode in enumerate(natural_modes(truth, configuration)):
+        row = table[f"{configuration}.mode{k + 1}.frequency"]
+        assert row["value"] == pytest.approx(mode.frequency, abs=5.0 * row["std"] + 1e-3 * mode.frequency)
+    if driven:
+        model = tmp_path / "parameters" / "model.json"
+        said = called(capsys, "isolation", recording, "--model", model, "-o", tmp_path / "isolation")
+        assert "Measured: |" in said
+        assert "Simulated: |" in said
+    said = called(capsys, "diagnose", recording, "--seconds", "120", "-o", tmp_path / "diagnosis")
+    findings = json.loads((tmp_path / "diagnosis" / "findings.json").read_text())
+    # Two commands fit the same runs: they agree whether the model explains them, and on the values.
+    assert findings["verdict"] == "adequate", said
+    assert "unexplained" not in " ".join(row["note"] for row in table.values())
+    for path, row in findings["baseline"]["parameters"].items():
+        other = table[path]
+        assert row["value"] == pytest.approx(other["value"], abs=3.0 * (row["std"] + other["std"]) + 1e-3 * abs(other["value"]))
+    called(capsys, "report", recording, "-o", tmp_path / "report")
+    for page in (tmp_path / "report" / "report.html", tmp_path / "diagnosis" / "report.html"):
+        text = re.sub(r"<(script|style).*?</\1>", " ", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        text = re.sub(r"<[^>]*>", " ", text)
+        assert not (found := [m for m in BONDER.findall(text) if m != "head"]), found
+
+
+def test_a_table_of_another_rig_is_no_wire_bonder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = {
+        "format": "rig-parameters", "format_version": 1,
+        "parameters": {"links.wall.stiffness": {"value": 410.0, "std": 1.0, "unit": "N/m", "method": "joint fit", "note": ""}},
+    }  # fmt: skip
+    (tmp_path / "parameters.json").write_text(json.dumps(content))
+    assert main(["simulate", "--parameters", str(tmp_path / "parameters.json"), "-o", str(tmp_path / "a.h5")]) == 2
+    assert "another rig than the wire bonder" in capsys.readouterr().err
+    assert main(["virtual", "campaign", "--model", "two-carts", "--hide", "end_stop", "-o", str(tmp_path / "a.h5")]) == 2
+    assert "two carts has neither" in capsys.readouterr().err
+
+
+def test_isolation_between_two_configurations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    called(capsys, "virtual", "campaign", "--model", "absorber", "--seconds", "20", "-o", tmp_path / "c.h5")
+    call = (
+        "isolation",
+        tmp_path / "c.h5",
+        "--response",
+        "platform",
+        "--configurations",
+        "unlocked",
+        "wedged",
+        "--resolution",
+        "0.5",
+    )
+    said = called(capsys, *call, "-o", tmp_path / "i")
+    assert "|platform / shaker| unlocked, relative to wedged, from 1 to 60 Hz" in said
+    rows = np.genfromtxt(tmp_path / "i" / "isolation-measured-gain1.csv", delimiter=",", names=True)
+    # The absorber takes the platform's motion away where it is tuned, which no wedged absorber does: linear theory.
+    model = read_rig("absorber").model
+    f = rows["frequency_hz"]
+    sizes = []
+    for configuration in ("unlocked", "wedged"):
+        k, c = (np.array([[model.get(f"links.{n}.{key}") for n in ("legs", "absorber")]]) for key in ("stiffness", "damping"))
+        s = 2j * np.pi * f
+        z = (k + c * s[:, None]).T
+        if configuration == "wedged":
+            sizes.append(np.abs(s**2 / (63.0 * s**2 + z[0])))
+        else:
+            sizes.append(np.abs(s**2 / (60.0 * s**2 + z[0] + z[1] - z[1] ** 2 / (3.0 * s**2 + z[1]))))
+    away = np.abs(f - 7.77) > 2.5  # the window smears the narrow peak of the wedged one
+    off = np.abs(rows["ratio"] - sizes[0] / sizes[1])[away]
+    assert (off < 4.0 * rows["ratio_std"][away] + 0.03).all()
+    assert main([*map(str, call[:4]), "--configurations", "unlocked", "locked", "-o", str(tmp_path / "j")]) == 2
+    assert "it has unlocked, wedged" in capsys.readouterr().err
+
+
+def test_the_reference_is_the_descriptions_drive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    called(capsys, "virtual", "campaign", "--model", "two-carts", "--seconds", "10", "-o", tmp_path / "c.h5")
+    called(capsys, "frf", tmp_path / "c.h5", "--resolution", "0.5", "-o", tmp_path / "frf")
+    assert (tmp_path / "frf" / "x1-over-u-unlocked-gain1.csv").exists()
+    called(capsys, "export", tmp_path / "c.h5", "--what", "frf", "-o", tmp_path / "frf.csv")
+    assert "x2" in (tmp_path / "frf.csv").read_text()
+
+
+@pytest.mark.study
+@pytest.mark.timeout(3000)
+@pytest.mark.parametrize("name", ["hammer-chain", "two-carts"])
+def test_intervals_cover_the_truth(name: str) -> None:
+    """95 % intervals of `rig characterize` over campaigns with other noise, drives and first guesses."""
+    given = read_rig(name)
+    draw = np.random.default_rng(7)
+    inside: list[bool] = []
+    for seed in range(100):
+        campaign: Campaign = described_campaign(given, seed=seed, noise=5e-3, seconds=8.0)
+        guess = baseline_model(campaign)
+        guess = guess.replace({path: guess.get(path) * float(draw.uniform(0.8, 1.25)) for path in guess.free})
+        table = characterize(campaign, guess).table
+        for path in given.model.free:
+            entry = table[path]
+            assert entry.value is not None
+            assert entry.std is not None
+            inside.append(abs(entry.value - given.model.get(path)) <= 1.96 * entry.std)
+    share = float(np.mean(inside))
+    print(f"{name}: {100 * share:.1f} % of {len(inside)} intervals cover the truth")
+    assert 0.92 <= share <= 0.98
