@@ -1,4 +1,4 @@
-"""The rig that a campaign was measured on: its own description, or the wire bonder with what is known of it."""
+"""The rig of a campaign: its own description, or the wire bonder with the known values of the campaign."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Baseline = Literal["coulomb", "linear"]
 
 
 def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigModel:
-    """The baseline with first guesses.
+    """The baseline with starting values.
 
-    The wire bonder's known masses come from the recording; guesses for what is fitted from the recording where it has them,
-    else from the thesis.
+    The wire bonder's known masses are read from the recording; starting values for fitted parameters from the recording if
+    available, otherwise from the thesis.
 
     Raises
     ------
     RecordingError
-        Where the campaign lacks a channel that the rig needs, or its description is unusable.
+        The campaign lacks a channel that the rig needs, or its description is unusable.
     """
     if campaign.description is not None:
         try:
@@ -43,7 +43,7 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
                 )
         if run.configuration not in model.configurations:
             raise RecordingError(
-                f"{campaign.source}: run {run.id!r} has configuration {run.configuration!r}; the rig knows "
+                f"{campaign.source}: run {run.id!r} has configuration {run.configuration!r}; the rig has "
                 f"{', '.join(model.configurations)}, so correct it"
             )
     return model

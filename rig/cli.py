@@ -1,4 +1,4 @@
-"""The command line: one table, each command in its own file under `isorig.rig.commands`, loaded only when it is called."""
+"""The command line: a table of commands, each in its own file under `isorig.rig.commands`, loaded only when it is called."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from cyclopts import App
 
 from isorig.rig.errors import REFUSALS
 
-#: Where each command is, and what it does in a line.
+#: Location and one-line description of each command.
 COMMANDS = {
     "describe": ("isorig.rig.commands.describe:describe", "Draws and checks a rig's description, or writes one."),
-    "check": ("isorig.rig.commands.check:check", "Lists the runs of recordings and refuses damaged files."),
+    "check": ("isorig.rig.commands.check:check", "Lists the runs of recordings and rejects damaged files."),
     "frf": ("isorig.rig.commands.frf:frf", "Transfer functions with coherence and error bars."),
-    "characterize": ("isorig.rig.commands.characterize:characterize", "Masses, frequencies, damping ratios and friction."),
-    "simulate": ("isorig.rig.commands.simulate:simulate", "A rig's responses to a recorded or made-up drive."),
+    "characterize": ("isorig.rig.commands.characterize:characterize", "Masses, natural frequencies, damping ratios, friction."),
+    "simulate": ("isorig.rig.commands.simulate:simulate", "A rig's responses to a recorded or synthetic drive."),
     "isolation": ("isorig.rig.commands.isolation:isolation", "The isolation ratio, measured and simulated."),
-    "diagnose": ("isorig.rig.commands.diagnose:diagnose", "What the simulation gets wrong, and the cause by name."),
-    "next": ("isorig.rig.commands.next:next_", "Proposes the run that parts causes left open."),
-    "investigate": ("isorig.rig.commands.investigate:investigate", "Measures and diagnoses until one cause stands."),
-    "predict": ("isorig.rig.commands.predict:predict", "What a model says the sensors will record."),
+    "diagnose": ("isorig.rig.commands.diagnose:diagnose", "What the simulation gets wrong, and the identified cause."),
+    "next": ("isorig.rig.commands.next:next_", "Proposes the next run, to distinguish the remaining causes."),
+    "investigate": ("isorig.rig.commands.investigate:investigate", "Measures and diagnoses until one cause is identified."),
+    "predict": ("isorig.rig.commands.predict:predict", "The sensor signals that a model predicts."),
     "design": ("isorig.rig.commands.design:design", "How soft the isolation may be for given moves."),
-    "acquire": ("isorig.rig.commands.acquire:acquire", "Measures a campaign after a plan, with an instrument."),
+    "acquire": ("isorig.rig.commands.acquire:acquire", "Measures the runs of a plan with an instrument."),
     "view": ("isorig.rig.commands.view:view", "Shows a session or a recording in the browser."),
-    "recover": ("isorig.rig.commands.recover:recover", "Saves what a killed session had measured."),
-    "import": ("isorig.rig.commands.import_:import_", "Makes a recording of files of other formats."),
+    "recover": ("isorig.rig.commands.recover:recover", "Restores the data of a killed session."),
+    "import": ("isorig.rig.commands.import_:import_", "Converts files of other formats to a recording."),
     "export": ("isorig.rig.commands.export:export", "Writes a recording in other formats."),
     "report": ("isorig.rig.commands.report:report", "One page about a measurement."),
     "demo": ("isorig.rig.commands.demo:demo", "The whole chain, without hardware."),
     "fleet": ("isorig.rig.commands.fleet:app", "Many rigs over many campaigns: what changed, when, and why."),
-    "virtual": ("isorig.rig.commands.virtual:app", "A virtual rig, as a recording or behind an instrument's port."),
+    "virtual": ("isorig.rig.commands.virtual:app", "A virtual rig, as a recording or as a simulated instrument."),
 }
 
 
 def _app(arguments: list[str]) -> App:
-    # A command that is not called is not imported: the list takes its line from here. One that is called has its own page.
+    # A command that is not called is not imported: the list uses its line from here. A called one has its own help page.
     app = App(
         name="rig",
-        help="From an instrument's wire to a named cause: a toolkit for motor-isolation test rigs.",
+        help="A toolkit for motor-isolation test rigs: measurement, simulation, and diagnosis of simulation errors.",
         version=lambda: version("isorig"),
         suppress_keyboard_interrupt=False,
     )
@@ -49,7 +49,7 @@ def _app(arguments: list[str]) -> App:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; a refusal becomes one sentence on standard error and exit status 2."""
+    """Run a command; an error becomes one sentence on standard error and exit status 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         _app(arguments)(arguments)
@@ -60,6 +60,6 @@ def main(arguments: list[str] | None = None) -> int:
         print("rig: stopped by the operator", file=sys.stderr)
         return 130
     except SystemExit as end:
-        # cyclopts ends with 1 where the words of a call are wrong; here every unusable input ends with 2.
+        # cyclopts exits with 1 for a wrong call; here every unusable input exits with 2.
         return 2 if end.code == 1 else int(end.code or 0)
     return 0

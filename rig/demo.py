@@ -1,4 +1,4 @@
-"""The whole chain without hardware: a virtual rig behind a real port, measured, and then worked on from the file alone."""
+"""The whole chain without hardware: measures a virtual rig through a real port, then uses the file only."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SECONDS = 600.0
 
 @contextmanager
 def virtual_instrument(seed: int, *options: str) -> Iterator[str]:
-    """A simulated instrument in a process of its own; the path of its port. `options` are further ones of rig virtual instrument.
+    """A simulated instrument in a separate process; yields the path of its port. `options` are passed to rig virtual instrument.
 
     Raises
     ------
     ConnectionLostError
-        Where it does not start.
+        It does not start.
     """
     call = [sys.executable, "-m", "isorig", "virtual", "instrument", "--seed", str(seed), "--seconds", str(SECONDS), *options]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -32,14 +32,14 @@ def virtual_instrument(seed: int, *options: str) -> Iterator[str]:
             port = process.stdout.readline().strip()
             if not port:
                 why = process.stderr.read().strip() if process.stderr else ""
-                raise ConnectionLostError(f"the simulated instrument did not start ({why or 'no word from it'}); try again")
+                raise ConnectionLostError(f"the simulated instrument did not start ({why or 'no output'}); try again")
             yield port
         finally:
             process.kill()
 
 
 class Clock:
-    """Tells each stage with the seconds since the beginning."""
+    """Prints each stage with the elapsed seconds."""
 
     def __init__(self) -> None:
         self._began = time.monotonic()
@@ -50,5 +50,5 @@ class Clock:
 
     @property
     def seconds(self) -> float:
-        """Seconds since the beginning."""
+        """Elapsed seconds."""
         return time.monotonic() - self._began

@@ -1,4 +1,4 @@
-"""Pictures of the design study."""
+"""Figures of the design study."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from isorig.analysis.isolation.moves import MoveIsolation, move_within, on_move
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.design_study import RATE, BondPlan, Designed
 
-#: Milliseconds of the bond's move that are shown, from its begin on.
+#: Milliseconds of the bond's move that are shown, from its start.
 SHOWN = 120.0
 
 
 def _numbered(axis: Axes) -> None:
-    # Plain numbers at 1, 2 and 5 of every decade, where powers of ten alone would leave an axis of one decade bare.
+    # Labels at 1, 2 and 5 of every decade: powers of ten alone would leave an axis of one decade almost without labels.
     for side in (axis.xaxis, axis.yaxis):
         side.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         side.set_major_formatter("{x:g}")
@@ -27,7 +27,7 @@ def _numbered(axis: Axes) -> None:
 
 
 def stroke_figure(found: Designed) -> Figure:
-    """Largest stroke against isolation frequency with and without friction, the limit, and the spread of the parameters."""
+    """Largest stroke over isolation frequency with and without friction, the limit, and the spread due to the parameters."""
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     axis = figure.subplots()
     for name, study in found.studies.items():
@@ -40,19 +40,19 @@ def stroke_figure(found: Designed) -> Figure:
     allowed = next(iter(found.studies.values())).allowed
     axis.axhline(1e3 * allowed, color="0.3", ls="--", lw=1.0, label=f"allowed, {1e3 * allowed:.3g} mm")
     axis.axvline(found.present, color="0.6", lw=0.8, label=f"present, {found.present:.2f} Hz")
-    axis.set(xscale="log", yscale="log", xlabel="isolation frequency, Hz", ylabel="largest stroke of the motor on the table, mm")
+    axis.set(xscale="log", yscale="log", xlabel="isolation frequency, Hz", ylabel="largest stroke, motor relative to table, mm")
     _numbered(axis)
     axis.legend(fontsize=8)
     return figure
 
 
 def history_figure(found: Designed) -> Figure:
-    """Displacement of all bodies in time for each case."""
+    """Displacement of all bodies over time for each case."""
     figure = Figure(figsize=(9.0, 3.0 * len(found.histories) + 1.0), layout="constrained")
     axes = figure.subplots(len(found.histories), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (name, bodies) in zip(axes, found.histories.items(), strict=True):
         for body, values in bodies.items():
-            # The heatblock moves with the table, so one is dashed over the other.
+            # The heatblock moves with the table, so its line is dashed and on top.
             dash = "--" if body == "heatblock" else "-"
             axis.plot(np.arange(len(values)) / RATE, 1e3 * values, dash, lw=1.0, label=body)
         axis.set(title=name, ylabel="displacement, mm")
@@ -67,7 +67,7 @@ def offset_figure(found: Designed) -> Figure:
     figure = Figure(figsize=(9.0, 4.5), layout="constrained")
     axis = figure.subplots()
     for offset, seen in found.offsets.items():
-        axis.plot(seen.frequency, seen.ratio, lw=1.2, label=f"{1e3 * offset:g} mm off: rocks by {1e3 * seen.rocking:.2g} mrad")
+        axis.plot(seen.frequency, seen.ratio, lw=1.2, label=f"offset {1e3 * offset:g} mm: rocks by {1e3 * seen.rocking:.2g} mrad")
     axis.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="ratio, unlocked / locked")
     _numbered(axis)
     axis.legend(fontsize=8)
@@ -75,7 +75,7 @@ def offset_figure(found: Designed) -> Figure:
 
 
 def level_figure(found: Mapping[str, MoveIsolation]) -> Figure:
-    """Isolation on moves by their level, and the heatblock's largest motion on the table beside the bond's tolerance."""
+    """Isolation during moves over their acceleration, and the heatblock's largest displacement with the bond's tolerance."""
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     share, size = figure.subplots(2, 1, sharex=True)
     for name, item in found.items():
@@ -85,9 +85,12 @@ def level_figure(found: Mapping[str, MoveIsolation]) -> Figure:
     any_ = next(iter(found.values()))
     size.plot(any_.acceleration, [1e6 * r.largest for r in any_.locked], "k--", lw=1.1, label="locked")
     size.axhline(1e6 * any_.tolerance, color="tab:red", lw=1.0, label=f"the bond's ±{1e6 * any_.tolerance:g} µm")
-    share.set(ylabel="isolated on a move, %", title="Heatblock relative to the table, unlocked against locked")
+    share.set(ylabel="isolation during a move, %", title="Heatblock relative to the table, unlocked compared with locked")
     size.set(
-        yscale="log", ylabel="heatblock on the table, largest, µm", xlabel="peak of the head's acceleration, m/s²", xscale="log"
+        yscale="log",
+        ylabel="heatblock relative to table, largest, µm",
+        xlabel="peak of the head's acceleration, m/s²",
+        xscale="log",
     )
     size.set_xticks([10, 20, 50, 100, 200], labels=["10", "20", "50", "100", "200"])
     size.xaxis.set_minor_formatter("")
@@ -99,7 +102,7 @@ def level_figure(found: Mapping[str, MoveIsolation]) -> Figure:
 
 
 def bond_figure(rigs: Mapping[str, RigModel], bond: BondPlan) -> Figure:
-    """The heatblock on the table in the bond's move, locked and unlocked, with the tolerance and when it has settled."""
+    """The heatblock relative to the table during the bond's move, locked and unlocked, with tolerance and settling time."""
     figure = Figure(figsize=(9.0, 3.2 * len(rigs) + 0.6), layout="constrained")
     move = move_within(bond.distance, bond.seconds)
     for axis, (name, rig) in zip(figure.subplots(len(rigs), 1, sharex=True, squeeze=False)[:, 0], rigs.items(), strict=True):
@@ -110,7 +113,7 @@ def bond_figure(rigs: Mapping[str, RigModel], bond: BondPlan) -> Figure:
             axis.plot(1e3 * seen.time[kept], 1e6 * seen.motion[kept], lw=1.0, color=colour, label=f"{configuration}: {settled}")
         axis.axhspan(-1e6 * bond.tolerance, 1e6 * bond.tolerance, color="tab:red", alpha=0.2, lw=0, label="the bond's tolerance")
         axis.axvline(1e3 * bond.seconds, color="0.2", ls=":", lw=1.0, label="end of the move")
-        axis.set(ylabel="heatblock on the table, µm", title=name)
+        axis.set(ylabel="heatblock relative to table, µm", title=name)
         axis.grid(visible=True, alpha=0.25, lw=0.5)
         axis.legend(fontsize=8, loc="upper right")
     figure.axes[-1].set(xlabel="time, ms")

@@ -1,4 +1,4 @@
-"""The design study of a file: moves and limit in, strokes, recommended frequency, histories and ratios out."""
+"""The design study: from moves and a limit to strokes, recommended frequency, time histories and isolation ratios."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from isorig.rig.files.parameter_seed import Seed
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
-#: Samples per second: fifteen at least in a move of a hundredth of a second.
+#: Sample rate, Hz: at least fifteen samples in a move of a hundredth of a second.
 RATE = 2048.0
-#: The motor swings out for this share of the slowest period after the last move.
+#: Duration of the oscillation after the last move, in slowest periods.
 TAIL = 0.6
-#: Levels of moves by which isolation is shown, m/s^2: a bench's to the machine's.
+#: Accelerations of the moves for which isolation is shown, m/s^2: from a bench's to the machine's.
 LEVELS = np.geomspace(8.0, 208.0, 16)
-#: Lines on which a drive's offset is looked at, Hz.
+#: Frequency bins for the drive offset, Hz.
 LINES = np.geomspace(0.5, 100.0, 1500)
 TAKES = tuple(
     Take(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
@@ -39,7 +39,7 @@ TAKES = tuple(
 
 
 class MovePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Moves alike: distance in m, largest acceleration in m/s^2, pause in s, how many."""
+    """Equal moves: distance in m, peak acceleration in m/s^2, pause in s, number."""
 
     distance: float
     acceleration: float
@@ -49,45 +49,45 @@ class MovePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class HeadPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The head's mass in kg and its standard deviation."""
+    """The head's mass in kg and its standard uncertainty."""
 
     mass: float
     std: float = 0.0
 
 
 class BondPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the bond asks for: a move's distance in m and time in s, and how still the heatblock must stand after it, m."""
+    """Specification of the bond: a move's distance in m and duration in s, and the heatblock's tolerance after it, m."""
 
     distance: float = 4e-3
     seconds: float = 11e-3
     tolerance: float = 2e-6
 
 
-#: The wire bonder's own: 4 mm in 11 ms, then within 2 um of the table.
+#: The wire bonder's specification: 4 mm in 11 ms, then within 2 um of the table.
 BOND = BondPlan()
 
 
 class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the study is about.
+    """Input of the study.
 
     Parameters
     ----------
     moves
-        The moves in their order.
+        The moves in order.
     limit
-        Largest stroke either way, m.
+        Largest stroke in either direction, m.
     safety
-        The stroke must stay inside limit / safety.
+        The stroke must stay within limit / safety.
     frequencies
         Lowest and highest isolation frequency to try, Hz.
     head
-        The head, where it is not the model's.
+        The head, if it differs from the model's.
     after
-        Whether the swing after the last move counts too; without it the study is of moves that go on.
+        Whether the oscillation after the last move is included; otherwise the moves continue without end.
     bond
-        The move that the bond waits for, and how still the heatblock must stand then.
+        The move before the bond, and the heatblock's tolerance after it.
     shown
-        The isolation frequency whose curves are shown, Hz; the recommended one where absent.
+        The isolation frequency whose curves are shown, Hz; by default the recommended one.
     """
 
     moves: tuple[MovePlan, ...]
@@ -111,16 +111,16 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOffset:
-    """What a drive off the motor's centre of gravity does.
+    """Effect of a drive offset from the motor's centre of gravity.
 
     Parameters
     ----------
     rocking, stroke
-        Largest angle of the motor, rad, and stroke on the table, m.
+        Largest angle of the motor, rad, and stroke relative to the table, m.
     frequency, ratio
-        Isolation ratio of the rig without friction, shape (lines,), Hz and 1.
+        Isolation ratio of the rig without friction, shape (bins,), Hz and 1.
     worst
-        The ratio from 5 to 50 Hz over that without offset, where that is largest.
+        Largest ratio, from 5 to 50 Hz, divided by that without offset.
     """
 
     rocking: float
@@ -137,19 +137,19 @@ class Designed:
     Parameters
     ----------
     studies
-        Stroke against frequency "without friction" and "with friction".
+        Stroke over frequency "without friction" and "with friction".
     head
         The drive, m/s^2 at `RATE`, and `histories` of all bodies by case, m.
     ratios
-        Isolation ratio by case, estimated from simulated runs as a lab would.
+        Isolation ratio by case, estimated from simulated runs as in a lab.
     offsets
-        What the drive's offset from the centre of gravity does, by offset in m.
+        Effect of the drive's offset from the centre of gravity, by offset in m.
     rigs
         The rig of each case.
     bonds
-        The heatblock on the table in the bond's move, by case.
+        The heatblock relative to the table during the bond's move, by case.
     levels
-        Isolation on moves of the bond's distance by their level, by case.
+        Isolation during moves of the bond's distance over their acceleration, by case.
     present
         Isolation frequency of the present design, Hz.
     """
@@ -165,13 +165,13 @@ class Designed:
     present: float
 
     def stroke(self, case: str) -> float:
-        """Largest displacement of the motor on the table under the moves in a case, m."""
+        """Largest displacement of the motor relative to the table during the moves in a case, m."""
         bodies = self.histories[case]
         return float(np.abs(bodies["motor"] - bodies["table"]).max())
 
 
 def read_design(path: Path) -> DesignPlan:
-    """Read a move profile and check it.
+    """Read and validate a move profile.
 
     Raises
     ------
@@ -184,9 +184,9 @@ def read_design(path: Path) -> DesignPlan:
         raise PlanError(f"{path}: frequencies are {low:g} to {high:g} Hz; give low < high between 0.05 and 100 Hz")
     repeats = [move.repeat for move in plan.moves]
     if not plan.moves or min(repeats) < 1 or sum(repeats) > 1000:
-        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to 1000, each repeated once at least")
+        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to 1000, each repeated at least once")
     if plan.shown is not None and not low <= plan.shown <= high:
-        raise PlanError(f"{path}: shown is {plan.shown:g} Hz; give a frequency from {low:g} to {high:g} Hz, those that are tried")
+        raise PlanError(f"{path}: shown is {plan.shown:g} Hz; give a frequency within the tried range, {low:g} to {high:g} Hz")
     bond = plan.bond
     for name, value in {"distance": bond.distance, "seconds": bond.seconds, "tolerance": bond.tolerance}.items():
         if not 0.0 < value < math.inf:
@@ -198,12 +198,12 @@ def read_design(path: Path) -> DesignPlan:
 
 
 def with_head(seed: Seed, plan: DesignPlan) -> Seed:
-    """The seed with the head that the plan tells of, where it tells of one."""
+    """The parameters with the head of the plan, if it gives one."""
     return seed if plan.head is None else seed.with_value("head_mass", plan.head.mass, plan.head.std)
 
 
 def rigs_of(seed: Seed, plan: DesignPlan, *, draws: int, randomness: int) -> list[RigModel]:
-    """The rig of a seed with the plan's head, and behind it `draws` of the same with parameters drawn from their deviations."""
+    """The rig with the plan's head, followed by `draws` of it with parameters drawn from their uncertainties."""
     seed = with_head(seed, plan)
     return [seed.model, *seed.drawn(draws, randomness)]
 
@@ -220,7 +220,7 @@ def designed(
     rigs
         The present rig, then its draws.
     points
-        Isolation frequencies on the grid; the grid has points * rigs designs each with and without friction.
+        Number of isolation frequencies; each is studied for all rigs, with and without friction.
     offsets
         Distances of the drive from the motor's centre of gravity, m.
     rocking_frequency

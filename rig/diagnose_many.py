@@ -1,4 +1,4 @@
-"""Many campaigns: diagnosed side by side through Dask, what is done skipped, one summary of all."""
+"""Diagnosis of many campaigns: in parallel through Dask, skipping those with an answer, with one summary."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from isorig.rig.baseline import Baseline
 from isorig.rig.errors import REFUSALS, RigError, TimeLimitError
 
 LOOPBACK = "127.0.0.1:0"
-#: Seconds that a scheduler's own file may take to appear: its processes start side by side.
+#: Seconds to wait for a scheduler's file to appear: its processes start concurrently.
 FILE_PATIENCE = 30.0
-#: Seconds that jobs stay at a scheduler that has no worker: time enough for one that restarts.
+#: Seconds that jobs wait at a scheduler without workers: enough for a worker to restart.
 WORKER_PATIENCE = 300.0
-#: Seconds between looks at the workers while no result comes.
+#: Seconds between checks of the workers while no result arrives.
 LOOK = 1.0
-#: Jobs that wait at the scheduler for each that runs: enough that no worker waits, few enough to be broken off.
+#: Waiting jobs per running job: enough to keep workers busy, few enough to be cancelled quickly.
 WAITING = 3
 
 J = TypeVar("J")
@@ -39,8 +39,8 @@ R = TypeVar("R")
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the summary.
 
-    `cut_short` says that the time limit ended the search for causes; `refusal` says why a recording could not be used, and is
-    empty where it could; `doubts` says what speaks against units or given values, before anything else is believed.
+    `cut_short` states that the time limit ended the search for causes; `refusal` is the reason why a recording could not be used,
+    otherwise empty; `doubts` lists implausible units or given values, to be checked first.
     """
 
     campaign: str
@@ -70,25 +70,25 @@ def diagnose_file(
     Parameters
     ----------
     file, folder
-        The recording, and where the answer goes.
+        The recording, and the folder for the answer.
     baseline
         Name of the baseline.
     tell
-        Called with a line per stage.
+        Called with a line for each stage.
     tolerance
-        Error, as a share of the signal, that is not worth a cause.
+        Error, as a share of the signal, that counts as adequate.
     limit
-        Seconds after which the search for causes ends; what was found by then is the answer, and says so. The clock is looked at
-        before every fit, so it takes up to one fit longer.
+        Seconds after which the search for causes ends; the answer is then what was found so far, and states this. The time is
+        checked before every fit, so it may take up to one fit longer.
     page
         Whether to write report.html too.
 
     Raises
     ------
     TimeLimitError
-        Where the time was over before the baseline was fitted; nothing is written then.
+        The time ended before the baseline was fitted; nothing is written then.
     RigError, AnalysisError
-        Where the recording cannot be used; nothing is written then.
+        The recording cannot be used; nothing is written then.
     """
     from isorig.analysis.diagnose.diagnosis import diagnose
     from isorig.analysis.errors import OutOfTimeError
@@ -100,7 +100,7 @@ def diagnose_file(
 
     def stage(text: str) -> None:
         if end is not None and time.monotonic() > end:
-            raise OutOfTimeError(f"{file} took longer than the {limit:g} s it was given")
+            raise OutOfTimeError(f"{file} took longer than the limit of {limit:g} s")
         tell(text)
 
     tell("reading")
@@ -108,7 +108,7 @@ def diagnose_file(
     try:
         found = diagnose(campaign, baseline_model(campaign, baseline), tolerance=tolerance, progress=stage)
     except OutOfTimeError as late:
-        raise TimeLimitError(f"{late}, before the baseline was fitted; give it more with --seconds") from None
+        raise TimeLimitError(f"{late}, before the baseline was fitted; increase it with --seconds") from None
     tell("writing the answer")
     write_findings(folder, found, campaign, {"baseline": baseline, **fingerprint(file)}, limit=limit, page=page)
     return _outcome(folder)
@@ -123,7 +123,7 @@ def diagnose_files(
     tolerance: float = 0.0,
     limit: float | None = None,
 ) -> Iterator[Outcome]:
-    """Diagnose recordings into a folder each, yielding outcomes as they come; those already answered come first.
+    """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
 
     Parameters
     ----------
@@ -132,11 +132,11 @@ def diagnose_files(
     baseline
         Name of the baseline.
     scheduler
-        Dask scheduler, as of `shared_out`, whose workers see the same files; threads of this process where None.
+        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
     again
-        Whether to diagnose what has an answer already.
+        Whether to diagnose recordings that already have an answer.
     tolerance, limit
-        As of `diagnose_file`.
+        As for `diagnose_file`.
     """
     left = []
     for file, folder in jobs:
@@ -153,12 +153,12 @@ def diagnose_files(
 
 
 def time_limit(seconds: float | None) -> float | None:
-    """The same seconds; None where they are without end.
+    """The same seconds; None for infinity.
 
     Raises
     ------
     RigError
-        Where they are no time that a diagnosis could take.
+        They are not a valid time limit.
     """
     if seconds is not None and not seconds > 0.0:
         raise RigError(f"--seconds is {seconds:g}; give a positive time, or inf for no limit")
@@ -178,25 +178,25 @@ def _refused(file: Path, why: str) -> Outcome:
 
 
 def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | None = None) -> Iterator[tuple[J, R | Exception]]:
-    """Do jobs side by side, yielding each with its result as it comes, or with the exception that ended it.
+    """Do jobs in parallel, yielding each with its result as it arrives, or with the exception that ended it.
 
-    Few jobs wait at a time, so that whoever stops taking results stops the rest. A job whose worker dies is done by another; one
-    that its worker dies of several times ends in an exception.
+    Few jobs wait at a time, so that no longer taking results stops the rest. If a worker dies, another one does its job; a job
+    that ends several workers results in an exception.
 
     Parameters
     ----------
     function
-        What is done; it and the jobs must be picklable where there is a scheduler.
+        The work to do; it and the jobs must be picklable if there is a scheduler.
     jobs
-        Taken as they are needed.
+        Consumed on demand.
     scheduler
-        Address of a Dask scheduler, or the file that it writes (`--scheduler-file`, ending in .json); threads of this process
-        where None.
+        Address of a Dask scheduler, or the file that it writes (`--scheduler-file`, ending in .json); threads of this process if
+        None.
 
     Raises
     ------
     RigError
-        Where no scheduler answers at the address, or it has had no worker for `WORKER_PATIENCE`.
+        No scheduler answers at the address, or it has had no worker for `WORKER_PATIENCE`.
     """
     waiting = iter(jobs)
     first = list(islice(waiting, 1))
@@ -205,14 +205,14 @@ def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | N
     import dask
     from dask.distributed import Client, Future
 
-    # What it warns of when work is broken off is no news to whoever broke it off.
+    # Its warnings about cancelled work are expected here.
     logging.getLogger("distributed").setLevel(logging.ERROR)
-    # Within the process; what still listens, listens to this machine alone.
+    # Within the process; listening sockets use the loopback interface only.
     own = {
         "processes": False, "n_workers": 1, "threads_per_worker": cores(),
         "dashboard_address": LOOPBACK, "worker_dashboard_address": LOOPBACK,
     }  # fmt: skip
-    # Its worker cannot die alone; a computer that sleeps must not make it look dead.
+    # Its worker is in this process; a suspended computer must not count as a dead worker.
     settings = {"distributed.scheduler.worker-ttl": None} if scheduler is None else {}
     with dask.config.set(settings):
         try:
@@ -243,11 +243,11 @@ def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | N
                     if time.monotonic() > worked + WORKER_PATIENCE:
                         raise RigError(
                             f"the Dask scheduler at {scheduler} has had no worker for {WORKER_PATIENCE:.0f} s; start workers "
-                            "and run this again, which keeps what was done"
+                            "and repeat the command, which keeps finished answers"
                         ) from None
                     continue
                 if future.status == "cancelled":
-                    raise RigError(f"the Dask scheduler at {scheduler} was lost; what was done is kept, so start again")
+                    raise RigError(f"the Dask scheduler at {scheduler} was lost; finished answers are kept, so start again")
                 failure = future.exception()
                 yield of.pop(future), future.result() if failure is None else failure
                 worked = time.monotonic()
@@ -256,7 +256,7 @@ def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | N
 
 
 def _address(scheduler: str) -> str:
-    # Of the scheduler that was named by its address or by the file that it writes.
+    # Address of a scheduler given by address or by file.
     if not scheduler.endswith(".json"):
         return scheduler
     end = time.monotonic() + FILE_PATIENCE
@@ -265,7 +265,7 @@ def _address(scheduler: str) -> str:
             return str(msgspec.json.decode(Path(scheduler).read_bytes())["address"])
         except (OSError, msgspec.DecodeError, KeyError, TypeError) as error:
             if time.monotonic() > end:
-                why = error.strerror if isinstance(error, OSError) else "it holds no address"
+                why = error.strerror if isinstance(error, OSError) else "it contains no address"
                 raise RigError(
                     f"{scheduler} cannot be read as the file of a Dask scheduler ({why}); start one with --scheduler-file "
                     f"{scheduler}, or give its address"
@@ -274,12 +274,12 @@ def _address(scheduler: str) -> str:
 
 
 def fingerprint(file: Path) -> dict[str, str]:
-    """Where a result came from: the recording's name and hash, and the version of this program.
+    """Origin of a result: the recording's name and hash, and the version of this program.
 
     Raises
     ------
     RigError
-        Where the file cannot be read.
+        The file cannot be read.
     """
     try:
         with file.open("rb") as stream:
@@ -295,7 +295,7 @@ def program_version() -> str:
 
 
 def answered(folder: Path, origin: dict[str, str], *, tolerance: float = 0.0, limit: float | None = None) -> bool:
-    """Whether the folder has findings of that baseline, recording, version and tolerance that no more time would complete."""
+    """Whether the folder has findings for that baseline, recording, version and tolerance that more time would not change."""
     try:
         found = msgspec.json.decode((folder / "findings.json").read_bytes())
         enough = not found["cut_short"] or (limit is not None and limit <= found["time_limit_s"])
@@ -326,16 +326,16 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def recordings_in(given: Sequence[Path]) -> list[Path]:
-    """The recordings that were named, a folder standing for all of its .h5 files.
+    """The given recordings; a folder stands for all of its .h5 files.
 
     Raises
     ------
     RigError
-        Where there is none, or two have the same name.
+        There is none, or two have the same name.
     """
     files = [f for place in given for f in (sorted(place.glob("*.h5")) if place.is_dir() else [place])]
     if not files:
-        raise RigError("no recording was given; name a file, or a folder that holds .h5 files")
+        raise RigError("no recording was given; give a file, or a folder that contains .h5 files")
     names = [file.stem for file in files]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

@@ -1,4 +1,4 @@
-"""The exceptions of the application, and all that a command turns into one sentence.
+"""The exceptions of the application, and all errors that a command prints as one sentence.
 
 ::
 
@@ -6,11 +6,11 @@
     ├── RecordingError  (ValueError)  a file that is not a recording, or a damaged one
     ├── PlanError       (ValueError)  a plan, mapping or description file that cannot be used
     ├── OutputError     (OSError)     a result that could not be written
-    └── TimeLimitError  (TimeoutError)  work that took longer than it was given
-    analysis.errors.AnalysisError     the science layer's tree
-    drivers.errors.DriverError        the instrument layer's tree
+    └── TimeLimitError  (TimeoutError)  work that exceeded its time limit
+    analysis.errors.AnalysisError     base of the science layer's errors
+    drivers.errors.DriverError        base of the instrument layer's errors
 
-`REFUSALS` holds the roots: the command line prints such an error as one sentence and exits with status 2.
+`REFUSALS` contains the base classes: the command line prints such an error as one sentence and exits with status 2.
 """
 
 from isorig.analysis.errors import AnalysisError
@@ -18,7 +18,7 @@ from isorig.drivers.errors import DriverError
 
 
 class RigError(Exception):
-    """Anything that the application refuses.
+    """Any error of the application.
 
     Examples
     --------
@@ -44,7 +44,7 @@ class OutputError(RigError, OSError):
 
 
 class TimeLimitError(RigError, TimeoutError):
-    """Work that took longer than it was given."""
+    """Work that exceeded its time limit."""
 
 
 REFUSALS = (RigError, AnalysisError, DriverError)

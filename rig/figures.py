@@ -1,4 +1,4 @@
-"""Pictures for files: a result in, a matplotlib Figure out."""
+"""Figures for files: matplotlib Figures of results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from isorig.analysis.spectra.welch import Frf
 
 
-#: The unit of an acceleration over an acceleration.
+#: Unit of acceleration divided by acceleration.
 PER = "m/s² per m/s²"
 #: What a picture of transfer functions shows: magnitude, phase and coherence; real and imaginary parts; the complex plane.
 View = Literal["bode", "parts", "nyquist"]
@@ -34,7 +34,7 @@ DASHES = ("-", "--", ":", "-.")
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure whole or not at all, in the format that its name says."""
+    """Write a figure atomically, in the format of its extension."""
     with replaced(path) as temporary:
         figure.savefig(temporary, format=str(path).rsplit(".", 1)[-1], dpi=150)
 
@@ -94,7 +94,7 @@ def nyquist_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure
 def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     """Magnitude, phase and coherence of transfer functions by name, with bands of one standard deviation.
 
-    Every second one is dashed, so that none hides another that it lies on.
+    Every second one is dashed, so that coinciding curves remain visible.
     """
     figure = Figure(figsize=(9.0, 7.5), layout="constrained")
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
@@ -114,7 +114,7 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
 
 
 def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:
-    """Magnitude and phase at the driven lines, and how much noise and how much distortion stands beside the magnitude."""
+    """Magnitude and phase at the excited frequencies, with noise and distortion of the magnitude."""
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     magnitude, phase = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
     for name, frf in found.items():
@@ -144,10 +144,10 @@ def ratio_figure(curves: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]]
 def isolation_figure(
     ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float], *, logarithmic: bool = True
 ) -> Figure:  # fmt: skip
-    """The isolation ratio wide, from 0 to 15 Hz, and the heatblock's peaks behind it, measured and simulated.
+    """The isolation ratio from 0 to 15 Hz, and around the heatblock's peaks, measured and simulated.
 
-    Gains at which the motor sticks are shaded, and the step at each stitch is told. Frequencies are on a logarithmic axis where
-    it is asked for, and as in the thesis's figures where not.
+    Gains at which the motor sticks are shaded, and the step at each stitch is labelled. The frequency axis is linear, as in the
+    thesis's figures, or logarithmic on request.
     """
     figure = Figure(figsize=(9.0, 11.0), layout="constrained")
     wide, low, peak = figure.subplots(3, 1)
@@ -157,7 +157,7 @@ def isolation_figure(
             _banded(axis, ratio.frequency[kept], ratio.ratio[kept], ratio.std[kept], name, dash)
         axis.axhline(1.0, color="0.6", lw=0.8)
         axis.set(yscale="log", ylabel="unlocked / locked", xlabel="frequency, Hz")
-    wide.set(xscale="log" if logarithmic else "linear", title="Isolation ratio |heatblock / head|, unlocked over locked")
+    wide.set(xscale="log" if logarithmic else "linear", title="Isolation ratio |heatblock / head|, unlocked / locked")
     shown = next(iter(ratios.values()))
     for gain, share in stuck.items():
         lines = shown.frequency[shown.gain == gain]
@@ -181,9 +181,9 @@ def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> 
     for name, ratio in ratios.items():
         peaks = ratio.peaks
         if not np.isfinite(peaks.ratio):
-            axis.text(0.5, 0.5, "the drive does not reach the heatblock's peak", ha="center", transform=axis.transAxes)
+            axis.text(0.5, 0.5, "the heatblock's peak is outside of the drive's band", ha="center", transform=axis.transAxes)
             return
-        # Locked curves are dashed over the unlocked ones, which they may lie on.
+        # Locked curves are dashed and on top, because the curves may coincide.
         for frf, at, configuration, dash in (
             (ratio.pieces[-1].unlocked, peaks.unlocked, "unlocked", "-"), (ratio.pieces[-1].locked, peaks.locked, "locked", "--")
         ):  # fmt: skip
@@ -193,16 +193,18 @@ def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> 
             )
             top = int(np.argmin(np.abs(frf.frequency - at)))
             axis.plot(frf.frequency[top], np.abs(frf.value[top]), "o", mfc="none", ms=6, color=colour)
-    told = [f"{name} {r.peaks.ratio:.3f} ± {r.peaks.std:.1g} (line by line {r.peaks.by_line:.3f})" for name, r in ratios.items()]
-    # A line for each ratio, so that no title is wider than its picture.
-    title = "\n".join(["Each peak at its own place, unlocked over locked:", *told])
+    told = [
+        f"{name} {r.peaks.ratio:.3f} ± {r.peaks.std:.1g} (at equal frequency {r.peaks.by_line:.3f})" for name, r in ratios.items()
+    ]
+    # A line for each ratio, so that no title is wider than its figure.
+    title = "\n".join(["Ratio of the peaks at their own frequencies, unlocked / locked:", *told])
     axis.set(yscale="log", xlabel="frequency, Hz", ylabel=f"|heatblock / head|, {PER}", title=title)
     axis.title.set_fontsize(9)
     axis.legend(fontsize=8)
 
 
 def set_ups_figure(set_ups: Sequence[SetUp]) -> Figure:
-    """Each set-up's magnitude and phase, measured with error bars, the fit over it and the half-power points."""
+    """Magnitude and phase of each set-up, measured with error bars, with the modal fit and the half-power points."""
     figure = Figure(figsize=(4.6 * len(set_ups), 6.0), layout="constrained")
     axes = figure.subplots(2, len(set_ups), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
     for (magnitude, phase), item in zip(axes.T, set_ups, strict=True):
@@ -225,7 +227,7 @@ def set_ups_figure(set_ups: Sequence[SetUp]) -> Figure:
 
 
 def surface_figure(surface: ErrorSurface) -> Figure:
-    """The error surface over table mass and damping, and the simulation at its minimum over what was measured."""
+    """The error surface over table mass and damping, and the simulation at its minimum with the measurement."""
     figure = Figure(figsize=(10.0, 4.5), layout="constrained")
     plane, curve = figure.subplots(1, 2)
     levels = np.geomspace(surface.error.min(), surface.error.max() * 1.01, 25)
@@ -233,7 +235,7 @@ def surface_figure(surface: ErrorSurface) -> Figure:
     plane.plot(*surface.best[:2], "w+", ms=12)
     plane.set(
         xscale="log", yscale="log", xlabel="table mass, kg", ylabel="damping ratio",
-        title=f"least at {surface.best[0]:.4g} kg, {surface.best[1]:.3g}",
+        title=f"minimum at {surface.best[0]:.4g} kg, {surface.best[1]:.3g}",
     )  # fmt: skip
     marks = [m for m in (20, 30, 50, 80, 120, 200, 300, 500) if m <= surface.mass[-1]]
     plane.set_xticks(marks, labels=[str(m) for m in marks])

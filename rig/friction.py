@@ -1,4 +1,4 @@
-"""python -m isorig.rig.friction FOLDER: the pictures of the page on friction, pictures/friction-*.png, in a folder."""
+"""python -m isorig.rig.friction FOLDER: writes the figures of the page on friction, pictures/friction-*.png, to a folder."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from isorig.analysis.simulate.excitation import half_sine
 from isorig.analysis.simulate.literal import LiteralRun, literal_run
 from isorig.rig.figures import save
 
-#: The thesis's half sine in N. How long it lasts is not given: at 0.05 s a mass held by 200 N stays at its largest displacement,
-#: as it does in Fig. 7; longer pulses than about 0.07 s carry it so far that the spring pulls it back.
+#: The thesis's half sine in N. Its duration is not given: at 0.05 s a mass held by 200 N stays at its largest displacement, as in
+#: Fig. 7; after pulses longer than about 0.07 s the spring pulls it back.
 PEAK, PULSE, START = 500.0, 0.05, 0.1
 RATE, SECONDS = 2048.0, 1.2
-#: The pulse of the literal replay, s: after a longer one the table still moves when the motor has come to rest.
+#: Duration of the pulse for the literal replay, s: after a longer one the table still moves when the motor has stopped.
 LITERAL_PULSE = 0.1
-#: The laws of contacts in one picture, all with the same sliding force where they have one.
+#: The contact laws in one figure, with the same sliding force where they have one.
 CONTACTS: dict[str, laws.FrictionLaw] = {
     "viscous": laws.Viscous(viscous_coefficient=30.0),
     "Coulomb": laws.Coulomb(friction_force=10.0),
@@ -46,7 +46,7 @@ CONTACTS: dict[str, laws.FrictionLaw] = {
         friction_force=10.0, static_force=16.0, stribeck_velocity=0.05, bristle_stiffness=2e3, bristle_damping=20.0
     ),
 }
-#: The laws of links in another.
+#: The link laws in another figure.
 LINKS: dict[str, laws.LinkLaw] = {
     "hardening": laws.Cubic(cubic_stiffness=3e5),
     "softening": laws.Cubic(cubic_stiffness=-6e4),
@@ -59,7 +59,7 @@ LINKS: dict[str, laws.LinkLaw] = {
 
 
 def rubbed(law: laws.FrictionLaw, *, stiffness: float = 800.0) -> RigModel:
-    """A kilogram on a soft spring that rubs on the ground."""
+    """A mass of 1 kg on a soft spring with friction on the ground."""
     return RigModel(
         name="one law", bodies=(Body(name="m", mass=1.0),),
         links=(Link(name="spring", a="m", stiffness=stiffness, damping=8.0),),
@@ -69,7 +69,7 @@ def rubbed(law: laws.FrictionLaw, *, stiffness: float = 800.0) -> RigModel:
 
 
 def sprung(law: laws.LinkLaw, *, stiffness: float = 500.0) -> RigModel:
-    """A kilogram on a spring with a law."""
+    """A mass of 1 kg on a spring with a law."""
     return RigModel(
         name="one law", bodies=(Body(name="m", mass=1.0),),
         links=(Link(name="spring", a="m", stiffness=stiffness, damping=2.0, laws=(law,)),),
@@ -81,14 +81,14 @@ SENSORS = (Sensor(channel="x", body="m", quantity="displacement"), Sensor(channe
 
 
 def swung(model: RigModel, peak: float, *, rate: float = 8192.0, seconds: float = 4.0) -> Trace:
-    """The model under a sine of 1 Hz that begins softly, on a force straight between the samples."""
+    """The model with a sine force of 1 Hz and a smooth start, linear between the samples."""
     t = np.arange(round(seconds * rate)) / rate
     drive = peak * np.sin(2.0 * np.pi * t) * np.minimum(t, 1.0)
     return trace(model, Excitation.prepare(drive, rate, oversample=1))
 
 
 def contacts_figure() -> Figure:
-    """Force over velocity, and over displacement where a law remembers."""
+    """Force over velocity, and over displacement for laws with memory."""
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     for ax, (name, law) in zip(figure.subplots(3, 4, squeeze=True).flat, CONTACTS.items(), strict=False):
         found = swung(rubbed(law), 28.0)
@@ -108,7 +108,7 @@ def contacts_figure() -> Figure:
 
 
 def links_figure() -> Figure:
-    """What a spring with each law passes on, over its elongation (its velocity for damping), beside the spring alone."""
+    """Force of a spring with each law over its elongation (over velocity for damping), compared with the linear spring."""
     figure = Figure(figsize=(10.0, 5.0), layout="constrained")
     for ax, (name, law) in zip(figure.subplots(2, 4).flat, LINKS.items(), strict=False):
         found = swung(sprung(law), 16.0)
@@ -130,18 +130,18 @@ def pulse(length: float = PULSE) -> FloatArray:
 
 
 def struck(model: RigModel, length: float = PULSE) -> Trace:
-    """A rig under that half sine."""
+    """A rig with that half sine as its drive."""
     return trace(model, Excitation.prepare(pulse(length), RATE))
 
 
 def reversals(friction: FloatArray, least: float = 1.0) -> int:
-    """How often a friction force of more than `least` (N) changes its sign."""
+    """Number of sign changes of a friction force above `least` (N)."""
     signs = np.sign(friction[np.abs(friction) > least])
     return int(np.count_nonzero(np.diff(signs)))
 
 
 def one_mass_figure(friction: float) -> Figure:
-    """Fig. 7 and 8: displacement, and the friction force with the stretches in which it holds."""
+    """Fig. 7 and 8: displacement, and the friction force with the sticking intervals."""
     return _figure(one_mass(friction=friction))
 
 
@@ -179,7 +179,7 @@ def literal(
 
 
 def literal_figure(velocity: Literal["relative", "own"]) -> Figure:
-    """Fig. 12 and 13: friction by the thesis's law and solver, beside stick and slip located."""
+    """Fig. 12 and 13: friction by the thesis's law and solver, compared with located stick and slip events."""
     found, right = literal(velocity), struck(three_mass(), LITERAL_PULSE)
     t = np.arange(round(SECONDS * RATE)) / RATE
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
@@ -189,7 +189,7 @@ def literal_figure(velocity: Literal["relative", "own"]) -> Figure:
     above.plot(t, 1e3 * slip, "--", lw=1.0, label="located stick and slip")
     below.plot(t, found.friction, lw=0.6, label=f"thesis's law, {velocity} velocity")
     below.plot(t, right.friction["isolation"], lw=1.0, label="located stick and slip")
-    above.set(ylabel="motor on table, mm")
+    above.set(ylabel="motor relative to table, mm")
     below.set(ylabel="friction, N", xlabel="time, s")
     for ax in (above, below):
         ax.legend(fontsize=8)
@@ -209,7 +209,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 
 
 def main() -> None:
-    """Write the pictures."""
+    """Write the figures."""
     folder = Path(sys.argv[1]) if len(sys.argv) == 2 else Path("docs")
     for name, draw in PICTURES.items():
         path = folder / "pictures" / f"friction-{name}.png"

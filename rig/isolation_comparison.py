@@ -1,4 +1,4 @@
-"""The isolation ratio measured beside the one simulated, and what is to be said of it."""
+"""The measured isolation ratio compared with simulated ones, and sentences about them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from isorig.rig.prediction import predicted
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """A rig to be simulated beside what was measured: what it is called, and the time that a drifting one counts from."""
+    """A rig to be simulated for comparison: its name, and the time of a drifting model's zero."""
 
     name: str
     rig: RigModel
@@ -48,9 +48,9 @@ class Model:
 class Compared:
     """Ratios by name ("measured", and those of the models), and the share of time stuck by gain.
 
-    `isolated` is the share that does not pass, in one number, and `offsets` are of the heatblock's peaks, by the same names;
-    `offset_refused` says why there are none. `faults` are of the records; what they spoil is left out where other runs remain.
-    `swept` are the runs in which the gain changed.
+    `isolated` is the isolation as one number, and `offsets` are the offsets of the heatblock's peaks, by the same names;
+    `offset_refused` is the reason why there are none. `faults` are those of the records; faulty runs are left out if others
+    remain. `swept` are the runs whose gain changed.
     """
 
     ratios: dict[str, IsolationRatio]
@@ -63,12 +63,12 @@ class Compared:
 
     @property
     def measured(self) -> IsolationRatio:
-        """What the sensors say."""
+        """The measured ratio."""
         return self.ratios["measured"]
 
 
 def given_models(model: Path | None, parameters: Path | None, method: Method | None) -> tuple[list[Model], list[str]]:
-    """The models that a user names, and what is to be said of them.
+    """The models given by a user, and notes about them.
 
     Parameters
     ----------
@@ -77,19 +77,19 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
     parameters
         A parameters.json: its wire bonder by the joint fit and by half-power.
     method
-        One of the two, where only one is wanted.
+        One of the two methods, or None for both.
 
     Raises
     ------
     PlanError
-        Where a file is not what it should be, or half-power is asked for and the table does not have it.
+        A file is invalid, or half-power is requested and the table does not have it.
     """
     models, notes = [], []
     if model is not None:
         rig, origin = read_model(model)
         models.append(Model(name="simulated", rig=rig, origin=origin))
     if parameters is None and method is not None:
-        raise PlanError("--method is of a parameter table; give one with --parameters")
+        raise PlanError("--method needs a parameter table; give one with --parameters")
     if parameters is not None:
         wanted: tuple[Method, ...] = ("joint", "half-power") if method is None else (method,)
         for each in wanted:
@@ -108,9 +108,9 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
 def compared_isolation(
     campaign: Campaign, models: Sequence[Model], *, stitch: float = STITCH, resolution: float = 0.25
 ) -> Compared:  # fmt: skip
-    """The ratio of a campaign, and of the same runs simulated with each model; one estimate for all.
+    """The ratio of a campaign, and of the same runs simulated with each model; the same estimate for all.
 
-    A run in which the gain changed counts as one for every level.
+    A run whose gain changed counts as one run for each gain.
     """
     wrong = faults(campaign)
     whole = without(campaign, wrong, ("head", "heatblock"))
@@ -141,51 +141,44 @@ def _isolated(ratios: Mapping[str, IsolationRatio], rig: RigModel) -> dict[str, 
     try:
         return {name: isolated_share(ratio, above) for name, ratio in ratios.items()}
     except DataError:
-        # The gain that was measured both ways ends below: the ratio stands, the number does not.
+        # The highest gain measured in both configurations ends below: the ratio exists, the single number does not.
         return {}
 
 
 def told(found: Compared) -> list[str]:
-    """The ratio in sentences."""
+    """Sentences about the ratio."""
     ratio = found.measured
     sentences = [fault.text for fault in found.faults]
     if found.swept:
-        sentences.append(
-            f"The gain changed within {', '.join(found.swept)}: each is taken as a sweep of levels, by the gain that was "
-            "streamed."
-        )
+        sentences.append(f"The gain changed within {', '.join(found.swept)}: each of these runs is split by its streamed gain.")
     sentences += [
-        f"{name.capitalize()}: from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:.3g} the isolation keeps "
-        f"{100.0 * share.share:.3g} ± {100.0 * share.std:.1g} % of the heatblock's shaking away."
+        f"{name.capitalize()}: from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:.3g} the isolation "
+        f"reduces the heatblock's vibration by {100.0 * share.share:.3g} ± {100.0 * share.std:.1g} %."
         for name, share in found.isolated.items()
     ]
     for at, (step, std), above, below in zip(ratio.stitches, ratio.steps, ratio.pieces, ratio.pieces[1:], strict=False):
         if np.isfinite(step):
             sentences.append(
-                f"At {at:g} Hz gain {above.gain:g} hands over to gain {below.gain:g} with a step: around it the ratio at gain "
+                f"At {at:g} Hz, between gain {above.gain:g} and gain {below.gain:g}, there is a step: the ratio at gain "
                 f"{above.gain:g} is {step:.3f} ± {std:.1g} of that at gain {below.gain:g}."
             )
     for gain, share in found.stuck.items():
         sentences.append(
             f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time"
-            + (
-                "; the rig measures like a locked one there, so the ratio is near 1 for that reason alone."
-                if share > 0.5
-                else "."
-            )
+            + ("; the rig behaves like a locked one there, so the ratio is near 1 for that reason alone." if share > 0.5 else ".")
         )
     for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
         if np.isfinite(peaks.ratio):
             sentences.append(
-                f"{name.capitalize()}, the heatblock's highest line lies at {peaks.unlocked:.2f} Hz unlocked and "
-                f"{peaks.locked:.2f} Hz locked; each peak taken at its own place, the ratio is {peaks.ratio:.3f} ± "
-                f"{peaks.std:.1g}, line by line it is {peaks.by_line:.3f} at the unlocked peak."
+                f"{name.capitalize()}, the heatblock's largest peak is at {peaks.unlocked:.2f} Hz unlocked and "
+                f"{peaks.locked:.2f} Hz locked; the ratio of the two peaks is {peaks.ratio:.3f} ± "
+                f"{peaks.std:.1g}, the ratio at the frequency of the unlocked peak is {peaks.by_line:.3f}."
             )
     for name, offset in found.offsets.items():
         apart = ", ".join(f"{p.offset:+.3f} ± {p.std:.1g} Hz at gain {p.gain:g}" for p in offset.pairs)
-        sentences.append(offset.verdict if name == "measured" else f"{name.capitalize()}, unlocked less locked peak: {apart}.")
+        sentences.append(offset.verdict if name == "measured" else f"{name.capitalize()}, unlocked minus locked peak: {apart}.")
     if found.offset_refused:
-        sentences.append(f"The offset of the heatblock's peaks is not known: {found.offset_refused}.")
+        sentences.append(f"The offset of the heatblock's peaks is not available: {found.offset_refused}.")
     for name, other in found.ratios.items():
         if name == "measured":
             continue
@@ -196,7 +189,7 @@ def told(found: Compared) -> list[str]:
                 top = f"{high:g}" if np.isfinite(high) else f"{ratio.frequency[-1]:g}"
                 sentences.append(
                     f"From {max(low, ratio.frequency[0]):g} to {top} Hz the ratio {_by(name)} differs from the measured one by "
-                    f"{100 * (np.exp(np.median(off)) - 1):.2g} % (median over lines)."
+                    f"{100 * (np.exp(np.median(off)) - 1):.2g} % (median over frequency bins)."
                 )
     return sentences
 
@@ -206,12 +199,12 @@ def _by(name: str) -> str:
 
 
 def about_isolated(found: Isolated) -> dict[str, Any]:
-    """The isolation in one number, as plain values."""
+    """The isolation as one number, as plain values."""
     return {"share": found.share, "std": found.std, "band_hz": list(found.band), "gain": found.gain}
 
 
 def about_peaks(peaks: Peaks) -> dict[str, float | None]:
-    """The heatblock's peaks in the ratio as plain values; None where the drive does not reach them."""
+    """The heatblock's peaks in the ratio as plain values; None if the drive does not excite them."""
     named = {
         "unlocked_hz": peaks.unlocked, "locked_hz": peaks.locked, "ratio": peaks.ratio, "ratio_std": peaks.std,
         "ratio_by_line": peaks.by_line,

@@ -1,4 +1,4 @@
-"""A campaign's responses as a model predicts them."""
+"""A model's prediction of a campaign's responses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from isorig.rig.errors import RecordingError
 
 
 def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
-    """The same runs with the drive as recorded and the responses simulated from rest.
+    """The same runs with the recorded drive, and responses simulated from rest.
 
-    `origin` is the time from which a drifting model counts; the campaign's own first sample where None.
+    `origin` is the time of a drifting model's zero; the campaign's first sample if None.
 
     Raises
     ------
     RecordingError
-        Where a run lacks the drive or has a configuration that the model does not know.
+        A run lacks the drive or has a configuration that the model does not have.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
                 raise RecordingError(f"{here} lacks the drive's channel {drive.channel!r}; record it")
         if run.configuration not in model.configurations:
             raise RecordingError(
-                f"{here} has configuration {run.configuration!r}; the model knows {', '.join(model.configurations)}"
+                f"{here} has configuration {run.configuration!r}; the model has {', '.join(model.configurations)}"
             )
         excitation = excitation_of(model, run)
         response = simulate(
@@ -64,7 +64,7 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
 
 
 def seconds_from(campaign: Campaign, run: Run, origin: datetime | None) -> float:
-    """Seconds from the time that a drifting model counts from to the run's first sample."""
+    """Seconds from a drifting model's zero to the run's first sample."""
     if origin is None or run.started is None:
         return campaign.seconds_since_start(run)
     return max((run.started - origin).total_seconds(), 0.0)

@@ -1,4 +1,4 @@
-"""What commands print: tables that fit 80 columns, and a line that tells what is going on."""
+"""Output of commands: tables that fit 80 columns, and a progress line."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table; columns whose cells are all numbers or dashes stand to the right.
+    """Print a table; numeric columns are right-aligned.
 
-    Numbers and what stands in the first column, names, are never cut: where they need it, lines are longer than the terminal.
+    Numbers and the first column (names) are never truncated: if necessary, lines are longer than the terminal.
     """
     from rich import box
     from rich.console import Console

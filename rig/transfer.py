@@ -1,4 +1,4 @@
-"""The transfer functions of a campaign: one of each response, configuration and gain, with the band that was driven."""
+"""The transfer functions of a campaign: one for each response, configuration and gain, with the band of the drive."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from isorig.analysis.spectra.windows import WindowName, window_named
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
-    """A transfer function and the runs that it was averaged over; `band` is the drive's, Hz.
+    """A transfer function and the runs of its average; `band` is the drive's, Hz.
 
     `left_out` are runs whose records are spoilt; `periods` is the same period by period, where the drive repeats; `hammer` is the
     hammer test that it comes from, if it does.
@@ -40,16 +40,16 @@ class Transfer:
 
     @property
     def name(self) -> str:
-        """For a file."""
+        """As part of a file name."""
         return f"{self.frf.response}-over-{self.frf.reference}-{self.configuration}-gain{self.gain:g}"
 
     @property
     def label(self) -> str:
-        """For a legend."""
+        """As a legend entry."""
         return f"{self.configuration}, gain {self.gain:g}"
 
     def within_band(self) -> Frf:
-        """The lines that the drive reached."""
+        """The frequency bins within the band of the drive."""
         f = self.frf.frequency
         kept = (f >= self.band[0]) & (f <= self.band[1])
         rows = {name: values for name in FRF_ROWS if (values := getattr(self.frf, name)) is not None}
@@ -82,7 +82,7 @@ def transfer_functions(
         As in `isorig.analysis.spectra.welch`; all other channels where no response is named. Hammer hits need no window and no
         overlap.
     found
-        What is wrong with the campaign's records; worked out where None. Spoilt runs are left out where others remain.
+        Faults of the campaign's records; computed if None. Faulty runs are left out if others remain.
 
     Raises
     ------
@@ -193,12 +193,12 @@ def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFr
         return None
     try:
         return periodic(runs, response=response, reference=reference)
-    except DataError:  # too few periods: the average over segments remains
+    except DataError:  # too few periods: use the average over segments
         return None
 
 
 def about(item: Transfer) -> dict[str, Any]:
-    """What a transfer function amounts to, as plain values."""
+    """A transfer function as plain values."""
     seen = item.within_band()
     size = np.abs(seen.value)
     top = int(np.argmax(size))
@@ -236,11 +236,11 @@ def _about_periods(found: PeriodicFrf) -> dict[str, Any]:
     told = (
         f"its distortion {100 * distortion:.2g} %"
         if np.isfinite(distortion)
-        else "its distortion is not told by one realization of the drive; repeat with other phases"
+        else "its distortion cannot be determined from one realization of the drive; repeat with other phases"
     )
     return {
         "periods": found.periods, "realizations": found.realizations, "lines": len(found.frequency), "relative_noise": noise,
         "relative_distortion": distortion if np.isfinite(distortion) else None,
         "text": f"Over {found.periods} periods of {found.realizations} runs the noise of {found.response} over "
-        f"{found.reference} is {100 * noise:.2g} % (median over lines), {told}.",
+        f"{found.reference} is {100 * noise:.2g} % (median over frequency bins), {told}.",
     }  # fmt: skip

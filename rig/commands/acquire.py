@@ -1,4 +1,4 @@
-"""rig acquire: measure a campaign after a plan."""
+"""rig acquire: measure the runs of a plan."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def acquire(
 ) -> None:
     """Measure the runs of a plan with an instrument, and write them as a recording.
 
-    Each run is looked at right after it was taken. A cable that comes back within 15 s is taken up again. Ctrl-C, TERM, a closed
-    terminal, an unplugged instrument or a full disk end the session with what was measured and the drive off; rig recover and
-    --resume go on after a kill.
+    A post-run check rates each run. A connection that returns within 15 s is continued. Ctrl-C, TERM, a closed terminal, an
+    unplugged instrument or a full disk end the session; the measured data are kept and the drive is switched off. After a kill,
+    use rig recover or --resume.
 
     Example: rig acquire session.toml -o campaign.h5
 
@@ -39,26 +39,26 @@ def acquire(
     output
         The recording to write.
     port
-        The instrument's port instead of the plan's: a path such as /dev/ttyACM0, or socket://127.0.0.1:4000.
+        The instrument's port instead of the plan's: a path like /dev/ttyACM0, or socket://127.0.0.1:4000.
     resume
-        Go on with a session that was broken off: finished runs are kept.
+        Continue an interrupted session: finished runs are kept.
     again
-        With --resume: take a finished run once more; it replaces the first. May be given several times.
+        With --resume: repeat a finished run; the new run replaces the first. May be given several times.
     force
-        Begin runs that the look before them speaks against.
+        Start even if the pre-run check fails.
     yes
-        Ask nothing: whoever calls this sees to locking and unlocking.
+        Do not prompt; the caller locks and unlocks the rig.
     view
-        Show the session on a page in the browser of this machine, at the address that is printed. The page has buttons to stop a
-        run, to take it again, to note something, and to start the next run where the session waits for the operator: before the
-        first run, where the rig is to be locked or unlocked, and after a run that is not sound. With --yes it never waits.
+        Show the session on a page in the browser of this computer, at the printed address. The page has buttons to stop a run, to
+        repeat it, to write a note, and to start the next run when the session waits for the operator: before the first run, when
+        the rig must be locked or unlocked, and after a run with a fault. With --yes it never waits.
     json
-        Tell levels and results as one JSON object a line on standard output: event is "live" while a run lasts, "taken"
-        behind it, "ask" where the rig is to be locked or unlocked and a line on standard input is waited for, and "view" with
-        the address of the page.
+        Print levels and results as one JSON object per line on standard output: event is "live" during a run, "taken" after it,
+        "ask" when the rig must be locked or unlocked and a line on standard input is expected, and "view" with the address of the
+        page.
     sync
-        Seconds between two times that what was measured is handed to the disk itself: a power loss takes no more than these;
-        a kill takes a quarter of a second in any case. 0 waits for the disk after every block.
+        Seconds between two syncs of the data to disk: the maximum loss in a power failure. A kill loses at most a quarter of a
+        second in any case. With 0 every block is synced.
     """
     from isorig.drivers.errors import DriverError
     from isorig.rig.acquire.notes import reopen_notes, settle_notes
@@ -75,9 +75,9 @@ def acquire(
     if not 0.0 <= sync < float("inf"):
         raise PlanError(f"--sync is {sync:g} s; give 0 or more, 1 is usual")
     if again and not resume:
-        raise PlanError("--again takes runs of an earlier session once more; give it together with --resume")
+        raise PlanError("--again repeats runs of an earlier session; give it together with --resume")
     if output.exists() and not resume:
-        raise OutputError(f"{output} exists already; go on with it by --resume, or give another -o")
+        raise OutputError(f"{output} already exists; continue it with --resume, or give another -o")
     reopen_notes(output)
     wire = port or planned.instrument.port
     with ended_by_signals(), Terminal(json=json) as terminal:
@@ -94,23 +94,23 @@ def acquire(
         except (KeyboardInterrupt, SystemExit, DriverError):
             settle_notes(output)
             if output.exists():
-                # The terminal may be what ended it.
+                # A closed terminal may be the reason for the end.
                 with suppress(OSError):
-                    print(f"what was measured is in {output}; rig acquire --resume goes on with the plan", file=sys.stderr)
+                    print(f"the measured data are in {output}; rig acquire --resume continues the plan", file=sys.stderr)
             raise
     settle_notes(output)
     if json:
         return
     bad = [item.id for item in taken if not item.verdict.good]
-    words = [f"{len(taken)} runs taken" + ("" if bad else ", all sound")]
+    words = [f"{len(taken)} runs measured" + ("" if bad else ", no faults")]
     if bad:
-        words.append(f"worth taking again while the rig stands: --resume {' '.join(f'--again {name}' for name in bad)}")
+        words.append(f"repeat while the rig is set up: --resume {' '.join(f'--again {name}' for name in bad)}")
     try:
         print(*words, path, sep="\n", flush=True)
     except BrokenPipeError:
-        # Whoever read has ended; nothing is left to be written at the end of the program.
+        # The reader of the output has ended; nothing is written at the end of the program.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _silent(configuration: str) -> None:
-    """Nobody is asked."""
+    """Do not ask anyone."""

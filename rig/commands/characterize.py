@@ -1,4 +1,4 @@
-"""rig characterize: the rig's parameters with standard deviations."""
+"""rig characterize: the rig's parameters with standard uncertainties."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
         size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:
-        print("The recording does not tell its sensors' calibration_std, so the deviations are those of the noise alone.")
+        print("The recording gives no calibration_std of its sensors, so the uncertainties include the noise only.")
     for fault in found.faults:
         print(fault.text)
     print(path)

@@ -1,4 +1,4 @@
-"""rig check: is this a sound recording, and what is in it."""
+"""rig check: list and validate recordings."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign, Channel, Run
 
-#: Channels that stand beside one another in a line of the terminal.
+#: Maximum number of channels in one table on the terminal.
 SIDE_BY_SIDE = 5
 
 
 def check(*files: Path) -> None:
-    """List the runs of recordings, and refuse files that are not sound.
+    """List the runs of recordings, and reject damaged files.
 
-    Of each run: duration, sample rate, rms of every channel in its unit, and samples at or beyond the end of an input's range.
-    Below the table stands what a run lacks for the commands that come after.
+    For each run: duration, sample rate, rms of every channel in its unit, and number of samples at or beyond the range. Messages
+    below the table report what prevents other commands from using a run.
 
     Example: rig check campaign.h5
 
@@ -31,7 +31,7 @@ def check(*files: Path) -> None:
     from isorig.rig.terminal import show_table
 
     if not files:
-        raise RecordingError("no file was given; name at least one recording")
+        raise RecordingError("no file was given; give at least one recording")
     for file in files:
         with open_recording(file) as campaign:
             names = list(dict.fromkeys(name for run in campaign.runs for name in run.sensors))
@@ -42,7 +42,7 @@ def check(*files: Path) -> None:
         if len(names) <= SIDE_BY_SIDE:
             show_table(f"{file}: rms of each channel", (*about, *names, "clip", "lost"), rows)
         else:
-            # Too many channels for a line: each gets one of its own.
+            # Too many channels for a line: each gets its own line.
             first, last = len(about), len(about) + len(names)
             show_table(str(file), (*about, "clip", "lost"), [row[:first] + row[last:] for row in rows])
             levels = [[name, *(row[first + k] for row in rows)] for k, name in enumerate(names)]
@@ -52,7 +52,7 @@ def check(*files: Path) -> None:
 
 
 def _remarks(campaign: Campaign) -> list[str]:
-    # No reason to refuse the file, but some command will.
+    # The file is valid, but some commands cannot use it.
     from isorig.rig.errors import PlanError
     from isorig.rig.files.rigfile import rig_of
 
@@ -64,9 +64,9 @@ def _remarks(campaign: Campaign) -> list[str]:
     for run in campaign.runs:
         if run.configuration not in model.configurations:
             known = ", ".join(model.configurations)
-            told.append(f"Run {run.id!r} has the configuration {run.configuration!r}; the rig knows {known}, so correct it.")
+            told.append(f"Run {run.id!r} has the configuration {run.configuration!r}; the rig has {known}, so correct it.")
         if model.drive.channel not in run.channels:
-            told.append(f"Run {run.id!r} has no channel {model.drive.channel!r}, which drives; transfer functions need it.")
+            told.append(f"Run {run.id!r} has no drive channel {model.drive.channel!r}; transfer functions need it.")
     return told
 
 
@@ -85,7 +85,7 @@ def _row(run: Run, names: Sequence[str]) -> list[str]:
 
 
 def _gain(run: Run) -> str:
-    # The run's one number, or from where to where a streamed gain went.
+    # The gain of the run, or the range of a streamed gain.
     from isorig.analysis.spectra.gain_levels import GAIN, changes
 
     if not changes(run):

@@ -11,10 +11,10 @@ from cyclopts import Parameter
 def demo(
     *, output: Annotated[Path, Parameter(name=["-o", "--output"])] = Path("demo-out"), seed: int = 1, investigate: bool = False
 ) -> None:
-    """Measure a virtual rig through a real port, then work on the recording: transfer functions, parameters, isolation, cause.
+    """Measure a virtual rig through a real port, then analyse the recording: transfer functions, parameters, isolation, cause.
 
-    The rig has the thesis's parameters, 20 N of friction and a head of 6.5 kg. A simulated instrument plays it on a
-    pseudo-terminal, faster than in real time; all else is as with a real one.
+    The rig has the thesis's parameters, 20 N of friction and a head of 6.5 kg. A simulated instrument on a pseudo-terminal plays
+    it faster than real time; everything else is as with a real instrument.
 
     Example: rig demo -o demo-out
 
@@ -23,9 +23,9 @@ def demo(
     output
         The folder for all results; the recording and the page are campaign.h5 and report.html.
     seed
-        Seed of the sensors' noise, and of what is hidden.
+        Random seed of the sensor noise, and of the hidden effect.
     investigate
-        Instead: hide an effect in the rig and look for it as rig investigate does, from the first run on.
+        Instead: hide an effect in the rig and search for it with rig investigate, from the first run on.
     """
     if investigate:
         from isorig.rig.next.demo import show
@@ -57,10 +57,10 @@ def demo(
         )
 
     with virtual_instrument(seed) as port:
-        clock.tell(f"measuring after {PLAN.name} from the instrument at {port}")
+        clock.tell(f"measuring {PLAN.name} with the instrument at {port}")
         operator = Operator(lock=lambda _: None, watch=lambda _: None, taken=took)
         acquire(as_virtual(read_plan(PLAN)), port, recording, operator)
-    clock.tell(f"{recording} written; from here on nothing else is known")
+    clock.tell(f"{recording} written; the following steps use this file only")
     measured = read(recording)
     clock.tell("transfer functions")
     frf(recording, output=output / "frf")
@@ -69,23 +69,23 @@ def demo(
     write_characterization(output, measured, found)
     clock.tell("isolation ratio, measured and simulated with these parameters")
     isolation(recording, output=output / "isolation", model=output / "model.json")
-    clock.tell("the page")
+    clock.tell("the report")
     page = write_text(output / "report.html", measurement_page(measured, found))
-    clock.tell("and what a frictionless simulation would have got wrong")
+    clock.tell("diagnosis of a frictionless simulation")
     outcome = diagnose_file(recording, output / "diagnosis", "linear")
     from isorig.analysis.model.built_in import THESIS
 
     rows = [(name, number(e.value), number(e.std, 2), e.unit, number(THESIS[name], 4)) for name, e in found.table.items()]
-    show_table("Parameters beside the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)
+    show_table("Parameters compared with the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)
     told = [
         ("held-out error of the simulation with friction", f"{100 * found.error:.2g} %"),
         ("noise alone", f"{100 * found.floor:.2g} %"),
         ("held-out error without friction", f"{100 * (outcome.holdout_baseline or 0.0):.3g} %"),
-        ("cause named for that", f"{outcome.causes} at {outcome.locations}" if outcome.causes else "none"),
+        ("identified cause of that", f"{outcome.causes} at {outcome.locations}" if outcome.causes else "none"),
         ("recording", str(recording)),
-        ("tables and pictures", f"{output / 'frf'}, {output / 'isolation'}, {output / 'parameters.csv'}"),
-        ("page of the measurement", str(page)),
-        ("page of the diagnosis", str(output / "diagnosis" / "report.html")),
+        ("tables and figures", f"{output / 'frf'}, {output / 'isolation'}, {output / 'parameters.csv'}"),
+        ("report of the measurement", str(page)),
+        ("report of the diagnosis", str(output / "diagnosis" / "report.html")),
         ("seconds", f"{clock.seconds:.0f}"),
     ]
     show_table("Summary", ("what", "result"), told)

@@ -49,9 +49,9 @@ def describe(
         from isorig.rig.describe.questions import asked
 
         if rig is not None or output is None or output.suffix.lower() != ".toml":
-            raise PlanError("--new asks for a rig and writes its description; call rig describe --new -o FILE.toml")
+            raise PlanError("--new asks questions about a rig and writes its description; call rig describe --new -o FILE.toml")
         if output.exists():
-            raise PlanError(f"{output} exists; choose another name with -o, or remove that file first")
+            raise PlanError(f"{output} exists; give another name with -o, or remove that file first")
         model = asked(input)
         write_text(
             output, description_text(model, {"": "Written by rig describe --new; every key is explained in docs/describe.md."})

@@ -20,7 +20,7 @@ def design(
     rocking_frequency: float = 30.0,
     seed: int = 0,
 ) -> None:
-    """Find the largest stroke against isolation frequency for a move profile, and the lowest frequency inside a limit.
+    """Compute the largest stroke over the isolation frequency for given moves, and the lowest frequency within a limit.
 
     Example: rig design moves.toml --parameters parameters/parameters.json -o design
 
@@ -29,21 +29,21 @@ def design(
     profile
         The moves, the limit and the safety factor, a TOML file.
     output
-        The folder for design.json, strokes.csv, moves.csv, histories.csv and pictures.
+        The folder for design.json, strokes.csv, moves.csv, histories.csv and figures.
     parameters
-        The parameters.json of the present rig, with deviations; the thesis's table where absent.
+        The parameters.json of the present rig, with uncertainties; by default the thesis's table.
     method
-        Which of the table's values: those of the joint fit, or those read by half-power.
+        The values to use: those of the joint fit, or those by half-power.
     points
-        Isolation frequencies on the grid.
+        Number of isolation frequencies.
     draws
-        Sets of parameters drawn from their deviations.
+        Number of parameter sets drawn from the uncertainties.
     offset
         Distances of the drive from the motor's centre of gravity to study, m.
     rocking_frequency
         Frequency at which the motor rocks on its bearings, Hz.
     seed
-        Seed of the draws.
+        Random seed of the draws.
     """
     import numpy as np
 
@@ -56,7 +56,7 @@ def design(
     from isorig.rig.terminal import show_table
 
     if not 2 <= points <= 100_000 or not 0 <= draws <= 100_000:
-        raise PlanError(f"{points} points and {draws} draws cannot be studied; give 2 to 100000 points and up to 100000 draws")
+        raise PlanError(f"{points} points and {draws} draws are not possible; give 2 to 100000 points and up to 100000 draws")
     plan = read_design(profile)
     table = with_head(read_seed(parameters, method), plan)
     rigs = rigs_of(table, plan, draws=draws, randomness=seed)
@@ -117,26 +117,23 @@ def design(
     allowed = 1e3 * plan.limit / plan.safety
     show_table(f"stroke within {allowed:.3g} mm", ("", "lowest, Hz", "std, Hz", "recommended, Hz"), rows)
     for name, response in found.bonds.items():
-        still = (
-            "does not settle" if np.isnan(response.settling) else f"is within it {1e3 * response.settling:.0f} ms after the move"
-        )
+        still = "does not settle" if np.isnan(response.settling) else f"settles {1e3 * response.settling:.0f} ms after the move"
         print(
-            f"{name}: in a move of {1e3 * plan.bond.distance:g} mm in {1e3 * plan.bond.seconds:g} ms the heatblock leaves the "
-            "table "
-            f"by {1e6 * response.largest:.2g} µm of the ±{1e6 * plan.bond.tolerance:g} µm that the bond allows, and {still}"
+            f"{name}: in a move of {1e3 * plan.bond.distance:g} mm in {1e3 * plan.bond.seconds:g} ms the heatblock moves "
+            f"{1e6 * response.largest:.2g} µm relative to the table (allowed ±{1e6 * plan.bond.tolerance:g} µm) and {still}"
         )
     for sentence in table.told:
         print(sentence)
     for item in told["drive_offsets"]:
         print(
-            f"drive {1e3 * item['offset_m']:g} mm off: the motor rocks by {1e3 * item['rocking_rad']:.3g} mrad, "
+            f"drive offset {1e3 * item['offset_m']:g} mm: the motor rocks by {1e3 * item['rocking_rad']:.3g} mrad, "
             f"the ratio from 5 to 50 Hz is at worst {item['ratio_over_none']:.3g} times that without offset"
         )
     print(output)
 
 
 def _plain(name: str) -> str:
-    # A case's name as a column's.
+    # The name of a case as a column name.
     return name.replace(",", "").replace(" ", "_")
 
 

@@ -1,4 +1,4 @@
-"""rig diagnose: what the simulation gets wrong, and the cause by name."""
+"""rig diagnose: what the simulation gets wrong, and the identified cause."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from isorig.rig.diagnose_many import Outcome
 
 
-#: Seconds that the search for causes in one recording may take unless the user says otherwise.
+#: Default time limit for the search for causes in one recording, seconds.
 LIMIT = 300.0
 
 
@@ -25,7 +25,7 @@ def diagnose(
     scheduler: str | None = None,
     again: bool = False,
 ) -> None:
-    """Show what the baseline's simulation gets wrong, name the cause, extend the model and measure the improvement.
+    """Show what the baseline's simulation gets wrong, identify the cause, extend the model and measure the improvement.
 
     Example: rig diagnose campaign.h5 -o diagnosis
 
@@ -34,20 +34,19 @@ def diagnose(
     campaigns
         Recordings, or one folder of them.
     output
-        The folder for findings.json, baseline.json, model.json and report.html; of several recordings each gets
-        a folder of its own in it, and summary.csv tells of all.
+        The folder for findings.json, baseline.json, model.json and report.html; several recordings get one folder each in it, and
+        summary.csv lists all of them.
     baseline
         The wire bonder with Coulomb friction, or without any.
     tolerance
-        Error, as a share of the signal, that is not worth a cause: 0.05 calls a baseline that errs by less than 5 %
-        adequate.
+        Error, as a share of the signal, that counts as adequate: with 0.05, a baseline with an error below 5 % is adequate.
     seconds
-        Time limit for one recording: the search for causes ends then, and the answer says that it is partial; inf for none.
+        Time limit for one recording: the search for causes then ends with a partial answer; inf for no limit.
     scheduler
-        Of several recordings: the Dask scheduler that shares them out, by its address or the file that it writes; its workers
+        For several recordings: the Dask scheduler that distributes them, by its address or the file that it writes; its workers
         must see the same files.
     again
-        Of several recordings: also those that have an answer already.
+        For several recordings: diagnose also those that already have an answer.
     """
     from rich.console import Console
 
@@ -56,7 +55,7 @@ def diagnose(
     from isorig.rig.files.output import write_text
 
     if not 0.0 <= tolerance < math.inf:
-        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, such as 0.05 for 5 %")
+        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
     limit = time_limit(seconds)
     files = recordings_in(campaigns)
     console = Console(stderr=True)
@@ -95,5 +94,5 @@ def _say(outcome: Outcome, folder: Path) -> None:
         f"{outcome.holdout_extended:.3g} (noise floor {outcome.noise_floor:.3g})"
     )
     if outcome.cut_short:
-        print("  the search for causes was ended by the time limit and may have missed causes; give it more with --seconds")
+        print("  the time limit ended the search for causes, which may have missed some; increase it with --seconds")
     print(f"  {folder / 'report.html'}")

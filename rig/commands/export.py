@@ -18,29 +18,29 @@ def export(
     resolution: float = 0.25,
     text: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
-    """Export a recording's samples or transfer functions, or a parameter table, in the format that the output's name says.
+    """Export a recording's samples or transfer functions, or a parameter table, in the format given by the output's extension.
 
     .mat is MATLAB, .uff the universal file format (58b, or 58 with --text), .csv and .parquet are tables. Samples as a table
-    become one file a run, its id behind the name where there are several.
+    become one file for each run, with the run's id appended to the name if there are several.
 
     Example: rig export campaign.h5 --what frf -o frf.uff
 
     Parameters
     ----------
     source
-        A recording, or a parameters.json or findings.json whose table is exported.
+        A recording, or a parameters.json or findings.json with a table to export.
     output
         The file to write.
     what
         Samples in SI, or transfer functions.
     run
-        Only these runs; all where absent.
+        Only these runs; by default all.
     reference
         The channel that drives, for transfer functions; the first drive of the rig's description where absent.
     resolution
-        Distance of lines of transfer functions, Hz.
+        Frequency resolution of transfer functions, Hz.
     text
-        Universal files in text, not binary.
+        Write universal files as text, not binary.
     """
     from isorig.rig.exchange.target import export_campaign, export_parameters
 

@@ -1,4 +1,4 @@
-"""rig fleet: every recording of many rigs diagnosed once, every parameter followed, the day a rig changed named."""
+"""rig fleet: diagnoses every recording of many rigs once, tracks every parameter, and dates each change."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 if TYPE_CHECKING:
     from isorig.rig.fleet.catalogue import Answer
 
-app = App(name="fleet", help="Every recording of many rigs diagnosed once, every parameter followed, each change dated.")
+app = App(name="fleet", help="Diagnoses every recording of many rigs once, tracks every parameter, dates each change.")
 
 Where = Annotated[Path, Parameter(name=["-c", "--catalogue"])]
 Baseline = Literal["coulomb", "linear"]
@@ -19,9 +19,9 @@ HERE = Path("fleet")
 
 @app.command
 def add(*folders: Path, rig: str | None = None, catalogue: Where = HERE) -> None:
-    """Add folders of recordings; rig fleet update diagnoses what is in them and below.
+    """Add folders of recordings; rig fleet update diagnoses the recordings in them and in their subfolders.
 
-    A recording is of the rig that its folder is named after: measurements/rig-07/2026-03-02.h5 is of rig-07.
+    The name of a recording's folder is the name of its rig: measurements/rig-07/2026-03-02.h5 is of rig-07.
 
     Example: rig fleet add measurements
 
@@ -30,7 +30,7 @@ def add(*folders: Path, rig: str | None = None, catalogue: Where = HERE) -> None
     folders
         Folders of recordings.
     rig
-        The rig that all recordings in these folders are of.
+        The rig of all recordings in these folders.
     catalogue
         The folder of the fleet's files.
     """
@@ -39,10 +39,10 @@ def add(*folders: Path, rig: str | None = None, catalogue: Where = HERE) -> None
     from isorig.rig.fleet.recordings import recordings_under
 
     if not folders:
-        raise RigError("no folder was given; name at least one that holds recordings")
+        raise RigError("no folder was given; give at least one that contains recordings")
     missing = next((folder for folder in folders if not folder.is_dir()), None)
     if missing is not None:
-        raise RigError(f"{missing} is no folder; name a folder that holds recordings")
+        raise RigError(f"{missing} is not a folder; give a folder that contains recordings")
     for folder in folders:
         place = folder.resolve()
         Catalogue(catalogue).add_folder(place, rig)
@@ -63,10 +63,10 @@ def update(
     explain: bool = True,
     false_alarms: float = 1.0,
 ) -> None:
-    """Diagnose every recording that has no answer from this version of the program yet.
+    """Diagnose every recording without an answer from this version of the program.
 
-    It may be broken off at any time and run twice at once; what is stored stays. A recording that cannot be used is told, and the
-    rest goes on.
+    An update may be interrupted at any time and run twice at once; stored answers are kept. A recording that cannot be used is
+    reported, and the others are processed.
 
     Parameters
     ----------
@@ -75,19 +75,19 @@ def update(
     baseline
         The wire bonder with Coulomb friction, or without any.
     scheduler
-        Dask scheduler that shares the work out, by its address or the file that it writes; its workers must see the same files.
+        Dask scheduler that distributes the work, by its address or the file that it writes; its workers must see the same files.
     seconds
-        Time limit for one recording: the search for causes ends then, and the answer says that it is partial.
+        Time limit for one recording: the search for causes then ends with a partial answer.
     pages
-        Write each diagnosis's report.html too, about 1.5 MB each.
+        Write the report.html of each diagnosis too, about 1.5 MB each.
     again
-        Try those again that failed or took too long.
+        Repeat those that failed or took too long.
     reread
-        Read every file to see whether it changed, not only those of another size or time of modification.
+        Read every file to check for changes, not only those with a new size or modification time.
     explain
-        Look for the causes of changes as well.
+        Search for the causes of changes as well.
     false_alarms
-        False alarms that the whole fleet may raise in a month.
+        Allowed false alarms per month in the whole fleet.
     """
     from rich.console import Console
 
@@ -113,10 +113,10 @@ def update(
             print(answer_words(answer), flush=True)
 
         updated = update(store, work.jobs, scheduler=scheduler, tell=tell)
-        status.update("looking for changes")
+        status.update("searching for changes")
         for line in look(store, baseline, scheduler=scheduler, false_per_month=false_alarms) if explain else ():
             print(line, flush=True)
-    print(f"{work.known} recordings had an answer, {updated.done} were looked at now")
+    print(f"{work.known} recordings had an answer, {updated.done} were processed now")
     if updated.without:
         first = updated.without[0].reason
         raise RecordingError(f"{len(updated.without)} of {len(work.jobs)} recordings gave no answer; first: {first}")
@@ -140,13 +140,13 @@ def show(
     rig
         One rig.
     parameter
-        One parameter, by its path or by the words that it is shown with.
+        One parameter, by its path or its displayed name.
     catalogue
         The folder of the fleet's files.
     baseline
         The diagnoses to show.
     false_alarms
-        False alarms that the whole fleet may raise in a month.
+        Allowed false alarms per month in the whole fleet.
     """
     from isorig.rig.fleet.catalogue import Catalogue
     from isorig.rig.fleet.change_causes import name_of
@@ -182,9 +182,9 @@ def watch(
     every: float = 10.0,
     stop_after: float | None = None,
 ) -> None:
-    """Diagnose new recordings in a folder and below as they come, and tell each change of a rig.
+    """Diagnose new recordings in a folder and its subfolders as they arrive, and report each change of a rig.
 
-    A file is taken once it has stopped growing. It goes on until it is interrupted.
+    A file is used once it has stopped growing. The command runs until it is interrupted.
 
     Example: rig fleet watch measurements
 
@@ -193,19 +193,19 @@ def watch(
     folder
         Folder of recordings; it is added to the fleet.
     rig
-        The rig that all recordings in it are of.
+        The rig of all recordings in it.
     catalogue
         The folder of the fleet's files.
     baseline
         The wire bonder with Coulomb friction, or without any.
     scheduler
-        Dask scheduler that shares the work out, by its address or the file that it writes.
+        Dask scheduler that distributes the work, by its address or the file that it writes.
     seconds
-        Time limit for one recording: the search for causes ends then, and the answer says that it is partial.
+        Time limit for one recording: the search for causes then ends with a partial answer.
     every
-        Seconds between looks.
+        Seconds between two readings of the folder.
     stop_after
-        Seconds after which it ends.
+        Total duration, seconds.
     """
     from functools import partial
 
@@ -215,7 +215,7 @@ def watch(
     from isorig.rig.fleet.watch import watch as watched
 
     if not every > 0.0:
-        raise RigError(f"--every is {every:g} s; give a positive time between looks")
+        raise RigError(f"--every is {every:g} s; give a positive time")
     limit = time_limit(seconds)
     add(folder, rig=rig, catalogue=catalogue)
     watched(
@@ -232,7 +232,7 @@ def report(
     baseline: Baseline = "coulomb",
     false_alarms: float = 1.0,
 ) -> None:
-    """Write one page about the fleet that works offline: what changed, all rigs at a glance, and a page for each rig.
+    """Write one page about the fleet that works offline: changes, an overview of all rigs, and a page for each rig.
 
     Example: rig fleet report -o fleet.html
 
@@ -245,7 +245,7 @@ def report(
     baseline
         The diagnoses to report.
     false_alarms
-        False alarms that the whole fleet may raise in a month.
+        Allowed false alarms per month in the whole fleet.
     """
     from isorig.rig.files.output import write_text
     from isorig.rig.fleet.catalogue import Catalogue
@@ -259,7 +259,7 @@ def report(
 
 @app.command
 def sql(query: str, /, *, catalogue: Where = HERE) -> None:
-    """Ask the catalogue in SQL and print the rows as CSV; the table is called answers. Needs DuckDB.
+    """Query the catalogue in SQL and print the rows as CSV; the table is named answers. Needs DuckDB.
 
     Example: rig fleet sql "select rig, count(distinct content) from answers group by rig"
 

@@ -43,15 +43,15 @@ def frf(
     campaign
         A recording.
     output
-        The folder for a picture and a table of each transfer function, and frf.json about all. Where the drive repeats, also
-        what its periods say of noise and distortion. Bad records are named, and left out where others remain.
+        The folder for a figure and a table of each transfer function, and frf.json about all. For a periodic drive, also noise
+        and distortion from its periods. Faulty records are reported, and left out if there are others.
     reference
         The channel that drives, once for each channel if several drive at the same time (MIMO). The default are the drives of
         the rig's description, of the wire bonder the head.
     response
-        The channels that answer; all others where absent.
+        The response channels; by default all others.
     resolution
-        Distance of lines, Hz.
+        Frequency resolution, Hz.
     estimator
         H1 has no bias from noise in the response, H2 none from noise in the reference; Hv (total least squares) allows for noise
         in all channels.
@@ -64,7 +64,7 @@ def frf(
     band
         Lowest and highest frequency of the pictures, Hz; the driven band where absent.
     follow
-        The recording is being made: estimate from what is there, again and again until it is finished.
+        For a recording that is being written: estimate repeatedly from the available data until it is finished.
     """
     from isorig.analysis.errors import DataError
     from isorig.rig.acquire.follow import follow as followed

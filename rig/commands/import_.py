@@ -1,4 +1,4 @@
-"""rig import: measurements of other programs become a recording."""
+"""rig import: converts measurements of other programs to a recording."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ def import_(
     data: Path | None = None,
     draft: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
-    """Import files of other programs after a mapping, as one recording.
+    """Import files of other programs according to a mapping, as one recording.
 
-    They are MATLAB, CSV and other text, LVM, universal (UFF 58 and 58b), TDMS, WAV, HDF5, JSON, NPY and NPZ files. Propose
-    the mapping with --draft from the files, correct it, then import it. Of a rig other than the wire bonder a description is
-    proposed beside it, which rig describe shows.
+    Supported are MATLAB, CSV and other text, LVM, universal (UFF 58 and 58b), TDMS, WAV, HDF5, JSON, NPY and NPZ files. Let
+    --draft propose the mapping from the files, correct it, then import. For a rig other than the wire bonder, a description is
+    proposed as well, which rig describe shows.
 
     Example: rig import --draft run1.mat run2.mat -o mapping.toml, then: rig import mapping.toml -o campaign.h5
 
@@ -31,9 +31,9 @@ def import_(
     output
         The recording to write; with --draft the mapping.
     data
-        The folder that holds the mapping's files; its own where absent.
+        The folder of the files named in the mapping; by default the mapping's own.
     draft
-        Look at the files and propose a mapping.
+        Propose a mapping from the files.
     """
     from isorig.rig.errors import PlanError
     from isorig.rig.exchange.draft import draft_mapping

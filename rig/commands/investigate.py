@@ -1,4 +1,4 @@
-"""rig investigate: measure, diagnose and measure again until one cause stands."""
+"""rig investigate: measure and diagnose until one cause is identified."""
 
 from __future__ import annotations
 
@@ -21,34 +21,35 @@ def investigate(
     yes: bool = False,
     force: bool = False,
 ) -> None:
-    """Measure, diagnose, propose the run that parts what is open, and measure again, until one cause stands.
+    """Measure, diagnose, propose the run that distinguishes the remaining causes, and repeat until one cause is identified.
 
-    The plan's runs come first; a plan without runs begins with those that tell most. Before each run the operator is asked. It
-    ends when one cause stands, when no allowed run would be likely to show more, or when its runs or seconds are spent. Broken
-    off at any moment, the same call goes on where it was.
+    The plan's runs come first; a plan without runs starts with the most informative ones. The operator confirms each run. The
+    investigation ends when one cause is identified, when no allowed run is likely to show more, or when the limit of runs or
+    seconds is reached. Repeating the command continues an interrupted investigation.
 
     Example: rig investigate session.toml -o investigation
 
     Parameters
     ----------
     plan
-        The plan: instrument, channels, what is known of the rig, limits, and the first runs if there are any.
+        The plan: instrument, channels, known values of the rig, limits, and the first runs if any.
     output
-        The folder for recording.h5, session.toml (all runs), diagnosis-1 and so on, and report.html, the whole course.
+        The folder for recording.h5, session.toml (all runs), diagnosis-1 and so on, and report.html about the whole
+        investigation.
     port
         The instrument's port instead of the plan's.
     limits
-        A TOML file of limits, which hold together with those of the plan and of the rig's description.
+        A TOML file of limits, in addition to those of the plan and of the rig's description.
     baseline
         The wire bonder with Coulomb friction, or without any.
     tolerance
-        Error, as a share of the signal, that is not worth a cause.
+        Error, as a share of the signal, that counts as adequate.
     runs, seconds
-        Runs, and seconds of measuring, that it may take in all.
+        Maximum number of runs, and maximum seconds of measuring, in total.
     yes
-        Ask nothing: for a rig that locks itself, or a virtual one.
+        Do not prompt: for a rig that locks itself, or a virtual one.
     force
-        Begin runs that the look before them speaks against.
+        Start even if the pre-run check fails.
     """
     from isorig.rig.acquire.plan import as_virtual
     from isorig.rig.acquire.plan_check import read_plan
@@ -63,13 +64,13 @@ def investigate(
     from isorig.rig.next.proposal import WORK
 
     if not 0.0 <= tolerance < float("inf"):
-        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, such as 0.05 for 5 %")
+        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
     if runs < 1 or not 0.0 < seconds < float("inf"):
         raise RigError(f"--runs is {runs} and --seconds is {seconds:g}; give at least one run and a positive time")
     own = read_plan(plan, runs=False)
     if own.instrument.analyzer:
         raise PlanError(
-            f"{plan} is for an analyzer, which plays no drive of a plan; an investigation needs an instrument that does"
+            f"{plan} is for an analyzer, which cannot play a plan's drive; an investigation needs an instrument that can"
         )
     if any(run.repeats > 1 for run in own.runs):
         raise PlanError(f"{plan} has runs with repeats; give each run of an investigation its own id")
@@ -78,8 +79,8 @@ def investigate(
     begun = read_course(output) or Course(plan=plan.name, baseline=baseline, tolerance=tolerance)
     if (begun.plan, begun.baseline, begun.tolerance) != (plan.name, baseline, tolerance):
         raise RigError(
-            f"{output} holds an investigation of {begun.plan} with baseline {begun.baseline} and tolerance {begun.tolerance:g}; "
-            "go on with these, or give another folder"
+            f"{output} has an investigation of {begun.plan} with baseline {begun.baseline} and tolerance {begun.tolerance:g}; "
+            "continue with these, or give another folder"
         )
     output.mkdir(parents=True, exist_ok=True)
     with Terminal(json=False) as terminal:
@@ -90,9 +91,9 @@ def investigate(
             measure=measure, limit=LIMIT, tell=terminal.say,
         )  # fmt: skip
         course = go_on(own, output, begun, terms)
-    print(course.ended or "Stopped by the operator; the same call goes on where it was.")
+    print(course.ended or "Stopped by the operator; the same command continues the investigation.")
     print(f"{course.seconds:g} s measured in {len(course.runs)} runs", output / PAGE, sep="\n")
 
 
 def _silent(configuration: str) -> None:
-    """Nobody is asked."""
+    """Do not ask anyone."""

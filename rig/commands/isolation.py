@@ -1,4 +1,4 @@
-"""rig isolation: the isolation ratio, measured and simulated, gains stitched."""
+"""rig isolation: the isolation ratio, measured and simulated, stitched from several gains."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def isolation(
     output
         The folder for isolation.csv, isolation.json and isolation.png.
     model
-        A model.json whose simulation is put through the same estimate; none where absent.
+        A model.json to be simulated and evaluated in the same way; by default none.
     parameters
         The parameters.json of rig characterize: the wire bonder with these values is simulated, by the joint fit and by
-        half-power, both beside the measured ratio.
+        half-power, and both are plotted with the measured ratio.
     method
-        Which of the two, where only one is wanted.
+        Use only one of the two.
     stitch
-        Where the highest gain hands over to the next, Hz.
+        Upper frequency limit of the highest gain, where the next gain takes over, Hz.
     resolution
         Distance of lines, Hz.
     reference

@@ -1,4 +1,4 @@
-"""rig next: the measurement that parts the causes which a diagnosis leaves open."""
+"""rig next: the run that distinguishes the causes which a diagnosis leaves open."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ def next_(
     seconds: float = 60.0,
     for_: Annotated[str | None, Parameter(name="--for")] = None,
 ) -> None:
-    """Propose the runs that part the causes which a diagnosis leaves open, as a plan for rig acquire.
+    """Propose runs that distinguish the causes which a diagnosis leaves open, as a plan for rig acquire.
 
-    Candidate runs are simulated with every surviving cause; the rival of each is refitted before their distance counts. A run
-    that any of them takes beyond a limit is never proposed. Where no allowed run parts two causes, that is the answer.
+    Candidate runs are simulated with every remaining cause; the rivals of each are refitted before their distance counts. A run
+    that exceeds a limit with any of them is never proposed. If no allowed run distinguishes two causes, the answer says so.
 
     Example: rig next diagnosis -o next.toml
 
     Parameters
     ----------
     diagnoses
-        Folders that rig diagnose -o wrote, of one rig; the last one counts, the others tell what is ruled out.
+        Output folders of rig diagnose, for one rig; the last one counts, the others contribute the ruled-out causes.
     output
-        The plan to write, a TOML file; next to it a page with the same name and the ending .html shows the predictions.
+        The plan to write, a TOML file; a page with the same name and the extension .html shows the predictions.
     limits
-        A TOML file of limits: stroke, drive, force, channels, gains, band, seconds, lock_price. They hold together with those of
-        the rig's description and of the plan.
+        A TOML file of limits: stroke, drive, force, channels, gains, band, seconds, lock_price. They apply in addition to those
+        of the rig's description and of the plan.
     plan
         The plan of the session: its instrument, channels and limits. Without it the proposed plan is for the virtual rig.
     seconds
-        Seconds of measuring that the proposed runs may take together.
+        Maximum seconds of measuring for the proposed runs together.
     for_
-        A parameter and the deviation wished for, such as motor_damping=2%: propose the run that brings it below that.
+        A parameter and its required relative uncertainty, e.g. motor_damping=2%: propose the run that reaches it.
     """
     from rich.console import Console
 
@@ -53,15 +53,15 @@ def next_(
     from isorig.rig.next.sentences import reasons, summary
 
     if not diagnoses:
-        raise RigError("no diagnosis was given; name a folder that rig diagnose -o wrote")
+        raise RigError("no diagnosis was given; give a folder that rig diagnose -o wrote")
     if not 0.0 < seconds < float("inf"):
-        raise RigError(f"--seconds is {seconds:g}; give the seconds of measuring that the runs may take, such as 60")
+        raise RigError(f"--seconds is {seconds:g}; give the maximum seconds of measuring, e.g. 60")
     if output.suffix == ".html":
         raise RigError(f"-o is {output}, which is the name of the page; give the plan a name that ends in .toml")
     found = [read_rivals(folder) for folder in diagnoses]
     own = None if plan is None else read_plan(plan, runs=False)
     if own is not None and own.instrument.analyzer:
-        raise PlanError(f"{plan} is for an analyzer, which plays no drive of a plan; choose its next run by hand")
+        raise PlanError(f"{plan} is for an analyzer, which cannot play a plan's drive; choose its next run by hand")
     earlier = {} if own is None else {name: run for run in own.runs if run.repeats == 1 for name in run.ids()}
     now = situation(found, limits_of(model_of(found[-1]), own, limits), earlier)
     with Console(stderr=True).status("comparing candidate runs") as status:

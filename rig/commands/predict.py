@@ -1,4 +1,4 @@
-"""rig predict: what a model says that the sensors will record."""
+"""rig predict: the sensor signals that a model predicts."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def predict(
     model
         A model.json or baseline.json of rig diagnose.
     runs
-        A recording whose runs need only the drive's channel.
+        A recording; its runs need the drive channel only.
     output
-        The recording to write: the same runs with the predicted responses, from rest.
+        The recording to write: the same runs with the predicted responses, starting from rest.
     as_recorded
-        Put the faults of the measurement chain that the model carries on the responses.
+        Include the faults of the measurement chain that the model contains.
     """
     from isorig.rig.files.models import read_model
     from isorig.rig.files.recording import read, write

@@ -1,4 +1,4 @@
-"""rig recover: what a session that was killed has saved."""
+"""rig recover: restores the data of a killed session."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from cyclopts import Parameter
 
 
 def recover(working: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
-    """Make a recording of the working file that a broken session left behind, and say what was saved and lost.
+    """Make a recording of the working file left by an interrupted session, and report what was saved and lost.
 
     Example: rig recover campaign.h5.partial -o recovered.h5
 
     Parameters
     ----------
     working
-        The working file; its name ends in .partial. It is read only.
+        The working file; its name ends in .partial. It is not changed.
     output
         The recording to write.
     """

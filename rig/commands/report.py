@@ -11,7 +11,7 @@ from cyclopts import Parameter
 def report(
     campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], history: tuple[Path, ...] = ()
 ) -> None:
-    """Write one page about a recording, to be read by someone who was not there.
+    """Write one page about a recording, for readers who were not present.
 
     Runs, transfer functions with coherence, parameters, simulated over measured, of the wire bonder the isolation ratio, and
     what the simulation gets wrong. The page works offline, from a mail attachment too.
@@ -25,7 +25,7 @@ def report(
     output
         The folder for report.html, parameters.json, parameters.csv and model.json.
     history
-        The parameters.json of earlier campaigns on this rig, shown beside the new ones.
+        The parameters.json of earlier campaigns on this rig, to be compared with the new ones.
     """
     from rich.console import Console
 

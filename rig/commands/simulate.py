@@ -1,4 +1,4 @@
-"""rig simulate: the responses of a rig to a recorded or made-up drive, and the forces inside it."""
+"""rig simulate: the responses of a rig to a recorded or synthetic drive, and its internal forces."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def simulate(
     seed: int = 0,
     events: Path | None = None,
 ) -> None:
-    """Simulate a rig, driven by a recording's drive channel or by a made-up one.
+    """Simulate a rig, driven by a recording's drive channel or by a synthetic drive.
 
-    Beside the responses the recording holds what no sensor sees: the friction force of every contact
-    (<contact>_friction, N), the force that every link and the contacts beside it pass on (<link>_force, N), and the share of
-    each sample's time in which a contact sticks (<contact>_held).
+    In addition to the responses, the recording contains quantities without a sensor: the friction force of every contact
+    (<contact>_friction, N), the force transmitted by every link with its contacts (<link>_force, N), and the share of each
+    sample's time in which a contact sticks (<contact>_held).
 
     Example: rig simulate --excitation moves --seconds 10 -o moves.h5
 
@@ -43,35 +43,35 @@ def simulate(
         The recording to write.
     model
         A description in .toml, a model.json, the name of a description that rig describe lists, or one-mass, two-mass,
-        three-mass; the wire bonder as in the thesis where nothing is given.
+        three-mass; by default the wire bonder as in the thesis.
     parameters
-        The parameters.json of rig characterize: the wire bonder with these values, driven as hard as was measured at that gain.
+        The parameters.json of rig characterize: the wire bonder with these values, with the drive level measured at that gain.
     method
-        Which of the table's values: those of the joint fit, or those read by half-power.
+        The values to use: those of the joint fit, or those by half-power.
     drive
-        A recording whose drive channel is used; then the options of the made-up drive do not count.
+        A recording whose drive channel is used; the options of the synthetic drive are then ignored.
     excitation
         What is made up: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s,
         consecutive moves, or free (no drive: a mass that is released). The default is what the description says in usual, as
         for level, band, seconds and sample_rate.
     configuration
-        How the rig is set up.
+        Configuration of the rig.
     gain
-        Drive gain. With parameters it is as hard as what was measured there; without, 70 is an rms of 3.8 m/s^2 at the head and
+        Drive gain. With parameters it has the level measured at that gain; otherwise 70 is an rms of 3.8 m/s^2 at the head and
         moves of 12.5 m/s^2.
     level
-        rms of noise or multisine, peak of all else, in the drive's unit; what the gain stands for where absent (a rig
-        driven by a force: 500 N).
+        rms of noise or multisine, peak of all others, in the drive's unit; by default from the gain (500 N for a rig driven by a
+        force).
     band
         Lowest and highest frequency of noise, multisine or sweep, Hz.
     seconds
-        Length of the made-up drive.
+        Duration of the synthetic drive.
     sample_rate
         Hz.
     seed
-        Seed of what is random.
+        Random seed.
     events
-        A table to write beside: the time of every stick and slip.
+        An additional table to write: the time of every stick and slip.
     """
     from dataclasses import replace
 
@@ -83,7 +83,7 @@ def simulate(
     from isorig.rig.virtual.simulated_recording import events_table, made_up, usual_run, with_forces
 
     if model is not None and parameters is not None:
-        raise PlanError("--model and --parameters are both given, and each is a rig; give one of them")
+        raise PlanError("--model and --parameters both give a rig; give one of them")
     if parameters is None:
         given = read_rig(model or "wire-bonder")
     else:

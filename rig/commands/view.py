@@ -1,4 +1,4 @@
-"""rig view: what a session measures, or a recording, on a page in the browser."""
+"""rig view: a running session, or a recording, on a page in the browser."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from pathlib import Path
 def view(
     campaign: Path, *, plan: Path | None = None, replay: bool = False, speed: float = 1.0, seconds: float | None = None
 ) -> None:
-    """Show a session that another terminal measures, or a recording, on a page in the browser of this machine.
+    """Show a session that runs in another terminal, or a recording, on a page in the browser of this computer.
 
-    The page is served on this machine alone, at the address that is printed. It only shows: the buttons that act on a session
-    are on the session's own page, which rig acquire --view serves.
+    The page is served on the loopback interface only, at the printed address. It is read-only: the buttons that control a session
+    are on the session's own page, served by rig acquire --view.
 
     Example: rig view campaign.h5 --replay
 
     Parameters
     ----------
     campaign
-        The recording that rig acquire -o was given, or any recording.
+        The recording given to rig acquire -o, or any recording.
     plan
-        The session's plan: the page then tells how many runs there are, and how long they take.
+        The session's plan: the page then shows the number of runs and their duration.
     replay
         Play the recording back as it was measured.
     speed
-        How many times as fast it is played back.
+        Speed of the playback relative to real time.
     seconds
-        How long the page is served; until Ctrl-C where absent.
+        Seconds for which the page is served; by default until Ctrl-C.
     """
     import math
     import sys

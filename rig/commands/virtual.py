@@ -1,4 +1,4 @@
-"""rig virtual: a rig that exists in this program alone, as a recording or behind an instrument's port."""
+"""rig virtual: a virtual rig, as a recording or as a simulated instrument."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-app = App(name="virtual", help="A rig that exists in this program alone, as a recording or behind an instrument's port.")
+app = App(name="virtual", help="A virtual rig, as a recording or as a simulated instrument.")
 
 
 @app.command
@@ -37,7 +37,7 @@ def campaign(
     model
         A description in .toml, the name of one that rig describe lists, or a model.json; the thesis's wire bonder where absent.
     seed
-        Seed of drives and noise.
+        Random seed of drives and noise.
     noise
         Standard deviation of every sensor's noise: of the wire bonder in m/s^2, of another rig as a share of the channel's rms.
     seconds
@@ -45,10 +45,10 @@ def campaign(
     session
         The first session, or other runs measured later on the same rig.
     hide
-        An effect that is hidden in the rig: a cause of the catalogue such as end_stop, "outside: hose" or another that no
-        catalogue names, or "two". The seed draws its place and numbers.
+        An effect hidden in the rig: a cause of the catalogue, e.g. end_stop, "outside: hose" or another one outside the
+        catalogue, or "two". The seed determines its place and parameters.
     size
-        Size of the effect; 1 is full size.
+        Relative size of the effect; 1 is full size.
     """
     from isorig.analysis.model.built_in import wire_bonder
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
@@ -93,43 +93,43 @@ def instrument(
     hide: str | None = None,
     size: float = 1.0,
 ) -> None:
-    """Start a simulated instrument with a virtual rig behind it on a pseudo-terminal, and print its port.
+    """Start a simulated instrument, connected to a virtual rig, on a pseudo-terminal, and print its port.
 
-    It speaks the protocol of its kind, so rig acquire --port, or any program that speaks it, can measure with it. A framed
-    instrument plays the drive it is given; behind the others the rig is shaken by a drive of its own, at speed 1 unless told
-    otherwise.
+    It uses the protocol of its kind, so rig acquire --port, or any program with that protocol, can measure with it. A framed
+    instrument plays the drive that it receives; the other kinds measure a rig with a random drive, at speed 1 unless another is
+    given.
 
     Example: rig virtual instrument --kind di1100
 
     Parameters
     ----------
     kind
-        framed, di1100, mti600 (behind a serial CAN adapter), sr785, 35670a, or another kind whose far end is simulated.
+        framed, di1100, mti600 (with a serial CAN adapter), sr785, 35670a, or another kind with a simulated counterpart.
     model
-        A model.json of the rig; the thesis's wire bonder where absent.
+        A model.json of the rig; by default the thesis's wire bonder.
     seed
-        Seed of noise and faults.
+        Random seed of noise and faults.
     noise
-        Standard deviation of every sensor's noise, m/s^2.
+        Standard deviation of each sensor's noise, m/s^2.
     speed
-        Signal seconds per second; as fast as the wire takes it where absent.
+        Speed relative to real time; by default as fast as the connection allows.
     seconds
-        How long it stays.
+        Duration of the service.
     drop, duplicate, corrupt, stall, overload
-        Probability per frame that it is not sent, sent twice, hurt, late, or tells of an overload; of a DI-1100, which has no
+        Probability per frame that it is not sent, sent twice, damaged, late, or reports an overload; for a DI-1100, which has no
         frames, drop is the probability that half of a second's scans are not sent.
     unplug_after, turn_after
-        Signal seconds after which the wire is cut; after which the gain is turned up by a tenth.
+        Seconds of signal after which the connection is cut, or the gain is increased by a tenth.
     first_tick
-        Where the instrument's counter begins, to see it wrap.
+        Initial value of the instrument's counter, to test its wrapping.
     ppm
-        How much faster than told its clock runs, parts per million.
+        Rate error of its clock, parts per million.
     tcp
-        Listen on a TCP port of this machine instead of a pseudo-terminal, for machines that have none.
+        Listen on a TCP port of the loopback interface instead of a pseudo-terminal, for systems that have none.
     hide, size
-        An effect that is hidden in the rig behind a framed instrument, and its size; as of rig virtual campaign.
+        An effect hidden in the rig of a framed instrument, and its size; as for rig virtual campaign.
 
-    A fault (from drop to ppm) that an instrument of that kind cannot have is refused.
+    A fault (from drop to ppm) that an instrument of that kind does not support is refused.
     """
     from isorig.analysis.model.built_in import wire_bonder
     from isorig.drivers.simulated.faults import Faults

@@ -76,7 +76,7 @@ def test_a_run_is_taken_again_and_replaces_the_first(tmp_path: Path, capsys: pyt
     assert "together with --resume" in capsys.readouterr().err
     with ramp_instrument(Faults(overload=0.5, seed=1), rows=256) as (port, _):
         assert main([*call, "--port", port]) == 0
-    assert "worth taking again while the rig stands: --resume --again a --again b" in capsys.readouterr().out
+    assert "repeat while the rig is set up: --resume --again a --again b" in capsys.readouterr().out
     first = {run.id: run for run in read(tmp_path / "c.h5").runs}
     with ramp_instrument(rows=256) as (port, _):
         assert main([*call, "--port", port, "--resume", "--again", "b"]) == 0

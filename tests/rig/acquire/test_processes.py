@@ -96,7 +96,7 @@ def test_a_recording_is_followed_over_tcp_and_stopped_and_resumed(tmp_path: Path
         stopped.send_signal(signal.SIGINT)
         _, said = stopped.communicate(timeout=120.0)
         assert stopped.returncode == 130
-        assert f"what was measured is in {output}" in said
+        assert f"the measured data are in {output}" in said
         assert said.endswith("rig: stopped by the operator\n")
         assert "Traceback" not in said
         assert 0 < len(read(output).runs[0]) < 16 * 1024
@@ -145,5 +145,5 @@ def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFi
     (tmp_path / "c.h5").write_text("dear to somebody")
     (tmp_path / "plan.toml").write_text(FRAMED)
     assert main(["acquire", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "c.h5")]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert (tmp_path / "c.h5").read_text() == "dear to somebody"

@@ -99,7 +99,7 @@ def test_a_signal_stops_the_drive_and_keeps_the_run(tmp_path: Path, number: sign
         assert far.running is False
         assert far.stopped == 1
     assert b"Traceback" not in said
-    assert f"what was measured is in {tmp_path / 'c.h5'}".encode() in said
+    assert f"the measured data are in {tmp_path / 'c.h5'}".encode() in said
     run = read(tmp_path / "c.h5").runs[0]
     np.testing.assert_array_equal(run.channels["motor"].samples, np.arange(len(run)))
 

@@ -76,7 +76,7 @@ def test_every_recording_once(tmp_path: Path, measured: Path, pool: list[Path], 
     before = stamps_of(store)
     assert fleet("update", "-c", store) == 0
     assert stamps_of(store) == before
-    assert "5 recordings had an answer, 0 were looked at now" in capsys.readouterr().out
+    assert "5 recordings had an answer, 0 were processed now" in capsys.readouterr().out
     diagnosed = stamps_of(store / "diagnoses")
     (measured / "rig-c").mkdir()
     (measured / "rig-b" / "w2.h5").rename(measured / "rig-c" / "w9.h5")
@@ -122,7 +122,7 @@ def test_two_at_once_share_the_work(tmp_path: Path, measured: Path, capsys: pyte
     # One that the other has just finished when it is looked at is read, not diagnosed, and so may be told by both.
     assert sorted(set(lines)) == ["rig-a w1: adequate", "rig-a w2: adequate", "rig-b w1: adequate", "rig-b w2: adequate"]
     assert fleet("update", "-c", store) == 0
-    assert "4 recordings had an answer, 0 were looked at now" in capsys.readouterr().out
+    assert "4 recordings had an answer, 0 were processed now" in capsys.readouterr().out
 
 
 def test_a_recording_that_another_works_on_is_left_to_it(tmp_path: Path, measured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,7 +226,7 @@ def test_two_workers_give_the_same_bytes_though_one_is_killed(tmp_path: Path, me
             if c.status == psutil.CONN_LISTEN
         }
     assert listening == {"127.0.0.1"}
-    assert "4 were looked at now" in rest
+    assert "4 were processed now" in rest
     assert files_of(shared) == files_of(alone)
 
 
@@ -257,7 +257,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, measured: Path) -> None:
     lines = done.stdout.split("status 2\n")[1].splitlines()
     assert 0 <= int(lines[0]) < 4
     assert lines[1] == "0"  # no half file
-    assert lines[-2].endswith("4 recordings had an answer, 0 were looked at now")
+    assert lines[-2].endswith("4 recordings had an answer, 0 were processed now")
     assert lines[-1] == "4"
 
 
@@ -266,11 +266,11 @@ def test_a_time_limit_before_any_fit_leaves_no_answer(tmp_path: Path, measured: 
     shutil.rmtree(measured / "rig-b")
     assert fleet("add", measured, "-c", store) == 0
     assert fleet("update", "-c", store, "--seconds", 1e-6) == 2
-    assert "took longer than the 1e-06 s it was given, before the baseline was fitted" in capsys.readouterr().err
+    assert "took longer than the limit of 1e-06 s, before the baseline was fitted" in capsys.readouterr().err
     assert list(answers(store).verdict) == ["timed out"] * 2
     assert not list((store / "diagnoses").rglob("*.json"))
     assert fleet("update", "-c", store, "--seconds", 1e-6) == 0  # it would take as long again
-    assert "0 were looked at now" in capsys.readouterr().out
+    assert "0 were processed now" in capsys.readouterr().out
     assert fleet("update", "-c", store, "--seconds", 100) == 0
     assert list(answers(store).verdict) == ["adequate"] * 2
 
@@ -291,7 +291,7 @@ def test_a_search_cut_short_is_told_and_taken_up_again(
     found = Catalogue(store).answers()
     assert {"links.isolation.stiffness", "time_limit"} < set(found.parameter)
     assert fleet("update", "-c", store, "--baseline", "linear", "--seconds", 1.5) == 0
-    assert "0 were looked at now" in capsys.readouterr().out  # it would come as far again
+    assert "0 were processed now" in capsys.readouterr().out  # it would come as far again
     assert fleet("update", "-c", store, "--baseline", "linear", "--seconds", 1.7) == 0
     assert told.format(1.7) in capsys.readouterr().out
 
@@ -380,7 +380,7 @@ def test_what_cannot_be_used_is_told(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["update"], "is not a fleet's catalogue"),
         (["show"], "is not a fleet's catalogue"),
         (["add"], "no folder was given"),
-        (["add", str(tmp_path / "nowhere")], "is no folder"),
+        (["add", str(tmp_path / "nowhere")], "is not a folder"),
         (["watch", str(tmp_path), "--every", "0"], "give a positive time"),
         (["update", "--seconds", "-1"], "--seconds is -1; give a positive time"),
     ):

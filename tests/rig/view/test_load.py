@@ -172,7 +172,7 @@ def test_a_session_that_is_ended_while_it_waits_keeps_its_notes(tmp_path: Path) 
         session.send_signal(signal.SIGTERM)
         _, said = session.communicate(timeout=30)
         assert session.returncode == 128 + signal.SIGTERM
-    assert said == f"what was measured is in {output}; rig acquire --resume goes on with the plan\n"
+    assert said == f"the measured data are in {output}; rig acquire --resume continues the plan\n"
     from isorig.rig.acquire.notes import notes_in
 
     assert [(note.run, note.text) for note in notes_in(output)] == [("a", "it hummed")]
