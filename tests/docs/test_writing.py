@@ -1,4 +1,4 @@
-"""Words that docs/writing.md asks to avoid stay out of the pages."""
+"""Words that docs/writing.md asks to avoid stay out of the pages and of the help of commands."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
+
+from isorig.rig.cli import COMMANDS, main
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The first bullet below "Avoid" in docs/writing.md, except words that also have a plain use ("look", "stands").
@@ -25,3 +27,18 @@ def prose(page: str) -> str:
 def test_pages_use_plain_words(page: Path) -> None:
     found = {match.group() for match in AVOIDED.finditer(prose(page.read_text(encoding="utf-8")))}
     assert not found, f"{page.name} uses {sorted(found)}; docs/writing.md has plain words for them"
+
+
+def help_of(name: str, capsys: pytest.CaptureFixture[str]) -> str:
+    main([*name.split(), "--help"])
+    shown = capsys.readouterr().out
+    below = re.findall(r"^[│ ]*([a-z]+)  ", shown, re.MULTILINE) if name in ("fleet", "virtual") else []
+    return shown + "".join(help_of(f"{name} {command}", capsys) for command in below)
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_help_uses_plain_words(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shown = help_of(name, capsys)
+    assert "Usage" in shown
+    found = {match.group() for match in AVOIDED.finditer(shown)}
+    assert not found, f"rig {name} --help uses {sorted(found)}; docs/writing.md has plain words for them"
