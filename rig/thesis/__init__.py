@@ -1,1 +1,1 @@
-"""The thesis's tables and figures worked out anew from the virtual rig, beside what the thesis printed."""
+"""The thesis's tables and figures recomputed with the virtual rig, compared with the printed ones."""

@@ -1,4 +1,4 @@
-"""The rigs that may stand behind the thesis, and the campaigns played on them as the thesis measured."""
+"""Candidates for the thesis's rig, and virtual campaigns on them, measured as in the thesis."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HARDER = 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """A rig that may stand behind the thesis, and the level of its drive (rms of the head per unit of gain, m/s^2)."""
+    """A candidate for the thesis's rig, and its drive level (rms of the head per unit of gain, m/s^2)."""
 
     name: str
     rig: RigModel
@@ -49,7 +49,7 @@ def candidates() -> tuple[Candidate, ...]:
     return (
         Candidate(name="Table 4 and 20 N of Coulomb friction", rig=wire_bonder()),
         Candidate(
-            name=f"20 N of Coulomb friction, drive {HARDER:g} times as hard", per_gain=HARDER * HEAD_PER_GAIN,
+            name=f"20 N of Coulomb friction, drive {HARDER:g} times as strong", per_gain=HARDER * HEAD_PER_GAIN,
             rig=wire_bonder({**THESIS, "motor_damping": NONE}),
         ),
         Candidate(name=f"Stribeck friction, 20 N falling to {SLIDING:g} N", rig=stribeck_rig()),

@@ -1,4 +1,4 @@
-"""Figures 3 to 13: the early rig, the first masses with friction, and the thesis's way of integrating them."""
+"""Figures 3 to 13: the early rig, the first masses with friction, and the thesis's integration method."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def early_rig() -> RigModel:
 
 
 def too_small(rig: RigModel, acceleration: float, configuration: str = "locked") -> float:
-    """The heatblock's motion on the table in a move: the early rig's over another's."""
+    """Displacement of the heatblock relative to the table during a move: of the early rig divided by that of another."""
     move = Move(distance=DISTANCE, acceleration=acceleration, pause=0.0)
     both = [on_move(m, move, tolerance=TOLERANCE, configuration=configuration).largest for m in (early_rig(), rig)]
     return both[0] / both[1]
 
 
 def stays(length: float) -> float:
-    """Where a mass held by 200 N ends after a pulse, as a share of its largest displacement."""
+    """Final displacement of a mass with 200 N of friction after a pulse, as a share of its largest displacement."""
     x = struck(one_mass(friction=HELD), length).response.channels["motor"]
     return float(x[-1] / x.max())
 
@@ -51,7 +51,7 @@ def early(base: Candidate) -> Step:
         *(
             judged(
                 f"Fig. 3 and 5: heatblock on the table, locked, early rig over the identified one, moves of {level:g} m/s²", FOUR,
-                too_small(base.rig, level), why={"agrees": "the early table of 300 kg takes the reaction, where 80 kg move"},
+                too_small(base.rig, level), why={"agrees": "the early table has 300 kg, the identified one 80 kg"},
             )
             for level in LEVELS
         ),
@@ -68,7 +68,7 @@ def early(base: Candidate) -> Step:
     text = [
         _four([too_small(base.rig, level) for level in LEVELS]),
         _blame(),
-        "The pictures of these figures, and every law of friction, are on the page about [friction](friction.md).",
+        "These figures, and every friction law, are on the page about [friction](friction.md).",
     ]
     return Step(title="Fig. 3-13 and the force gauge", rows=rows, text=text, pictures={"early": _picture(base)})
 
@@ -78,13 +78,13 @@ def _four(shares: list[float]) -> str:
     size = f"{1.0 / max(shares):.1f} to {1.0 / min(shares):.1f} times"
     if any(FOUR.verdict(share) != "agrees" for share in shares):
         return (
-            f"**Too small by about 4** is said of {rig}; here the identified rig's moves {size} as far, which does not "
-            "explain it."
+            f"**Too small by about 4** refers to {rig}. Here the heatblock of the identified rig moves {size} as far, which does "
+            "not explain it."
         )
     return (
-        f"**Too small by about 4** belongs to {rig}: the identified rig's moves {size} as far, for 80 kg of table give way "
-        "where 300 kg "
-        "did. Friction has no part in it, for the locked motor has none, and neither has Fig. 28, whose motion is too large."
+        f"**Too small by about 4** refers to {rig}. The heatblock of the identified rig moves {size} as far, because its table "
+        "has 80 kg instead of 300 kg. Friction is not the reason, because the locked motor has none; nor is Fig. 28, whose "
+        "motion is too large."
     )
 
 
@@ -125,20 +125,19 @@ def _blame() -> str:
     found, right = literal("relative", two_mass()), struck(two_mass(), 0.1).response.channels["motor"]
     off = float(np.abs(found.states[:, 1] - right).max() / np.abs(right).max())
     cause = (
-        "so the relative velocity is not what makes it chatter: the law's Fnet is"
+        "so the reason for the chatter is not the relative velocity, but the law's Fnet"
         if held <= 10 < min(two, three)
-        else "so the force that holds is not the only reason"
+        else "so the holding force is not the only reason"
     )
     return (
-        f"**What makes it chatter.** Replayed to the letter, with the relative velocity, two masses make {two} reversals in "
-        "1.2 s and "
-        f"three make {three}, although the thesis's figure of two masses is clean. Either that run took the "
-        f"motor's own velocity already ({own} reversals), or its figure shows displacements, which the chatter changes by "
-        f"{100.0 * off:.1f} % only. With the force that keeps motor and table together in place of the force on the motor alone, "
-        f"the same law, solver and relative velocity give {held} reversals at most, {cause}. Fnet holds a motor to the "
-        "ground, not "
-        "to a table that moves: the motor leaves the band at the next step and the sign alternates. The thesis blames the "
-        "relative velocity; its remedy, the motor's own velocity, is wrong where the table moves ([friction](friction.md))."
+        f"**Reason for the chatter.** In a literal replay with the relative velocity, two masses have {two} reversals in 1.2 s "
+        f"and three have {three}, although the thesis's figure of two masses shows no chatter. Either that run already used the "
+        f"motor's absolute velocity ({own} reversals), or the figure shows displacements, which the chatter changes by only "
+        f"{100.0 * off:.1f} %. If the holding force keeps motor and table together, instead of balancing the forces on the motor "
+        f"alone, the same law, solver and relative velocity give {held} reversals at most, {cause}. Fnet holds a motor to the "
+        "ground, not to a moving table: the motor leaves the band at the next step and the sign alternates. The thesis "
+        "attributes the chatter to the relative velocity; its remedy, the motor's absolute velocity, is wrong if the table moves "
+        "([friction](friction.md))."
     )
 
 
@@ -151,7 +150,7 @@ def _picture(base: Candidate) -> Figure:
         kept = seen.time < 0.1
         axis.plot(1e3 * seen.time[kept], 1e6 * seen.motion[kept], lw=1.1, label=name)
     axis.set(
-        xlabel="time, ms", ylabel="heatblock on the table, µm",
+        xlabel="time, ms", ylabel="heatblock relative to table, µm",
         title=f"Locked, a move of {1e3 * DISTANCE:g} mm at {LEVELS[-1]:g} m/s²",
     )  # fmt: skip
     axis.grid(visible=True, alpha=0.25, lw=0.5)

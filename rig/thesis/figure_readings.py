@@ -1,4 +1,4 @@
-"""Tables 1 to 3 (Fig. 14-21): the set-ups read one by one, and what friction and resolution do to half-power."""
+"""Tables 1 to 3 (Fig. 14-21): the set-ups one by one, and the influence of friction and resolution on half-power."""
 
 from __future__ import annotations
 
@@ -54,9 +54,8 @@ def tables(rough: Classic, smooth: Classic) -> Step:
                 ),
             ]  # fmt: skip
     text = (
-        "Each damping is that of the fit of the mode, and half-power's in brackets; `rig characterize` reads both off any "
-        "recording. "
-        "The frequencies are peaks of the coupled rig, which lie a little beside √(k/m)/2π of each body alone."
+        "Each damping ratio is from the modal fit, with the half-power value in brackets; `rig characterize` computes both for "
+        "any recording. The frequencies are peaks of the coupled rig, which differ slightly from √(k/m)/2π of each body alone."
     )
     return Step(
         title="Tables 1 to 3 (Fig. 14-21)", rows=rows, text=[text],
@@ -109,7 +108,7 @@ def half_power_explained(played: Played) -> Step:
     rough, smooth = resolutions(played.measured), resolutions(played.smooth)
     rows = [
         judged(
-            f"half-power of the table, lines {resolution:g} Hz apart", printed(HALF_POWER, 0.15), a,
+            f"half-power of the table, resolution {resolution:g} Hz", printed(HALF_POWER, 0.15), a,
             here=f"{a:.3f}; without friction {b:.3f}",
         )
         for resolution, a, b in zip(RESOLUTIONS, rough, smooth, strict=True)
@@ -129,26 +128,35 @@ def half_power_explained(played: Played) -> Step:
                     f"{mass:.1f} kg, {zeta:.3f}", f"{error:.0%}",
                 )
             )  # fmt: skip
-    heads = ("friction, N", "motor's own damping", "damping read off the motor", "off the table", "error surface", "its error")
+    heads = (
+        "friction, N",
+        "motor's own damping",
+        "damping from the motor's peak",
+        "from the table's",
+        "error surface",
+        "its error",
+    )
     finite = [value for value in rough if np.isfinite(value)]
     nearest = RESOLUTIONS[int(np.nanargmin(np.abs(np.array(rough) - HALF_POWER)))]
     text = [
-        f"**Half-power .067 against .015.** A table of .015 read by half-power gives {min(finite):.3f} to {max(finite):.3f} with "
-        f"friction, nearest to the thesis's with lines {nearest:g} Hz apart, and {np.nanmin(smooth):.3f} to "
-        f"{np.nanmax(smooth):.3f} "
-        "without. Three things add up: the neighbour's damping in the coupled mode, friction, and the window's width where "
-        "lines are "
-        "far apart. `rig characterize` refuses half-power where a neighbour is too near or lines are too few, and says so.",
-        "**Friction and the motor's damping.** Doubling the drive and the friction doubles every motion, so only friction per "
-        "drive "
-        "matters, and reading a damping off a peak counts friction in. "
+        f"**Half-power .067 compared with .015.** For a table with a damping ratio of .015, half-power gives {min(finite):.3f} "
+        f"to {max(finite):.3f} with friction, closest to the thesis's value with a resolution of {nearest:g} Hz, and "
+        f"{np.nanmin(smooth):.3f} to {np.nanmax(smooth):.3f} without. Three effects add up: the neighbour's damping in the "
+        "coupled mode, friction, and the width of the window with a coarse resolution. `rig characterize` refuses half-power, "
+        "with a message, if a neighbouring peak is too close or there are too few frequency bins.",
+        "**Friction and the motor's damping.** Doubling both drive and friction doubles every motion, so only the ratio of "
+        "friction to drive matters, and the damping ratio determined from a peak includes friction. "
         + (
-            f"At the page's drive {' or '.join(f'{force:g}' for force in fits)} N without any other damping read as the "
-            "thesis's .073: "
-            "either the thesis's drive was as much harder as 20 N is more than that, or sliding friction lies that much below "
-            "breakaway, which is Stribeck's law."
+            f"With the drive of this page, {' or '.join(f'{force:g}' for force in fits)} N of friction without any other damping "
+            "appear as the thesis's .073: either the thesis's drive was stronger, by the ratio of 20 N to that force, or sliding "
+            "friction is below breakaway by that ratio, which is Stribeck's law."
             if fits
-            else "None of the forces tried reads as the thesis's .073."
+            else "None of the tried forces appears as the thesis's .073."
         ),
     ]
-    return Step(title="What friction and resolution do to the readings", rows=rows, text=text, tables=[(heads, cells)])
+    return Step(
+        title="Influence of friction and frequency resolution on the damping values",
+        rows=rows,
+        text=text,
+        tables=[(heads, cells)],
+    )

@@ -1,4 +1,4 @@
-"""Every figure of the thesis that a campaign can be held against, and the distance of a campaign over all of them."""
+"""Every figure of the thesis that a campaign can be compared with, and the distance of a campaign over all of them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COMPARED = {(5.0, 7.0): "too low", (7.0, 10.0): "too low", (10.6, 11.4): "too hi
 RATIO_BANDS = {(5.0, 9.0): True, (9.0, 13.0): False, (13.0, 15.0): True}
 #: "Around 164.5 Hz": relative.
 AROUND_PEAK = 0.015
-#: A twentieth is what a reader sees on a logarithmic page.
+#: A difference of 5 % is visible in a logarithmic plot.
 SEEN = 0.05
 
 
@@ -142,7 +142,7 @@ def figures() -> tuple[Figure, ...]:
         ),
         *_set_ups(), *_overlay(), *_ratios(),
         Figure(
-            where="Fig. 28", what="motor's displacement, simulated over measured: likeness of shape (correlation)",
+            where="Fig. 28", what="motor's displacement, simulated and measured: similarity of shape (correlation)",
             stated=above("right shape", 0.9), of=lambda s: float(np.corrcoef(*motion(s.played)[:2])[0, 1]),
         ),
         Figure(
@@ -163,11 +163,11 @@ def _set_ups() -> tuple[Figure, ...]:
     for name, where, tolerance in (("heatblock", "Fig. 14-15", 0.005), ("motor", "Fig. 16-18", 0.05)):
         found += [
             Figure(
-                where=where, what=f"frequency read off the {name}, Hz",
+                where=where, what=f"frequency from the {name}'s peak, Hz",
                 stated=printed(THESIS[f"{name}_frequency"], tolerance), of=_reading(name, "frequency"),
             ),
             Figure(
-                where=where, what=f"damping read off the {name}", stated=printed(THESIS[f"{name}_damping"], 0.15),
+                where=where, what=f"damping from the {name}'s peak", stated=printed(THESIS[f"{name}_damping"], 0.15),
                 of=_reading(name, "damping"),
             ),
         ]  # fmt: skip
@@ -189,7 +189,7 @@ def _set_ups() -> tuple[Figure, ...]:
             for place in (5.0, 11.0)
         ),
         Figure(
-            where="Table 3", what="half-power damping of the table, lines as they come nearest", stated=printed(HALF_POWER, 0.15),
+            where="Table 3", what="half-power damping of the table, closest resolution", stated=printed(HALF_POWER, 0.15),
             of=_nearest_half_power,
         ),
     )  # fmt: skip
@@ -224,8 +224,8 @@ def _overlay() -> tuple[Figure, ...]:
             where="Fig. 22", what=f"the table's peak simulated with {ACTUAL:g} kg and {HALF_POWER:g}, over the measured one",
             stated=below("far too small", 1.0 / 3.0), of=heavy_peak,
         ),
-        Figure(where="Fig. 23", what="table mass where the error is least, kg", stated=printed(80.0, 0.15), of=least(0)),
-        Figure(where="Fig. 23", what="table damping where the error is least", stated=printed(0.015, 0.35), of=least(1)),
+        Figure(where="Fig. 23", what="table mass at the minimum error, kg", stated=printed(80.0, 0.15), of=least(0)),
+        Figure(where="Fig. 23", what="table damping at the minimum error", stated=printed(0.015, 0.35), of=least(1)),
         *(
             Figure(
                 where="Fig. 24", what=f"|table / head| simulated without friction over measured, {low:g} to {high:g} Hz",
@@ -244,7 +244,7 @@ def _ratios() -> tuple[Figure, ...]:
         *(
             Figure(
                 where="Fig. 26-27",
-                what=f"ratio simulated without friction and measured, {low:g} to {high:g} Hz: factor apart",
+                what=f"ratio simulated without friction and measured, {low:g} to {high:g} Hz: factor between them",
                 stated=Stated(words="agree", low=1.0, high=1.2, tolerance=0.1) if agree else above("differ", 1.2, 0.1),
                 of=differ(low, high),
             )
@@ -268,15 +268,15 @@ def _peaks() -> tuple[Figure, ...]:
             stated=printed(THESIS["heatblock_frequency"], AROUND_PEAK), of=lambda s: s.played.ratio.peaks.locked,
         ),
         Figure(
-            where="Fig. 31-32", what="the same, unlocked less locked, Hz", stated=above("unlocked higher", 0.3),
+            where="Fig. 31-32", what="the same, unlocked minus locked, Hz", stated=above("unlocked higher", 0.3),
             of=lambda s: s.played.ratio.peaks.unlocked - s.played.ratio.peaks.locked,
         ),
         Figure(
-            where="Fig. 31", what="ratio at one place, the unlocked peak's", stated=printed(1.0, 0.1),
+            where="Fig. 31", what="ratio at the frequency of the unlocked peak", stated=printed(1.0, 0.1),
             of=lambda s: s.played.ratio.peaks.by_line,
         ),
         Figure(
-            where="Fig. 32", what="ratio with each peak at its own place", stated=printed(0.5, 0.25),
+            where="Fig. 32", what="ratio of the peaks at their own frequencies", stated=printed(0.5, 0.25),
             of=lambda s: s.played.ratio.peaks.ratio,
         ),
     )  # fmt: skip

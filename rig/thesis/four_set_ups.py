@@ -1,4 +1,4 @@
-"""The thesis's four set-ups beside the joint fit: plain values for files, pictures, and a page with every fit over its data."""
+"""The thesis's four set-ups compared with the joint fit: plain values for files, figures, and a page with every fit."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from isorig.rig.report.sections import number, provenance_section, words
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 BIASED = (
-    "Read one by one as the thesis did: peaks of the coupled rig, without friction in the model, so that friction counts as "
-    "damping. The joint fit is the better estimate; these show what the linear reading makes of the same runs."
+    "Single peaks of the coupled rig, as in the thesis, without friction in the model, so that friction counts as damping. "
+    "The joint fit is the better estimate; these values show the result of a linear evaluation of the same runs."
 )
 
 STATED = (
-    "Deviations of the joint fit come from its residuals, each spectral line left out in turn with all its channels, given the "
-    "recorded head; they include the simulation's grid and the recorder's filter, and where the model leaves a misfit also how "
-    "far the runs disagree and the misfit's size."
+    "The standard uncertainties of the joint fit are computed from its residuals, leaving out each frequency bin in turn in all "
+    "channels, given the recorded head acceleration. They include the simulation's time step and the recorder's filter and, if "
+    "the model misfits, also the differences between the runs and the size of the misfit."
 )
-CALIBRATED = "What the recording tells of its sensors' calibration and its weighed masses is carried through the fit."
+CALIBRATED = "The given uncertainties of the sensors' calibration and of the weighed masses are propagated through the fit."
 EXACT = (
-    f"The recording does not tell how well its sensors are calibrated ({CALIBRATION}), so they are taken as exact: an error of "
-    "the head's sensor or mass goes in full into the friction and in part into the table's mass."
+    f"The recording gives no uncertainty of its sensors' calibration ({CALIBRATION}), so they are treated as exact: an error of "
+    "the head's sensor or mass affects the friction in full and the table's mass in part."
 )
 
 
@@ -86,10 +86,10 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
     surface = [_surface_section(read.surface)] if read.surface is not None else []
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
-        verdict=f"The joint fit errs by {100 * found.error:.2g} % of the signal on held-out data, noise alone by "
+        verdict=f"The error of the joint fit is {100 * found.error:.2g} % of the signal on held-out data, that of noise alone "
         f"{100 * found.floor:.2g} %.",
         summary=[fault.text for fault in found.faults]
-        + [f"{words(name).capitalize()}: not read, because {reason}." for name, reason in read.refused.items()],
+        + [f"{words(name).capitalize()}: not available, because {reason}." for name, reason in read.refused.items()],
         sections=[
             Section(
                 title="Parameters",
@@ -99,7 +99,7 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
             *(_set_up_section(item) for item in read.set_ups),
             *surface,
             Section(
-                title="Joint fit over the runs", charts=[*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
+                title="Joint fit and runs", charts=[*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
             ),
             provenance_section(campaign),
         ],
@@ -154,11 +154,11 @@ def _set_up_section(item: SetUp) -> Section:
         m = item.mode
         text.append(
             f"By {item.method}: {m.frequency:.4f} ± {m.frequency_std:.1g} Hz, damping ratio {m.damping:.4g} ± "
-            f"{m.damping_std:.1g}, {m.lines:.1f} lines of {frf.resolution:.3g} Hz in the bandwidth."
+            f"{m.damping_std:.1g}, {m.lines:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
         )
     text += [f"No fit: {item.refused}."] if item.refused else []
     if half.mode is None:
-        text.append(f"Half-power is refused: {half.refused}.")
+        text.append(f"Half-power is not applicable: {half.refused}.")
     else:
         text.append(
             f"Half-power: {half.mode.frequency:.4f} Hz, damping ratio {half.mode.damping:.4g} ± {half.mode.damping_std:.1g}"
@@ -180,9 +180,9 @@ def _surface_section(surface: ErrorSurface) -> Section:
     mass, damping, error = surface.best
     row, column = (int(np.argmin(np.abs(axis - best))) for axis, best in ((surface.damping, damping), (surface.mass, mass)))
     text = (
-        f"The mean relative error of the simulated magnitude is least, {100 * error:.1f} %, at a table of "
+        f"The mean relative error of the simulated magnitude has its minimum, {100 * error:.1f} %, at a table of "
         f"{mass:.4g} ± {surface.std[0]:.1g} kg with a damping ratio of {damping:.3g} ± {surface.std[1]:.1g} "
-        "(deviations from the measurement's error bars alone); the surface itself is error-surface.png."
+        "(standard uncertainties from the measurement's error bars only); error-surface.png shows the surface."
     )
     charts = [
         Chart(

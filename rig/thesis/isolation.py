@@ -39,7 +39,7 @@ def ratio(played: Played) -> Step:
     rows = [
         *(
             judged(
-                f"ratio from {low:g} to {high:g} Hz, measured and simulated without friction: factor apart",
+                f"ratio from {low:g} to {high:g} Hz, measured and simulated without friction: factor between them",
                 Stated(words="agree", low=1.0, high=1.2, tolerance=0.1) if agree else above("differ", 1.2, 0.1),
                 apart(measured, smooth, low, high),
                 here=f"{apart(measured, smooth, low, high):.2f} "
@@ -50,7 +50,7 @@ def ratio(played: Played) -> Step:
         *(
             plain(
                 f"isolated from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:g} ({name})",
-                f"{share.share:.0%} ± {share.std:.1%}", remark="the figure of a page of `rig report`; the thesis's 60 % is of "
+                f"{share.share:.0%} ± {share.std:.1%}", remark="the number in `rig report`; the thesis's 60 % refers to "
                 "a move",
             )
             for name, share in found.isolated.items() if name == "measured"
@@ -58,7 +58,7 @@ def ratio(played: Played) -> Step:
         judged(
             "step between the gains at 15 Hz: factor", above("a step", 1.2), float(np.exp(abs(np.log(step)))),
             here=f"gain {LOW:g} lies at {step:.3f} ± {std:.1g} of gain {HIGH:g}",
-            why={"agrees": "another drive, another share of time stuck; a linear rig has no step"},
+            why={"agrees": "the share of time stuck depends on the drive; a linear rig has no step"},
         ),
         judged(
             f"ratio from 15 to 80 Hz at gain {HIGH:g}", Stated(words="near 1, noisy", low=1.0, high=1.0, tolerance=0.1),
@@ -75,10 +75,9 @@ def ratio(played: Played) -> Step:
     ]  # fmt: skip
     text = (
         f"**The ratio near 1 at gain {HIGH:g}.** The head's force is {_rms_force(played):.1f} N rms there and "
-        f"{_rms_force(played, LOW):.0f} N at gain {LOW:g}, against 20 N that hold the motor. A motor that is stuck is a "
-        "locked one, so the "
-        "ratio says nothing of the isolation there. `rig isolation --parameters` tells the share of time stuck and shades "
-        "those lines."
+        f"{_rms_force(played, LOW):.0f} N at gain {LOW:g}, compared with 20 N of breakaway force. A stuck motor "
+        "behaves like a locked one, so the ratio does not show the isolation there. `rig isolation --parameters` reports the "
+        "share of time stuck and shades those frequencies."
     )
     return Step(
         title="Fig. 25-27, 29 and 30: the isolation ratio", rows=rows, text=[text],
@@ -195,23 +194,17 @@ def _said(found: PeakOffset, needed: float) -> list[str]:
     settled = (
         f"A table of {', '.join(f'{mass:g}' for mass in both)} kg does both."
         if both
-        else f"The place asks for a table of {_masses(near)} around 165 Hz, the ratios for one of {_masses(reaches)}: no mass "
-        "does both, so "
-        "the effective 80 kg of the mode at 10.8 Hz say nothing of the table at 165 Hz, and a lighter one does not explain "
-        "the thesis's "
-        "peaks either."
+        else f"The peak's frequency requires a table of {_masses(near)} around 165 Hz, the ratios require {_masses(reaches)}: no "
+        "mass does both. The effective 80 kg of the mode at 10.8 Hz therefore do not apply at 165 Hz, and a lighter table does "
+        "not explain the thesis's peaks either."
     )
     return [
-        f"**The offset of the peaks.** {found.verdict} A motor that is stuck all the time rides along and the peaks coincide; "
-        "one that "
-        f"slides all the time leaves the table, and the peak rises by the {found.mass_loading:.2f} Hz of mass loading. In "
-        "between "
-        "friction does part of both.",
-        "**Where the peak lies.** Under the head's drive table and heatblock move against one another, so the peak lies "
-        "above the "
-        f"{THESIS['heatblock_frequency']:g} Hz that table to heatblock shows, the more the lighter the table is. A ratio near "
-        "1 at one "
-        f"place together with 0.5 at their own needs peaks {needed:.1f} Hz apart, where the locked one has fallen to half. "
-        f"{settled} "
-        "The thesis does not print its peaks in Hz; at two gains they would settle it.",
+        f"**The offset of the peaks.** {found.verdict} If the motor is stuck all the time, its mass is added to the table and "
+        f"the peaks coincide; if it slides all the time, its mass is decoupled and the peak rises by {found.mass_loading:.2f} Hz "
+        "(mass loading). With both states, the offset is in between.",
+        "**Frequency of the peak.** With the drive at the head, table and heatblock move in opposite directions, so the peak is "
+        f"above the {THESIS['heatblock_frequency']:g} Hz of table to heatblock, by more for a lighter table. A ratio near 1 at "
+        f"the same frequency, together with 0.5 for each peak at its own frequency, requires peaks {needed:.1f} Hz apart, where "
+        f"the locked one has decreased to half. {settled} The thesis does not give its peaks in Hz; their values at two gains "
+        "would decide it.",
     ]

@@ -1,4 +1,4 @@
-"""98 % predicted, 60 % measured: the isolation on a move, by its level, and the bond's specification."""
+"""98 % predicted, 60 % measured: the isolation during a move over its acceleration, and the bond's specification."""
 
 from __future__ import annotations
 
@@ -40,15 +40,17 @@ def moves(played: Played, bond: BondPlan = BOND) -> Step:
     rough = {name: item for name, item in found.items() if item is not smooth}
     rows = [
         judged(
-            f"isolated on a move of {1e3 * DISTANCE:g} mm at {HARDEST:g} m/s², without friction: share that passes",
+            f"isolated on a move of {1e3 * DISTANCE:g} mm at {HARDEST:g} m/s², without friction: transmitted share",
             Stated(words="98 % predicted", low=1.0 - PREDICTED, high=1.0 - PREDICTED, tolerance=0.5),
             1.0 - _at(smooth, HARDEST),
             here=f"{1.0 - _at(smooth, HARDEST):.3f} ({_at(smooth, HARDEST):.0%} isolated)",
         ),
         *(
             judged(
-                f"{name}: level from which on moves isolate {MEASURED:.0%}, m/s²",
-                Stated(words="60 % measured, level not given, but a bench's", low=BENCH[0], high=BENCH[1], tolerance=0.1),
+                f"{name}: acceleration above which moves isolate {MEASURED:.0%}, m/s²",
+                Stated(
+                    words="60 % measured, acceleration not given, typical of a bench", low=BENCH[0], high=BENCH[1], tolerance=0.1
+                ),
                 level_for(item, MEASURED),
             )
             for name, item in rough.items()
@@ -60,17 +62,14 @@ def moves(played: Played, bond: BondPlan = BOND) -> Step:
         [(f"{level:g}", *(f"{_at(item, level):.0%}" for item in found.values())) for level in TOLD],
     )
     text = [
-        "**98 % and 60 %** are of moves, of the heatblock's displacement relative to the table, unlocked against locked. "
-        "Friction is "
-        "a constant force, so what it spoils hangs on the level of the move: " + _sentence(rough) + " A median over a transfer "
-        "function is another figure, further below.",
-        f"**The bond** asks for ±{1e6 * bond.tolerance:g} µm of the heatblock on the table after a move of "
-        f"{1e3 * bond.distance:g} mm "
-        f"in {1e3 * bond.seconds:g} ms, which as a sine of acceleration peaks at "
-        f"{move_within(bond.distance, bond.seconds).acceleration:.0f} m/s² (at constant acceleration at "
-        f"{move_within(bond.distance, bond.seconds, shape='constant').acceleration:.0f}; the 17 g lie between). `rig design` "
-        "works "
-        "both pictures out for a rig of yours.",
+        "**98 % and 60 %** refer to moves: to the heatblock's displacement relative to the table, unlocked compared with locked. "
+        "Friction is a constant force, so its effect depends on the acceleration of the move: " + _sentence(rough) + " The "
+        "median of a transfer function is a different figure, further below.",
+        f"**The bond** requires ±{1e6 * bond.tolerance:g} µm of the heatblock relative to the table after a move of "
+        f"{1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms; with sinusoidal acceleration its peak is "
+        f"{move_within(bond.distance, bond.seconds).acceleration:.0f} m/s² (with constant acceleration "
+        f"{move_within(bond.distance, bond.seconds, shape='constant').acceleration:.0f}; 17 g is between the two). `rig design` "
+        "computes both figures for any rig.",
     ]  # fmt: skip
     return Step(
         title="98 % and 60 %: isolation on a move", rows=rows, text=text, tables=[table],
@@ -87,7 +86,7 @@ def _sentence(found: dict[str, MoveIsolation]) -> str:
         f"with {name}, {_at(item, HARDEST):.0%} at 17 g and {_at(item, 12.5):.0%} at 12.5 m/s²" for name, item in found.items()
     ]
     lost = max(_at(item, HARDEST) for item in found.values())
-    hardly = "At 17 g friction hardly matters." if lost > 0.9 else "Even at 17 g friction takes its share."
+    hardly = "At 17 g friction has little effect." if lost > 0.9 else "Even at 17 g friction has an effect."
     return "; ".join(said) + ". " + hardly
 
 
@@ -96,8 +95,8 @@ def _bonded(name: str, played: Played, configuration: str, bond: BondPlan) -> Ro
         played.rig, move_within(bond.distance, bond.seconds), tolerance=bond.tolerance, configuration=configuration
     )
     return judged(
-        f"{name}: heatblock on the table in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms, largest, µm",
-        below(f"±{1e6 * bond.tolerance:g} µm wanted", 1e6 * bond.tolerance, 0.01), 1e6 * seen.largest,
+        f"{name}: heatblock relative to table in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms, largest, µm",
+        below(f"±{1e6 * bond.tolerance:g} µm required", 1e6 * bond.tolerance, 0.01), 1e6 * seen.largest,
         here=f"{1e6 * seen.largest:.2g}, settled {1e3 * seen.settling:.0f} ms after the move",
     )  # fmt: skip
 

@@ -18,21 +18,17 @@ from isorig.rig.thesis.strokes import strokes
 from isorig.rig.thesis.table import joint, simulated_over_measured, surface
 
 PREFACE = (
-    "`make thesis` works this page out anew: virtual rigs are measured as the thesis measured, at gain 70 from 0.5 to 20 Hz "
-    "and at "
-    "gain 7 to 400 Hz, locked and unlocked, and every figure comes from those campaigns through the functions behind the "
-    "commands. "
-    "The page is about the rig that looks most like the thesis over all its figures; the others stand beside it.",
-    "**Verdicts** follow from the numbers. A figure agrees where it lies inside what the thesis states, widened by the "
-    "tolerance in "
-    "brackets; it is of the same size where it is off by less than a factor of two, and differs where it is further off. The "
-    "tolerance covers what the thesis does not say: window, lines, level, rounding.",
-    "**Assumed**, because the thesis does not give it: a head of 6.5 kg; 3.8 m/s² rms of the head at gain 70 and in "
-    "proportion at "
-    f"other gains; sensor noise of 1 mm/s² rms; sensors calibrated to {CALIBRATION:.0%}; ten moves in the worst case. The "
-    "head's mass "
-    "scales the force, so with the drive's level it decides how friction compares with it: only friction over drive matters.",
-    "The commands say the same of any recording, one of `rig virtual campaign` too ([offline reanalysis](offline.md)).",
+    "`make thesis` recomputes this page: virtual rigs are measured as in the thesis, at gain 70 from 0.5 to 20 Hz and at gain 7 "
+    "up to 400 Hz, locked and unlocked, and every figure is computed from these campaigns by the functions behind the commands. "
+    "The page describes the rig that agrees best with all figures of the thesis, and compares it with other candidates.",
+    "**Verdicts** are computed from the numbers. A figure agrees if it is within the range stated by the thesis, widened by the "
+    "tolerance in brackets; it has the same size if the difference is less than a factor of two, and differs otherwise. The "
+    "tolerance covers what the thesis does not give: window, frequency resolution, level, rounding.",
+    "**Assumed**, because the thesis does not give it: a head of 6.5 kg; 3.8 m/s² rms of the head at gain 70, proportional at "
+    f"other gains; sensor noise of 1 mm/s² rms; sensors calibrated to {CALIBRATION:.0%}; ten moves in the worst case. Head mass "
+    "and drive level determine the driving force; only the ratio of friction to this force matters.",
+    "The commands give the same results for any recording, including those of `rig virtual campaign` "
+    "([offline reanalysis](offline.md)).",
 )
 
 

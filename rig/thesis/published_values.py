@@ -1,4 +1,4 @@
-"""What the thesis states of a figure, and the verdict that follows from a number and the stated tolerance."""
+"""A value or statement of the thesis, and the verdict that follows from a number and the tolerance."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Literal
 
 Verdict = Literal["agrees", "same size", "differs"]
 
-#: A number that is off by less than this factor is of the same size.
+#: A number that differs by less than this factor has the same size.
 SAME_SIZE = 2.0
-#: Tolerances after which a figure counts as missed outright: further off is not worse.
+#: Maximum distance of a figure in tolerances: a larger difference does not count more.
 MOST = 5.0
 
 
@@ -21,12 +21,12 @@ class Stated:
     Parameters
     ----------
     words
-        As it is printed, or what is said of it.
+        As printed, or the statement about it.
     low, high
-        The range that this means; a printed number is both ends.
+        The corresponding range; for a printed number both are equal.
     tolerance
-        Relative: a value within the range times or over (1 + tolerance) agrees. It covers what the thesis does not say:
-        window, resolution, level and the rounding of what is printed.
+        Relative: a value within the range, multiplied or divided by (1 + tolerance), agrees. It covers what the thesis does not
+        give: window, resolution, level and rounding.
     """
 
     words: str
@@ -35,7 +35,7 @@ class Stated:
     tolerance: float
 
     def factor(self, value: float) -> float:
-        """How far a value lies outside the range, as a factor: 1 inside, below 1 where it is too low, above where too high."""
+        """Ratio of a value to the nearest end of the range: 1 inside, below 1 if it is too low, above 1 if too high."""
         if not math.isfinite(value):
             return math.nan
         if value < self.low:
@@ -43,14 +43,14 @@ class Stated:
         return value / self.high if value > self.high else 1.0
 
     def tolerances(self, value: float) -> float:
-        """How many tolerances a value lies outside the range, 0 inside and `MOST` at most."""
+        """Distance of a value from the range in tolerances, 0 inside and `MOST` at most."""
         factor = self.factor(value)
         if not factor > 0.0:
             return MOST
         return min(abs(math.log(factor)) / math.log1p(self.tolerance), MOST)
 
     def verdict(self, value: float) -> Verdict:
-        """What follows from the number; a statement that is not a number is met or it is not."""
+        """The verdict for a number; a statement without a number is met or not."""
         factor = self.factor(value)
         if self.tolerances(value) <= 1.0:
             return "agrees"
@@ -61,10 +61,10 @@ class Stated:
         """The verdict in words."""
         factor = self.factor(value)
         if math.isnan(factor):
-            return "differs: there is none"
+            return "differs: not available"
         if self.verdict(value) == "agrees":
             return "agrees"
-        said = "of the same size" if self.verdict(value) == "same size" else "differs"
+        said = "same size" if self.verdict(value) == "same size" else "differs"
         return f"{said}: {_off(factor)}"
 
     @property
@@ -90,12 +90,12 @@ def _off(factor: float) -> str:
 
 
 def printed(value: float, tolerance: float, unit: str = "") -> Stated:
-    """A number as it is printed."""
+    """A printed number."""
     return Stated(words=f"{value:g} {unit}".strip(), low=value, high=value, tolerance=tolerance)
 
 
 def above(words: str, low: float, tolerance: float = 0.02) -> Stated:
-    """A statement that holds from a value on."""
+    """A statement that holds above a value."""
     return Stated(words=words, low=low, high=math.inf, tolerance=tolerance)
 
 

@@ -1,4 +1,4 @@
-"""What the author and the supervisor wanted to know: question, answer, how sure, and the one measurement that settles it."""
+"""Questions of the author and the supervisor: question, answer, certainty, and the measurement that decides it."""
 
 from __future__ import annotations
 
@@ -23,18 +23,17 @@ PLAN = "[plans/two-gains.toml](plans/two-gains.toml)"
 
 
 def questions(found: Compared, *, points: int = 100) -> Step:
-    """The section, its answers from the same numbers as the sections above."""
+    """The section; its answers use the same numbers as the other sections."""
     rows = [
         _sixty(found), _friction(found), _half_power(found), _effective(), _near_one(found), _peaks(found), _early(found),
         _soft(points),
     ]  # fmt: skip
     text = (
-        f"{PLAN} is a plan that is ready to be measured (`rig acquire`): two gains over the motor's peak, moves, a locked run. "
-        "`rig characterize` explains it to the noise where friction is Coulomb's, and says that it does not where it is "
-        "Stribeck's; "
-        "`rig diagnose` then names the law."
+        f"{PLAN} is a plan for `rig acquire`: two gains at the motor's peak, moves, a locked run. `rig characterize` fits it "
+        "down to the noise for Coulomb friction, and reports a misfit for Stribeck friction; `rig diagnose` then identifies the "
+        "law."
     )
-    heads = ("question", "answer", "how sure", "the one measurement that would settle it")
+    heads = ("question", "answer", "certainty", "the measurement that would decide it")
     return Step(title="What the author and the supervisor wanted to know", tables=[(heads, rows)], text=[text])
 
 
@@ -45,10 +44,9 @@ def _sixty(found: Compared) -> tuple[str, ...]:
     hard = isolation_by_level(frictionless(rig), DISTANCE, [HARDEST], tolerance=BOND.tolerance).isolation[0]
     return (
         "Why 60 % where 98 % were predicted?",
-        f"Friction, at a bench's level: moves isolate {MEASURED:.0%} at {low:.0f} to {high:.0f} m/s², and {hard:.0%} at 17 g "
-        "without "
-        "friction. On the machine's moves friction hardly matters.",
-        "sure that friction is enough to make it; the level of the measured move is not given",
+        f"Friction, at the acceleration of a bench: moves isolate {MEASURED:.0%} at {low:.0f} to {high:.0f} m/s², and {hard:.0%} "
+        "at 17 g without friction. For the machine's moves friction has little effect.",
+        "certain that friction is a sufficient reason; the acceleration of the measured move is not given",
         "one move of 4 mm at 17 g and one at 25 m/s², unlocked and locked, heatblock relative to table",
     )
 
@@ -56,28 +54,27 @@ def _sixty(found: Compared) -> tuple[str, ...]:
 def _friction(found: Compared) -> tuple[str, ...]:
     far = sorted((distance(values), name) for name, (_, values) in found.items())
     (least, first), (second, other) = far[:2]
-    sure = "the printed figures do not part the two" if second - least < NEAR else "the printed figures prefer the first clearly"
+    sure = (
+        "the printed figures do not distinguish them" if second - least < NEAR else "the printed figures clearly prefer the first"
+    )
     return (
         "Which friction is it?",
         f"{first} ({least:.2f} tolerances from the thesis) or {other[0].lower() + other[1:] if other[0].isalpha() else other} "
-        f"({second:.2f}); 20 N of "
-        "Coulomb friction at the drive assumed here it is not.",
-        f"not sure: {sure}",
-        f"two gains, as in {PLAN}: a drive {HARDER:g} times as hard shows in the head's own channel, and {SLIDING:g} N while "
-        "sliding "
-        "against 20 N at rest in a fit that misses at one of the gains",
+        f"({second:.2f}); not 20 N of Coulomb friction with the drive assumed here.",
+        f"uncertain: {sure}",
+        f"two gains, as in {PLAN}: a drive {HARDER:g} times as strong is visible in the head's channel, and {SLIDING:g} N of "
+        "sliding friction with 20 N of breakaway force in a misfit at one of the gains",
     )
 
 
 def _half_power(found: Compared) -> tuple[str, ...]:
     read = [value for value in base(found).half_power if isfinite(value)]
     return (
-        f"Why does half-power read {HALF_POWER:g} off the table where {THESIS['table_damping']:g} fits?",
-        f"The neighbour's damping, friction, and lines too far apart: {min(read):.3f} to {max(read):.3f} as the lines go from "
-        "fine to "
-        "coarse.",
-        "sure of the causes; their shares hang on the lines, which are not given",
-        "the same run read with lines 0.06 and 0.5 Hz apart",
+        f"Why does half-power give {HALF_POWER:g} for the table, if {THESIS['table_damping']:g} fits?",
+        f"The neighbour's damping, friction, and a coarse frequency resolution: {min(read):.3f} to {max(read):.3f} from fine to "
+        "coarse resolution.",
+        "certain about the causes; their shares depend on the resolution, which is not given",
+        "the same run evaluated with resolutions of 0.06 and 0.5 Hz",
     )
 
 
@@ -85,12 +82,12 @@ def _effective() -> tuple[str, ...]:
     told = ", ".join(f"{place(mass)[0]:.1f} Hz with {mass:g} kg" for mass in MASSES)
     near = [mass for mass in MASSES if PLACE.tolerances(place(mass)[0]) <= 1.0]
     return (
-        "Why an effective table of 80 kg where 250 kg stand there?",
-        "Only part of it moves in the mode at 10.8 Hz. At 165 Hz that says nothing: the heatblock's locked peak lies at "
-        f"{told}, and the "
-        f"thesis's {PLACE.low:g} Hz ask for {' or '.join(f'{m:g} kg' for m in near) or 'more than any of these'}.",
-        "sure that one mass does not serve both ends",
-        "a hammer on the table at bonding height, accelerometers along it: the mode's shape at 11 and around 165 Hz",
+        "Why is the effective mass of the table 80 kg, if it weighs 250 kg?",
+        "Only part of it moves in the mode at 10.8 Hz. This does not apply at 165 Hz: the heatblock's locked peak is at "
+        f"{told}, and the thesis's {PLACE.low:g} Hz require "
+        f"{' or '.join(f'{m:g} kg' for m in near) or 'more than any of these'}.",
+        "certain that one mass does not fit both frequencies",
+        "a hammer test at bonding height with accelerometers along the table: mode shapes at 11 Hz and around 165 Hz",
     )
 
 
@@ -98,9 +95,9 @@ def _near_one(found: Compared) -> tuple[str, ...]:
     value = middle(base(found).played.ratio, 15.0, 80.0)
     return (
         "Why is the ratio near 1 from 15 to 80 Hz?",
-        f"At gain {HIGH:g} the motor is stuck and is a locked one ({value:.3f} here). The ratio says nothing of the isolation "
-        "there.",
-        "sure",
+        f"At gain {HIGH:g} the motor is stuck and behaves like a locked one ({value:.3f} here). The ratio does not show the "
+        "isolation there.",
+        "certain",
         "narrow bands at a gain that overcomes breakaway, locked and unlocked",
     )
 
@@ -108,12 +105,11 @@ def _near_one(found: Compared) -> tuple[str, ...]:
 def _peaks(found: Compared) -> tuple[str, ...]:
     peaks = base(found).played.ratio.peaks
     return (
-        "Why do locked and unlocked peaks near 164.5 Hz lie apart, with ratios of 1 and 0.5?",
-        f"Not explained: here they lie {peaks.unlocked - peaks.locked:.2f} Hz apart with ratios of {peaks.by_line:.2f} and "
-        f"{peaks.ratio:.2f}, "
-        "and no table mass puts the peaks where the thesis has them and as far apart as its ratios need.",
-        "sure that three masses and friction are not enough",
-        "the two peaks in Hz at two gains from 140 to 190 Hz, lines 0.1 Hz apart",
+        "Why do the locked and unlocked peaks near 164.5 Hz differ in frequency, with ratios of 1 and 0.5?",
+        f"Unexplained: here they are {peaks.unlocked - peaks.locked:.2f} Hz apart with ratios of {peaks.by_line:.2f} and "
+        f"{peaks.ratio:.2f}, and no table mass gives both the thesis's frequency and the offset that its ratios require.",
+        "certain that three masses and friction are not sufficient",
+        "the two peaks in Hz at two gains, 140 to 190 Hz, with a resolution of 0.1 Hz",
     )
 
 
@@ -122,8 +118,8 @@ def _early(found: Compared) -> tuple[str, ...]:
     return (
         "Why was the first simulation too small by about 4?",
         f"Its table of 300 kg: locked, the heatblock of the identified rig moves {low:.1f} to {high:.1f} times as far.",
-        "sure, for it needs no friction",
-        "none: the identified mass says it",
+        "certain, because friction is not involved",
+        "none: the identified mass answers it",
     )
 
 
@@ -131,7 +127,8 @@ def _soft(points: int) -> tuple[str, ...]:
     going, ended = lowest(points), max(lowest(points, repeat=n, after=True) for n in REPEATS)
     return (
         "How soft may the isolation be?",
-        f"{going:.2f} Hz while moves go on without friction (the thesis: {SOFT:g}), {ended:.2f} Hz if they may end at any time.",
-        "as sure as the head's mass, which is not given",
-        "weigh the head, or let `rig characterize` fit it: a recording without head_mass gets it with its deviation",
+        f"{going:.2f} Hz while moves continue, without friction (the thesis: {SOFT:g}), {ended:.2f} Hz if they may end at any "
+        "time.",
+        "limited by the head's mass, which is not given",
+        "weigh the head, or fit it with `rig characterize`: a recording without head_mass gives it with its uncertainty",
     )

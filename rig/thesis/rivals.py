@@ -1,4 +1,4 @@
-"""All candidates beside all figures of the thesis, and which of them the page is about."""
+"""All candidates compared with all figures of the thesis, and selection of the page's candidate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from isorig.rig.thesis.figures import Seen, distance, figures, seen, values
 from isorig.rig.thesis.published_values import MOST
 from isorig.rig.thesis.step import Step
 
-#: Distances nearer to one another than this do not part two candidates: one figure more or less moves them as much.
+#: Smaller differences in distance do not distinguish two candidates: one figure more or less has the same effect.
 NEAR = 0.2
 
 Compared = Mapping[str, tuple[Seen, dict[str, float]]]
@@ -22,12 +22,12 @@ def compared(share: float = 1.0) -> Compared:
 
 
 def base(found: Compared) -> Seen:
-    """The candidate that lies nearest to the thesis over all figures."""
+    """The candidate with the smallest distance from the thesis over all figures."""
     return min(found.values(), key=lambda pair: distance(pair[1]))[0]
 
 
 def rivals(found: Compared) -> Step:
-    """The table of all, figures for and against each."""
+    """The table of all candidates and figures."""
     chosen: Played = base(found).played
     rows = []
     for figure in figures():
@@ -53,21 +53,20 @@ def rivals(found: Compared) -> Step:
         if figure.stated.tolerances(found[first][1][f"{figure.where}: {figure.what}"]) >= MOST
     )
     text = [
-        f"**This page's rig** is the candidate of least distance: {chosen.candidate.name}. The distance is the root mean "
-        "square over all "
-        "figures of how many tolerances each lies outside what the thesis states, a figure counting 0 inside its range and "
-        f"{MOST:g} at most; the number behind every verdict is that count.",
-        f"The next one, {order[1].lower() if not order[1][0].isdigit() else order[1]}, lies {apart:.2f} further off"
+        f"**The rig of this page** is the candidate with the smallest distance: {chosen.candidate.name}. The distance is the "
+        "root mean square, over all figures, of the difference from the stated range in tolerances, which is 0 within the range "
+        f"and at most {MOST:g}; this difference follows every verdict.",
+        f"The distance of the next candidate, {order[1].lower() if not order[1][0].isdigit() else order[1]}, is {apart:.2f} "
+        "larger"
         + (
-            f", nearer than the {NEAR:g} that a figure more or less makes: the printed figures do not part the two, and only "
-            "a measurement at "
-            "two gains does (the plan above)."
+            f", less than the {NEAR:g} that one figure more or less changes: the printed figures do not distinguish the two, "
+            "only a measurement at two gains does (the plan above)."
             if apart < NEAR
             else "."
         ),
-        f"{first}, the rig that the thesis itself simulates, lies at {far[first]:.2f}. It misses outright: "
+        f"{first}, the rig that the thesis itself simulates, has a distance of {far[first]:.2f}. It contradicts: "
         f"{missed or 'nothing'}.",
-        "The 98 % and 60 % are left out: the first is the same for all, and the level of the second is not given.",
+        "The 98 % and 60 % are not included: the first is the same for all, and the acceleration of the second is not given.",
     ]
     heads = ("where", "what", "thesis (tolerance)", *found)
     return Step(title="Which rig looks like the thesis", text=text, tables=[(heads, rows)])

@@ -1,4 +1,4 @@
-"""What a step of the thesis amounts to: rows of figures beside the thesis's, words, pictures."""
+"""A section of the page: rows of figures compared with the thesis's, text, plots."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEADS = ("what", "thesis (tolerance)", "here", "verdict")
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One figure: what it is, what the thesis gives, what comes out here, and the verdict or a remark."""
+    """One figure: its name, the thesis's value, the value here, and the verdict or a remark."""
 
     what: str
     thesis: str
@@ -37,14 +37,14 @@ class Step:
 
 
 def judged(what: str, stated: Stated, value: float, *, here: str = "", why: Mapping[Verdict, str] | None = None) -> Row:
-    """A row whose verdict follows from the value; `here` writes it where four digits do not, `why` explains a verdict."""
+    """A row with a computed verdict; `here` replaces the default format of the value, `why` explains a verdict."""
     reason = (why or {}).get(stated.verdict(value), "")
     told = stated.told(value)
     return Row(what=what, thesis=stated.shown, here=here or f"{value:.4g}", remark=f"{told}; {reason}" if reason else told)
 
 
 def plain(what: str, here: str, *, thesis: str = "not given", remark: str = "") -> Row:
-    """A row that the thesis gives nothing to compare with."""
+    """A row without a value of the thesis to compare with."""
     return Row(what=what, thesis=thesis, here=here, remark=remark)
 
 

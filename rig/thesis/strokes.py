@@ -1,4 +1,4 @@
-"""Figures 33 to 36: how soft the isolation may be, what is assumed, flexures, and a drive off the centre of gravity."""
+"""Figures 33 to 36: softest isolation, assumptions, flexures, and a drive off the centre of gravity."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def lowest(points: int, *, mass: float = 6.5, repeat: int = 10, after: bool = Fa
 
 
 def strokes(*, points: int = 100, draws: int = 50) -> Step:
-    """The worst case and how its answer hangs on what was assumed."""
+    """The worst case and its dependence on the assumptions."""
     rigs = rigs_of(OF_THESIS, PLAN, draws=draws, randomness=0)
     found: Designed = designed(PLAN, rigs, points=points, offsets=OFFSETS, rocking_frequency=ROCKING)
     free, rough = found.studies["without friction"], found.studies["with friction"]
@@ -52,12 +52,12 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
     present, soft = next(iter(middle.values())), list(middle.values())[-1]
     rows = [
         judged(
-            "Fig. 34: lowest frequency within ±5 mm while moves go on, no friction, Hz", printed(SOFT, 0.1), free.lowest,
+            "Fig. 34: lowest frequency within ±5 mm while moves continue, no friction, Hz", printed(SOFT, 0.1), free.lowest,
             here=f"{free.lowest:.3f} ± {free.std:.2g} (head of 6.5 ± 0.2 kg)",
         ),
         plain(
             "the same with 20 N of friction, Hz", f"{rough.lowest:.2f}", thesis="not studied",
-            remark="friction holds the motor where a move left it, so moves add up until the springs overcome it",
+            remark="friction holds the motor after each move, so displacements add up until the springs overcome it",
         ),
         judged(
             f"Fig. 35: ratio from 5 to 15 Hz, present with friction over {SOFT:g} Hz without (medians)",
@@ -76,8 +76,8 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
         *(
             plain(
                 f"lowest frequency, {repeat} moves, Hz",
-                f"{lowest(points, repeat=repeat):.3f} while they go on, "
-                f"{lowest(points, repeat=repeat, after=True):.3f} with the swing after the last one",
+                f"{lowest(points, repeat=repeat):.3f} while they continue, "
+                f"{lowest(points, repeat=repeat, after=True):.3f} with the oscillation after the last one",
             )
             for repeat in REPEATS
         ),
@@ -103,8 +103,8 @@ def _cases(found: Designed, middle: dict[str, float]) -> tuple[tuple[str, ...], 
             )
         )  # fmt: skip
     heads = (
-        "case", "stiffness, N/m", "damping, N s/m", "stroke under the moves, mm", "ratio 5 to 15 Hz (median)",
-        "heatblock in the bond's move, µm", "settled after it, ms",
+        "case", "stiffness, N/m", "damping, N s/m", "stroke during the moves, mm", "ratio 5 to 15 Hz (median)",
+        "heatblock during the bond's move, µm", "settling time, ms",
     )  # fmt: skip
     return heads, rows
 
@@ -119,12 +119,12 @@ def _flexures() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
                 (
                     f"{frequency:g}", f"{1e3 * leaf.length:.0f} × {1e3 * width:g} × {1e3 * leaf.thickness:.2f}",
                     f"{leaf.stress / 1e6:.0f}", f"{leaf.buckling:.2g}", f"{leaf.upright:.0f}", f"{leaf.leaf:.0f}",
-                    "clear" if low >= CLEAR else f"{low:.0f} Hz lies in the band",
+                    "clear" if low >= CLEAR else f"{low:.0f} Hz is within the band",
                 )
             )  # fmt: skip
     heads = (
         "isolation, Hz", "leaf, mm (length × width × thickness)", "stress at ±5 mm, MPa", "buckling load over weight",
-        "motor up and down, Hz", "leaf by itself, Hz", f"parasitic modes below {CLEAR:g} Hz",
+        "motor up and down, Hz", "leaf alone, Hz", f"parasitic modes below {CLEAR:g} Hz",
     )  # fmt: skip
     return heads, rows
 
@@ -133,24 +133,19 @@ def _text() -> list[str]:
     given = {name: p.default for name, p in inspect.signature(rocking).parameters.items()}
     soft = thinnest(THESIS["motor_mass"], SOFT, PLAN.limit, width=WIDTHS[0])
     return [
-        "**Assumed:** the head's mass and the number of moves; the damping ratio stays what it is at 5.06 Hz "
+        "**Assumed:** the head's mass and the number of moves; the damping ratio is that at 5.06 Hz "
         f"({THESIS['motor_damping']:g}). The drive off the centre of gravity: rocking at {ROCKING:g} Hz with a damping ratio of "
         f"{given['damping_ratio']:g}, a radius of gyration of {1e3 * given['radius']:g} mm, springs and bearings "
         f"{1e3 * given['bearing_height']:g} mm from the centre of gravity.",
-        "**When moves end.** Moves that go on are a steady pull on the spring; from seven on their number no longer matters. "
-        "But the last "
-        "move ends that pull, and where the motor happens to swing with it, the swing afterwards is the larger one. `rig "
-        "design` counts "
-        "it unless the profile says `after = false`.",
-        "**Flexures** in place of bearings take the friction away: the cases without friction. Four leaves of "
-        f"{SPRING_STEEL.name} "
-        f"(E {SPRING_STEEL.modulus / 1e9:g} GPa, {SPRING_STEEL.endurance / 1e6:g} MPa for ever), on edge, as thin as stress "
-        "at ±5 mm and "
-        "twisting out under the motor's weight allow with a safety factor of 1.5 "
-        "(`analysis/isolation/flexure.py` has the formulas). "
-        f"At {SOFT:g} Hz the weight decides, not the stroke: {1e3 * soft.length:.0f} mm long, however many and however wide. "
-        "Springs that are "
-        "not linear are laws of a link (`cubic`, `bounded_softening`, `end_stop`) in any model that `rig simulate` plays.",
+        "**End of the moves.** Continuing moves load the spring with a constant mean force; above seven, their number no longer "
+        "matters. The last move removes this force, and depending on the phase, the oscillation afterwards can be larger. "
+        "`rig design` includes it unless the profile has `after = false`.",
+        "**Flexures** instead of bearings have no friction: these are the cases without friction. Four vertical leaf springs of "
+        f"{SPRING_STEEL.name} (E {SPRING_STEEL.modulus / 1e9:g} GPa, endurance limit {SPRING_STEEL.endurance / 1e6:g} MPa) are "
+        "as thin as the stress at ±5 mm and lateral buckling under the motor's weight allow with a safety factor of 1.5 "
+        f"(formulas in `analysis/isolation/flexure.py`). At {SOFT:g} Hz the weight determines their length, not the stroke: "
+        f"{1e3 * soft.length:.0f} mm for any number and width. Nonlinear springs are laws of a link (`cubic`, "
+        "`bounded_softening`, `end_stop`) in any model for `rig simulate`.",
     ]
 
 

@@ -1,4 +1,4 @@
-"""Figures 22 to 24 and Table 4: the effective table, the joint fit, simulated over measured."""
+"""Figures 22 to 24 and Table 4: the effective table, the joint fit, simulation divided by measurement."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def simulated_over_measured(seen: Seen, found: Characterization) -> Step:
         judged(
             f"Fig. 22: peak of table over head with the actual {ACTUAL:g} kg and Table 3's {HALF_POWER:g}, over the measured one",
             below("far too small", 1.0 / 3.0), heavy_peak(seen),
-            why={"agrees": "only part of the table moves in this mode, so its effective mass is less"},
+            why={"agrees": "only part of the table moves in this mode, so its effective mass is smaller"},
         )
     ]  # fmt: skip
     for (low, high), said in COMPARED.items():
@@ -63,14 +63,12 @@ def simulated_over_measured(seen: Seen, found: Characterization) -> Step:
     over = {name: float(size[name][at] / size["measured"][at]) for name in ("Table 4 without friction", "Table 4 with 20 N")}
     bare, coulomb = over.values()
     text = (
-        f"At 5 Hz the simulation without friction is {bare:.2g} times and the one with 20 N {coulomb:.2g} times what is "
-        "measured on this "
-        "rig: a median over 5 to 10 Hz hides that, so the band is told in two parts. The table of all candidates above says "
-        "on which "
-        "rig the simulation errs as the thesis says."
+        f"At 5 Hz the simulation without friction is {bare:.2g} times and the one with 20 N {coulomb:.2g} times the "
+        "measured value: a median over 5 to 10 Hz would hide this, so the band is split. The table of all candidates above shows "
+        "for which rig the error of the simulation agrees with the thesis."
     )
     return Step(
-        title="Fig. 22 and 24: simulated over measured", rows=rows, text=[text], pictures={"overlay": _overlay(f, size)}
+        title="Fig. 22 and 24: simulation divided by measurement", rows=rows, text=[text], pictures={"overlay": _overlay(f, size)}
     )  # fmt: skip
 
 
@@ -94,15 +92,15 @@ def surface(rough: Classic, smooth: Classic) -> Step:
             continue
         mass, zeta, error = read.surface.best
         rows += [
-            judged(f"least of the error surface{name}: table mass, kg", printed(THESIS["table_mass"], 0.15), mass),
-            judged(f"least of the error surface{name}: table damping", printed(THESIS["table_damping"], 0.35), zeta),
-            plain(f"error that remains there{name}", f"{error:.0%}"),
+            judged(f"minimum of the error surface{name}: table mass, kg", printed(THESIS["table_mass"], 0.15), mass),
+            judged(f"minimum of the error surface{name}: table damping", printed(THESIS["table_damping"], 0.35), zeta),
+            plain(f"remaining error there{name}", f"{error:.0%}"),
         ]
         pictures.setdefault("error-surface", surface_figure(read.surface))
     text = (
-        "**The table's damping.** The least of the error surface is no measurement of it: the readings beside it are those of "
-        "coupled "
-        "modes, friction stands in the data and not in the simulation, and the error that remains says that the model is wrong."
+        "**The table's damping.** The minimum of the error surface does not measure it: the values compared with it are "
+        "those of coupled modes, the data contain friction but the simulation does not, and the remaining error shows that the "
+        "model is wrong."
     )
     return Step(title="Fig. 23: the error surface", rows=rows, text=[text], pictures=pictures)
 
@@ -115,23 +113,20 @@ def joint(base: Characterization, own: Characterization) -> Step:
             continue
         there = base.table[name]
         off = (entry.value - THESIS[name]) / entry.std if entry.value is not None and entry.std else float("nan")
-        within = f"{abs(off):.1f} deviations, {'as it should' if abs(off) < SURE else 'too far'}"
+        within = f"{abs(off):.1f} standard uncertainties, {'consistent' if abs(off) < SURE else 'inconsistent'}"
         cells.append((name.replace("_", " "), entry.unit, f"{THESIS[name]:g}", _with_std(entry), within, _with_std(there)))
-    heads = ("parameter", "unit", "thesis", "rig that is the model", "off by", "this page's rig")
+    heads = ("parameter", "unit", "thesis", "fit on a rig equal to the model", "difference", "fit on this page's rig")
     text = [
-        "All runs at once with Coulomb friction in the model (`rig characterize`). Deviations include sensors calibrated to "
-        f"{CALIBRATION:.0%}, as the recording states; without such a statement they would be those of the noise alone, "
-        "thousands of "
-        "times smaller, and of no use to anybody.",
-        f"On the rig that is the model (Table 4 and 20 N were put in) the fit errs by {own.error:.2%} of the signal on "
-        "held-out data, "
-        f"where noise alone makes {own.floor:.2%}: agreement says that these runs suffice to find what was put in, not that "
-        "the thesis's "
-        f"values are right. On this page's rig it errs by {base.error:.2%} where noise makes {base.floor:.2%}: "
+        "All runs fitted at once with Coulomb friction in the model (`rig characterize`). Uncertainties include a sensor "
+        f"calibration of {CALIBRATION:.0%}, as given in the recording; otherwise they would include the noise only and be "
+        "thousands of times smaller.",
+        f"On a rig equal to the model (Table 4 and 20 N) the error of the fit is {own.error:.2%} of the signal on held-out data, "
+        f"that of noise alone {own.floor:.2%}: agreement shows that these runs suffice to identify the values, not that the "
+        f"thesis's values are correct. On this page's rig the error is {base.error:.2%}, that of noise {base.floor:.2%}: "
         + (
-            "the model explains it, and what it finds are that rig's values, not the thesis's reading of them."
+            "the model explains it, and the fit gives the values of that rig, not those of the thesis."
             if base.adequate
-            else "the model is wrong there, which is said beside every value, and `rig diagnose` looks for the cause."
+            else "the model is wrong there, which is noted for every value, and `rig diagnose` searches for the cause."
         ),
     ]
     return Step(title="Table 4: the parameters", tables=[(heads, cells)], text=text)

@@ -55,8 +55,8 @@ def test_verdicts_follow_from_the_number_and_the_tolerance() -> None:
     assert stated.verdict(0.073 * 1.16) == "same size"
     assert stated.verdict(0.597) == "differs"
     assert stated.told(0.597) == "differs: too high by a factor of 8.2"
-    assert printed(164.5, 0.005).told(169.6) == "of the same size: 3.1 % too high"
-    assert stated.told(float("nan")) == "differs: there is none"
+    assert printed(164.5, 0.005).told(169.6) == "same size: 3.1 % too high"
+    assert stated.told(float("nan")) == "differs: not available"
     low = below("too low", 0.95)
     assert [low.verdict(value) for value in (0.5, 0.95, 1.0, 1.9)] == ["agrees", "agrees", "differs", "differs"]
     assert above("a step", 1.2).verdict(1.19) == "agrees"
@@ -72,7 +72,7 @@ def test_a_wider_tolerance_never_turns_agreement_into_difference(number: float, 
 
 
 def test_another_friction_changes_the_verdict(found: Compared, monkeypatch: pytest.MonkeyPatch) -> None:
-    (figure,) = [f for f in figures() if f.what == "damping read off the motor"]
+    (figure,) = [f for f in figures() if f.what == "damping from the motor's peak"]
     name = next(n for n in found if n.startswith("Stribeck"))
     assert figure.stated.verdict(figure.of(found[name][0])) == "agrees"
     monkeypatch.setattr(campaigns, "SLIDING", 19.9)
@@ -195,8 +195,8 @@ def test_sixty_per_cent_belong_to_moves_of_a_bench(data: Played) -> None:
     rows = {row.what: row for row in moves(data).rows}
     (level,) = [row for what, row in rows.items() if "Table 4 and 20 N of" in what]
     assert 15.0 < float(level.here) < 30.0
-    assert rows["unlocked: heatblock on the table in a move of 4 mm in 11 ms, largest, µm"].remark == "agrees"
-    locked = rows["locked: heatblock on the table in a move of 4 mm in 11 ms, largest, µm"]
+    assert rows["unlocked: heatblock relative to table in a move of 4 mm in 11 ms, largest, µm"].remark == "agrees"
+    locked = rows["locked: heatblock relative to table in a move of 4 mm in 11 ms, largest, µm"]
     assert locked.remark.startswith("differs")
 
 
@@ -243,7 +243,7 @@ def test_markdown_keeps_tables_whole() -> None:
 def test_every_question_has_an_answer_and_what_would_settle_it(found: Compared) -> None:
     step = questions(found, points=40)
     ((heads, rows),) = step.tables
-    assert heads == ("question", "answer", "how sure", "the one measurement that would settle it")
+    assert heads == ("question", "answer", "certainty", "the measurement that would decide it")
     assert len(rows) >= 8
     assert all(len(row) == 4 and all(row) for row in rows)
     assert "plans/two-gains.toml" in step.text[0]
