@@ -1,1 +1,1 @@
-"""Isolation: the ratio unlocked over locked, isolation on moves, the design study and flexures."""
+"""Isolation: the isolation ratio, isolation during moves, the design study and flexures."""

@@ -1,4 +1,4 @@
-"""The design study: how far the isolated motor strokes on softer or stiffer springs, and how well it isolates then."""
+"""The design study: stroke of the isolated motor for softer or stiffer springs, and the resulting isolation."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from isorig.analysis.simulate.compiled import constraint_basis
 
 @dataclass(frozen=True, kw_only=True)
 class StrokeStudy:
-    """Largest stroke against isolation frequency.
+    """Largest stroke over isolation frequency.
 
     Parameters
     ----------
     frequency
         Isolation frequencies sqrt(k / m) / 2 pi of the motor alone, Hz, ascending, shape (n,).
     stroke
-        Largest displacement of the motor relative to the table, m, for the parameters as they are, shape (n,).
+        Largest displacement of the motor relative to the table, m, for the nominal parameters, shape (n,).
     draws
         The same for parameters drawn from their uncertainty, shape (draws, n).
     allowed
-        The limit over the safety factor, m.
+        The limit divided by the safety factor, m.
     lowest
-        Lowest frequency from which on the stroke stays inside `allowed`, Hz; NaN where none does.
+        Lowest frequency above which the stroke stays within `allowed`, Hz; NaN if there is none.
     lowest_of_draws
         The same for each draw, shape (draws,).
     """
@@ -45,25 +45,25 @@ class StrokeStudy:
 
     @property
     def std(self) -> float:
-        """Standard deviation of the lowest frequency from the parameters' uncertainty, Hz."""
+        """Standard uncertainty of the lowest frequency due to the parameters, Hz."""
         found = self.lowest_of_draws[np.isfinite(self.lowest_of_draws)]
         return float(found.std(ddof=1)) if len(found) > 1 else 0.0
 
     @property
     def recommended(self) -> float:
-        """Frequency that stays inside for 95 % of the draws, Hz; `lowest` where nothing was drawn; NaN where too few do."""
+        """Frequency for which 95 % of the draws stay within the limit, Hz; `lowest` without draws; NaN if too few do."""
         if len(self.lowest_of_draws) == 0:
             return self.lowest
         return float(np.quantile(np.where(np.isfinite(self.lowest_of_draws), self.lowest_of_draws, np.inf), 0.95))
 
 
 def isolated(model: RigModel, frequency: float, *, link: str = "isolation") -> RigModel:
-    """The rig with its isolation at another frequency: k = (2 pi f)^2 m, the damping ratio kept."""
+    """The rig with another isolation frequency: k = (2 pi f)^2 m, with the same damping ratio."""
     present = model.link(link)
     mass = model.body(present.a).mass
     stiffness = (2.0 * pi * frequency) ** 2 * mass
     if present.stiffness <= 0.0:
-        raise DataError(f"link {link!r} has no stiffness, so no damping ratio to keep; give the present design's")
+        raise DataError(f"link {link!r} has no stiffness, so its damping ratio is undefined; give that of the present design")
     damping = present.damping * (stiffness / present.stiffness) ** 0.5
     links = tuple(msgspec.structs.replace(p, stiffness=stiffness, damping=damping) if p.name == link else p for p in model.links)
     return msgspec.structs.replace(model, links=links, free=())
@@ -82,14 +82,14 @@ def strokes(
     stroke = Sensor(channel="stroke", body=ends.a, relative_to=ends.b, quantity="displacement")
     watched = [msgspec.structs.replace(model, sensors=(stroke,), free=()) for model in models]
     designs = [isolated(model, float(f), link=link) for model in watched for f in frequencies]
-    # Samples are moments apart that are short beside a move: straight lines between them keep its momentum.
+    # The time between samples is short compared with a move: linear interpolation keeps its momentum.
     excitation = Excitation.prepare(head, sample_rate, oversample=1)
     largest = scan(designs, excitation, lambda batch: np.abs(batch.channels["stroke"]).max(axis=1))
     return largest.astype(np.float64).reshape(len(models), len(frequencies))
 
 
 def lowest_inside(frequency: FloatArray, stroke: FloatArray, allowed: float) -> float:
-    """Lowest frequency from which on the stroke stays at or below `allowed`, between grid points by a straight line; or NaN."""
+    """Lowest frequency above which the stroke is at most `allowed`, linearly interpolated between grid points; or NaN."""
     outside = np.flatnonzero(stroke > allowed)
     if len(outside) == 0:
         return float(frequency[0])
@@ -110,33 +110,33 @@ def stroke_study(
     safety: float = 1.0,
     link: str = "isolation",
 ) -> StrokeStudy:
-    """Stroke against isolation frequency, and the lowest frequency that stays inside a limit.
+    """Stroke over isolation frequency, and the lowest frequency that stays within a limit.
 
     Parameters
     ----------
     models
-        The present rig; behind it the same with parameters drawn from their uncertainty.
+        The present rig, followed by copies with parameters drawn from their uncertainty.
     frequencies
         Isolation frequencies to try, ascending, Hz.
     head
         The drive, shape (n,), m/s^2 at `sample_rate` Hz.
     limit
-        Largest stroke either way, m.
+        Largest stroke in either direction, m.
     safety
-        The stroke must stay inside limit / safety.
+        The stroke must stay within limit / safety.
     link
         The isolation's link.
 
     Raises
     ------
     DataError
-        Where frequencies, limit or safety factor cannot be used.
+        Frequencies, limit or safety factor are not allowed.
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if len(frequencies) < 2 or not (np.diff(frequencies) > 0.0).all() or frequencies[0] <= 0.0:
-        raise DataError("the frequencies to try must be positive and ascending, two at least")
+        raise DataError("the frequencies to try must be positive and ascending, at least two")
     if not 0.0 < limit < np.inf or not 1.0 <= safety < np.inf:
-        raise DataError(f"a limit of {limit:g} m with a safety factor of {safety:g} cannot be used; give limit > 0, safety >= 1")
+        raise DataError(f"a limit of {limit:g} m with a safety factor of {safety:g} is not allowed; give limit > 0, safety >= 1")
     found = strokes(models, frequencies, head, sample_rate, link=link)
     allowed = limit / safety
     lowest = np.array([lowest_inside(frequencies, row, allowed) for row in found])
@@ -188,22 +188,22 @@ def rocking(
     bearing_height: float = 0.02,
     link: str = "isolation",
 ) -> RigModel:
-    """The rig whose drive pushes off the motor's centre of gravity, so that the motor rocks on its bearings.
+    """The rig with a drive offset from the motor's centre of gravity, so that the motor rocks on its bearings.
 
     Parameters
     ----------
     model
         The rig.
     offset
-        Distance of the drive's line from the centre of gravity, m.
+        Distance of the drive force from the centre of gravity, m.
     frequency
         Rocking frequency on the bearings, Hz.
     radius
         Radius of gyration of the motor, m: its moment of inertia is m r^2.
     damping_ratio
-        Of the rocking.
+        Damping ratio of the rocking.
     bearing_height
-        Distance of the springs' line from the centre of gravity, m: how rocking reaches the table.
+        Distance of the springs from the centre of gravity, m: it couples rocking to the table.
     link
         The isolation's link.
     """

@@ -1,17 +1,17 @@
-"""Flexures instead of bearings: leaf springs on edge that guide the motor without friction, sized by closed formulas.
+"""Flexures instead of bearings: vertical leaf springs that guide the motor without friction, sized by closed formulas.
 
-Every leaf is clamped at both ends and bends in an S as the motor moves along the axis. It stands on edge, its width upright, so
-that the motor's weight bends it in its stiff direction and does not buckle it. With length L, width b, thickness t and n leaves
+Every leaf is clamped at both ends and bends in an S shape as the motor moves along the axis. Its width is vertical, so that the
+motor's weight bends it in its stiff direction and does not buckle it. With length L, width b, thickness t and n leaves
 
     k = n E b t^3 / L^3                      stiffness along the axis
     s = 3 E t d / L^2                        largest bending stress at a deflection d
-    f_up = f (b / t)                         the motor's frequency up and down, by the same formula with b and t exchanged
-    f_leaf = 22.37 / (2 pi L^2) sqrt(E t^2 / (12 rho))   first bending mode of a leaf by itself
+    f_up = f (b / t)                         vertical natural frequency of the motor, by the same formula with b and t exchanged
+    f_leaf = 22.37 / (2 pi L^2) sqrt(E t^2 / (12 rho))   first bending mode of a leaf alone
     u = 3 d^2 / (5 L)                        sideways shift of one-sided leaves; opposite pairs stretch instead
-    P = 4.013 sqrt(E I G J) / (L / 2)^2      load at which a leaf twists out sideways, I = b t^3 / 12, J = b t^3 / 3
+    P = 4.013 sqrt(E I G J) / (L / 2)^2      lateral buckling load of a leaf, I = b t^3 / 12, J = b t^3 / 3
 
-The last takes each half of a leaf for a cantilever that is loaded at the leaf's middle, where the moment is zero. Leaves that
-are not much longer than wide are softer upright than the beam formula says.
+The last one treats each half of a leaf as a cantilever loaded at the middle of the leaf, where the moment is zero. Leaves that
+are not much longer than wide are vertically softer than the beam formula states.
 
 (Euler-Bernoulli beams; Smith, Flexures: Elements of Elastic Mechanisms, 2000, ch. 4; Blevins, Formulas for Natural Frequency and
 Mode Shape, 1979, table 8-1; Timoshenko and Gere, Theory of Elastic Stability, 1961, ch. 6.)
@@ -33,7 +33,7 @@ SIDEWAYS = 4.013
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """A spring material: its moduli of tension and shear, N/m^2, density, kg/m^3, and the stress it bears for ever, N/m^2."""
+    """A spring material: moduli of tension and shear, N/m^2, density, kg/m^3, and endurance limit, N/m^2."""
 
     name: str
     modulus: float
@@ -42,7 +42,7 @@ class Material:
     endurance: float
 
 
-#: Cold-rolled spring steel, 1.4310 and the like: handbook values, endurance with polished edges and half its usual value.
+#: Cold-rolled spring steel, e.g. 1.4310: handbook values; endurance limit for polished edges, half its usual value.
 SPRING_STEEL = Material(name="spring steel", modulus=190e9, shear=73e9, density=7900.0, endurance=300e6)
 
 
@@ -53,19 +53,19 @@ class Flexure:
     Parameters
     ----------
     leaves, length, width, thickness
-        How many, and m.
+        Number, and dimensions in m.
     stiffness, frequency
         Along the axis, N/m and Hz.
     stress
-        Largest at the stroke, N/m^2.
+        Largest stress at the stroke, N/m^2.
     upright, leaf
-        Frequencies of the motor up and down on the leaves and of a leaf by itself, Hz.
+        Natural frequencies of the motor in the vertical direction and of a leaf alone, Hz.
     sag
-        How far the motor's weight bends the leaves in their stiff direction, m.
+        Vertical deflection of the leaves due to the motor's weight, m.
     sideways
-        Shift of one-sided leaves at the stroke, m.
+        Lateral shift of one-sided leaves at the stroke, m.
     buckling
-        Load at which a leaf twists out sideways, over the share of the motor's weight that it bears.
+        Lateral buckling load of a leaf, divided by its share of the motor's weight.
     """
 
     leaves: int
@@ -86,23 +86,23 @@ def flexure(
     mass: float, frequency: float, stroke: float, *, thickness: float, width: float, leaves: int = 4,
     material: Material = SPRING_STEEL,
 ) -> Flexure:  # fmt: skip
-    """The leaves that give a mass a frequency, and what they bear.
+    """The leaves that give a mass a certain frequency, with stress and buckling load.
 
     Parameters
     ----------
     mass, frequency, stroke
-        Of the motor: kg, Hz, m either way.
+        Of the motor: kg, Hz, m in either direction.
     thickness, width
         Of a leaf, m.
     leaves
-        How many bear the motor together.
+        Number of leaves that carry the motor.
     material
-        What they are made of.
+        Their material.
 
     Raises
     ------
     DataError
-        Where a number cannot be used.
+        A number is not allowed.
     """
     given = {"mass": mass, "frequency": frequency, "stroke": stroke, "thickness": thickness, "width": width, "leaves": leaves}
     for name, value in given.items():
@@ -125,7 +125,7 @@ def thinnest(
     mass: float, frequency: float, stroke: float, *, width: float, leaves: int = 4, material: Material = SPRING_STEEL,
     safety: float = 1.5,
 ) -> Flexure:  # fmt: skip
-    """The shortest leaves that bear the stroke for ever and the weight without twisting out, both with a safety factor.
+    """The shortest leaves within endurance limit and lateral buckling load, both with a safety factor.
 
     With k given, L = t (n E b / k)^(1/3): the stress falls as 1 / t and the buckling load grows as t.
     """

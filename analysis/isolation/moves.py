@@ -1,7 +1,7 @@
-"""Isolation on a move: how far the heatblock moves on the table while the head moves, unlocked against locked, by level.
+"""Isolation during a move: displacement of the heatblock relative to the table, unlocked compared with locked, over acceleration.
 
-The bond is made on the heatblock, so what counts is its displacement relative to the table: how large it becomes, and how
-long after the move's end it is until it stays inside the bond's tolerance.
+The bond is made on the heatblock, so its displacement relative to the table is relevant: its peak value, and the time after the
+end of the move until it stays within the tolerance of the bond.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
 
-#: Rest before the move, and time watched after it, s: the heatblock's ring has died out by then.
+#: Rest before the move, and time simulated after it, s: the heatblock's vibration has decayed by then.
 LEAD, WATCHED = 0.02, 1.0
-#: Samples per second: the heatblock's 165 Hz and the shortest moves are well resolved.
+#: Sample rate, Hz: it resolves the heatblock's 165 Hz and the shortest moves.
 RATE = 8192.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class MoveResponse:
-    """The heatblock on the table during one move in one configuration.
+    """The heatblock relative to the table during one move in one configuration.
 
     Parameters
     ----------
     time, motion
-        Seconds from the move's begin, and heatblock less table, m; shape (n,).
+        Seconds from the start of the move, and heatblock minus table, m; shape (n,).
     largest
         max |motion|, m.
     settling
-        Seconds from the move's end until `motion` stays inside the tolerance: 0 where it never leaves it, NaN where it is still
-        outside when the record ends.
+        Seconds from the end of the move until `motion` stays within the tolerance: 0 if it never leaves it, NaN if it is still
+        outside at the end of the record.
     """
 
     time: FloatArray
@@ -48,16 +48,16 @@ class MoveResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class MoveIsolation:
-    """Isolation by the level of a move.
+    """Isolation over the acceleration of a move.
 
     Parameters
     ----------
     acceleration
         Peak of the head's acceleration, m/s^2, shape (levels,).
     unlocked, locked
-        The responses at each level.
+        The responses at each acceleration.
     tolerance
-        The bond's, m either way.
+        Tolerance of the bond, m in either direction.
     """
 
     acceleration: FloatArray
@@ -67,17 +67,17 @@ class MoveIsolation:
 
     @property
     def isolation(self) -> FloatArray:
-        """1 - largest unlocked / largest locked at each level, shape (levels,)."""
+        """1 - largest unlocked / largest locked at each acceleration, shape (levels,)."""
         return 1.0 - np.array([u.largest / k.largest for u, k in zip(self.unlocked, self.locked, strict=True)])
 
 
 def move_within(distance: float, seconds: float, *, shape: Shape = "sine", pause: float = 0.0) -> Move:
-    """The move that takes so long: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant).
+    """The move with a given duration: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant).
 
     Raises
     ------
     DataError
-        Where distance or time cannot be used.
+        Distance or time is not allowed.
     """
     if not (isfinite(seconds) and seconds > 0.0):
         raise DataError(f"a move lasts {seconds:g} s; give a time above zero")
@@ -94,26 +94,26 @@ def on_move(
     body: str = "heatblock",
     base: str = "table",
 ) -> MoveResponse:
-    """Simulate one move from rest and watch a body on its base.
+    """Simulate one move from rest and evaluate a body relative to its base.
 
     Parameters
     ----------
     model
         The rig.
     move
-        What the head does.
+        The motion of the head.
     tolerance
-        The bond's, m either way.
+        Tolerance of the bond, m in either direction.
     configuration
-        How the rig is set up.
+        Configuration of the rig.
     body, base
-        What is watched, and relative to what.
+        The evaluated body, and its reference.
     """
     watched = msgspec.structs.replace(
         model, sensors=(Sensor(channel="bond", body=body, relative_to=base, quantity="displacement"),), free=()
     )
     head = head_acceleration([move], RATE, lead=LEAD, tail=WATCHED)
-    # Samples are short beside a move: straight lines between them keep its momentum.
+    # The time between samples is short compared with a move: linear interpolation keeps its momentum.
     motion = simulate(watched, Excitation.prepare(head, RATE, oversample=1), configuration=configuration).channels["bond"]
     time = np.arange(len(motion)) / RATE - LEAD
     outside = np.flatnonzero(np.abs(motion) > tolerance)
@@ -129,9 +129,9 @@ def on_move(
 def isolation_by_level(
     model: RigModel, distance: float, accelerations: Sequence[float] | FloatArray, *, tolerance: float, shape: Shape = "sine"
 ) -> MoveIsolation:
-    """Isolation on moves of one distance at several levels.
+    """Isolation during moves of one distance at several accelerations.
 
-    Friction is a constant force, so it matters the less the harder the move is: isolation grows with the level.
+    Friction is a constant force, so its influence decreases with acceleration: the isolation increases.
 
     Parameters
     ----------
@@ -142,14 +142,14 @@ def isolation_by_level(
     accelerations
         Peaks of the head's acceleration, m/s^2.
     tolerance
-        The bond's, m either way.
+        Tolerance of the bond, m in either direction.
     shape
-        Of the moves.
+        Shape of the moves.
 
     Raises
     ------
     DataError
-        Where the rig cannot be locked, or a level cannot be used.
+        The rig cannot be locked, or an acceleration is not allowed.
     """
     if "locked" not in model.configurations:
         raise DataError(f"the rig {model.name!r} has no locked configuration to compare with; describe one")
@@ -161,7 +161,7 @@ def isolation_by_level(
 
 
 def level_for(found: MoveIsolation, isolation: float) -> float:
-    """Lowest level from which on the moves isolate at least so much, m/s^2, between levels by a straight line; NaN where none."""
+    """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
     below = np.flatnonzero(found.isolation < isolation)
     if len(below) == 0:
         return float(found.acceleration[0])

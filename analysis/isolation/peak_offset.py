@@ -1,8 +1,8 @@
-"""The offset of the heatblock's peaks, unlocked against locked: measured, and what may explain it.
+"""The frequency offset of the heatblock's peaks, unlocked minus locked: measurement, and possible explanations.
 
-The locked motor rides on the table and makes it heavier, which lowers the heatblock's resonance: mass loading alone puts the
-unlocked peak a little higher. A motor that friction holds rides along too, so its peak stays where the locked one is. Whatever
-is left, or changes with the gain, is a nonlinearity.
+The locked motor adds its mass to the table, which lowers the heatblock's resonance: with mass loading alone, the unlocked peak is
+slightly higher. A motor held by friction adds its mass too, so its peak coincides with the locked one. A remaining difference, or
+a change with the gain, indicates a nonlinearity.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.spectra.modes import Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
-#: Where the peak is looked for, as shares of its guess; lines wanted per bandwidth, and segments in a record at least.
+#: Search range for the peak, relative to its expected frequency; required bins per bandwidth, and minimum segments in a record.
 AROUND = (0.85, 1.2)
 LINES, SEGMENTS = 8.0, 12.0
-#: Deviations from which on a difference counts.
+#: A difference of this many standard deviations is significant.
 SURE = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeakPair:
-    """The heatblock's peak unlocked and locked at one gain; `offset` is unlocked less locked, Hz."""
+    """The heatblock's peak unlocked and locked at one gain; `offset` is unlocked minus locked, Hz."""
 
     gain: float
     unlocked: Mode
@@ -46,20 +46,20 @@ class PeakPair:
 
 @dataclass(frozen=True, kw_only=True)
 class PeakOffset:
-    """What the peaks say.
+    """Offsets of the peaks.
 
     Parameters
     ----------
     pairs
         By gain, highest first.
     mass_loading
-        Offset that the linear rig predicts, its motor free against riding on the table, Hz.
+        Offset predicted by the linear rig, with the motor free compared with its mass added to the table, Hz.
     slope, slope_std
         Change of the offset with the gain, Hz per unit of gain; NaN with one gain.
     change
-        Largest offset among the gains less the smallest, and its standard deviation, Hz; NaN with one gain.
+        Difference between the largest and the smallest offset over the gains, and its standard deviation, Hz; NaN with one gain.
     verdict
-        One sentence: what the data supports.
+        Conclusion from the data, in a sentence.
     """
 
     pairs: tuple[PeakPair, ...]
@@ -71,21 +71,21 @@ class PeakOffset:
 
 
 def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblock", reference: str = "head") -> PeakOffset:
-    """Fit the heatblock's peak unlocked and locked at every gain whose drive reaches it.
+    """Fit the heatblock's peak unlocked and locked at every gain whose drive excites it.
 
     Parameters
     ----------
     campaign
         Measured or simulated.
     model
-        The rig with values good enough to tell what mass loading does, e.g. fitted ones.
+        The rig with values accurate enough to predict mass loading, e.g. fitted ones.
     response, reference
         Channels.
 
     Raises
     ------
     DataError
-        Where no gain was driven around the peak both ways.
+        No gain excites the peak in both configurations.
     """
     guess, loading = loaded_frequencies(model, response)
     pairs = []
@@ -106,7 +106,8 @@ def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblo
         pairs.append(PeakPair(gain=gain, unlocked=unlocked, locked=locked))
     if not pairs:
         raise DataError(
-            f"no gain shows the {response}'s peak near {guess:.4g} Hz both unlocked and locked{reason}; drive that band both ways"
+            f"no gain shows the {response}'s peak near {guess:.4g} Hz both unlocked and locked{reason}; excite that band in both "
+            "configurations"
         )
     slope, slope_std, change = _change(pairs)
     return PeakOffset(
@@ -116,7 +117,7 @@ def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblo
 
 
 def loaded_frequencies(model: RigModel, body: str) -> tuple[float, float]:
-    """Frequency of the mode in which a body moves most, the motor riding along, and how far it rises with it free, Hz."""
+    """Frequency of a body's dominant mode with the motor's mass added to the table, and its increase with the motor free, Hz."""
     found = []
     for configuration in ("locked", "unlocked"):
         rigid = [model.link(name) for name in model.configurations[configuration].rigid]
@@ -173,26 +174,26 @@ def _line(x: FloatArray, y: FloatArray, std: FloatArray) -> tuple[float, float]:
 
 def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float]) -> str:
     best = min(pairs, key=lambda p: p.std)
-    told = f"at gain {best.gain:g} the unlocked peak lies {best.offset:+.3f} ± {best.std:.3f} Hz from the locked one"
+    told = f"at gain {best.gain:g} the unlocked peak is at {best.offset:+.3f} ± {best.std:.3f} Hz relative to the locked one"
     loads = [abs(p.offset - loading) <= SURE * p.std for p in pairs]
     moves = len(pairs) > 1 and change[0] > SURE * change[1]
     if all(loads) and not moves:
-        said = f"which is what mass loading alone predicts ({loading:+.3f} Hz); no nonlinearity is needed"
+        said = f"which agrees with mass loading alone ({loading:+.3f} Hz); no nonlinearity is needed"
     elif any(loads) and moves:
         said = (
             f"mass loading predicts {loading:+.3f} Hz, and the offset changes by {change[0]:.3f} ± {change[1]:.3f} Hz with the "
-            "gain: the data supports both, mass loading at one gain and a nonlinearity that takes it away at another"
+            "gain: the data support both, mass loading at one gain and a nonlinearity that removes it at another"
         )
     elif abs(best.offset) <= SURE * best.std:
         said = (
-            f"so mass loading ({loading:+.3f} Hz) does not show: the unlocked motor rides on the table like the locked one, "
-            "as friction makes it do, which is a nonlinearity and not a matter of mass"
+            f"so there is no mass loading ({loading:+.3f} Hz): the unlocked motor moves with the table like the locked one, "
+            "held by friction, which is a nonlinearity and not an effect of mass"
         )
     else:
         away = abs(best.offset - loading) / best.std
         said = (
-            f"{away:.0f} deviations from what mass loading alone predicts ({loading:+.3f} Hz): the data supports a nonlinearity "
-            "(friction that holds the motor part of the time lies between none and all of it) beside mass loading"
+            f"{away:.0f} standard deviations from the prediction of mass loading alone ({loading:+.3f} Hz): the data support a "
+            "nonlinearity (friction that holds the motor part of the time) in addition to mass loading"
         )
-    more = "" if len(pairs) > 1 else "; only one gain reaches the peak, so its change with the gain is not known"
+    more = "" if len(pairs) > 1 else "; only one gain excites the peak, so its change with the gain is unknown"
     return f"The heatblock's peak: {told}, {said}{more}."

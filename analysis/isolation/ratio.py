@@ -1,7 +1,7 @@
-"""The isolation ratio: how much of the drive reaches the heatblock unlocked, over locked, stitched from several gains.
+"""The isolation ratio: |heatblock / head| unlocked divided by locked, stitched from several gains.
 
-Thesis, Eq. 6: |heatblock / head| unlocked over the same locked. The highest gain shows low frequencies, where its drive has
-power and friction is overcome; above, only a low gain can be driven.
+Thesis, Eq. 6: |heatblock / head| unlocked divided by |heatblock / head| locked. The highest gain covers low frequencies, where
+its drive has power and friction is overcome; at higher frequencies only a low gain can be used.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.spectra.welch import Frf, estimate, frfs_on_common_lines
 
-#: Where the thesis stitches its gains, Hz.
+#: The thesis's stitching frequency, Hz.
 STITCH = 15.0
-#: Lines this far around the stitch tell its step, as a share of its frequency.
+#: Frequency bins within this share of the stitching frequency around it determine the step.
 AROUND = 0.25
-#: Slower than this share of the body's own rms speed, the sliding is at rest.
+#: Relative velocities below this share of the body's own rms velocity count as sticking.
 AT_REST = 1e-3
 
 
-#: The isolation works from this multiple of its own frequency on: there a mass on a spring passes on less than it is given.
+#: The isolation is effective above this multiple of its natural frequency: there the transmissibility is below 1.
 ABOVE = float(np.sqrt(2.0))
-#: A Hann window ties neighbouring lines together, so that a sum over lines scatters by this factor more, as a variance.
+#: A Hann window correlates neighbouring frequency bins, which increases the variance of a sum over bins by this factor.
 TIED = 2.0
 
 
 class Isolated(NamedTuple):
-    """The share of the heatblock's shaking that the isolation keeps away in a band (Hz) at a gain, and its deviation.
+    """The isolation of the heatblock's vibration in a band (Hz) at a gain, as a share, and its standard uncertainty.
 
-    1 - sqrt(sum of |unlocked|^2 / sum of |locked|^2) over the lines: the rms of the heatblock's acceleration under a drive that
-    is flat over the band, unlocked against locked.
+    1 - sqrt(sum of |unlocked|^2 / sum of |locked|^2) over the frequency bins: refers to the rms acceleration of the heatblock
+    with a drive that is flat over the band.
     """
 
     share: float
@@ -48,14 +48,14 @@ class Isolated(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % of a normal variable."""
+        """95 % interval of a normal variable."""
         return self.share - 1.96 * self.std, self.share + 1.96 * self.std
 
 
 class Peaks(NamedTuple):
-    """The heatblock's peaks: where the highest lines lie (Hz), their ratio each at its own place, and line by line.
+    """The heatblock's peaks: their frequencies (Hz), the ratio of the two peak values, and the ratio at one frequency.
 
-    `std` is that of `ratio`; `by_line` is the ratio at the unlocked peak's line.
+    `std` is that of `ratio`; `by_line` is the ratio at the frequency of the unlocked peak.
     """
 
     unlocked: float
@@ -78,7 +78,7 @@ class Piece:
     unlocked, locked
         The two transfer functions.
     ratio, std
-        |unlocked| / |locked| and its standard deviation, shape (lines,).
+        Ratio |unlocked| / |locked| and its standard deviation, shape (bins,).
     """
 
     gain: float
@@ -96,17 +96,17 @@ class IsolationRatio:
     Parameters
     ----------
     frequency, ratio, std
-        Hz, 1, 1, shape (lines,): only where some gain's drive has power.
+        Hz, 1, 1, shape (bins,): only within the band of some gain.
     gain
-        Which gain each line comes from, shape (lines,).
+        Gain of each frequency bin, shape (bins,).
     pieces
         The ratio at each gain, highest first.
     stitches
-        Where one gain hands over to the next, Hz.
+        Frequencies at which the gain changes, Hz.
     steps
-        Ratio of the higher gain over the lower's around each stitch, and its standard deviation.
+        Ratio of the higher gain divided by that of the lower gain around each stitch, and its standard deviation.
     peaks
-        Around the heatblock's peak, at the lowest gain; NaN where its drive does not reach it.
+        Around the heatblock's peak, at the lowest gain; NaN if its drive does not excite it.
     """
 
     frequency: FloatArray
@@ -133,20 +133,20 @@ def isolation_ratio(
     Parameters
     ----------
     campaign
-        Needs broad-band runs unlocked and locked at one gain at least.
+        Must contain broad-band runs unlocked and locked at one gain at least.
     response, reference
         Channels.
     resolution
-        Distance of lines, Hz.
+        Frequency resolution, Hz.
     stitch
-        Where the highest gain hands over to the next, Hz; further stitches lie where a gain's band ends.
+        Upper limit of the highest gain, Hz; further stitches are at the upper band limits of the gains.
     around_peak
-        Where the heatblock's peak is looked for, Hz.
+        Search range for the heatblock's peak, Hz.
 
     Raises
     ------
     DataError
-        Where no gain was measured both ways.
+        No gain was measured in both configurations.
 
     Examples
     --------
@@ -179,12 +179,12 @@ def isolation_ratio(
 
 
 def isolated_share(found: IsolationRatio, above: float) -> Isolated:
-    """The isolation in one number: at the highest gain, where friction is overcome, from `above` (Hz) to the end of its drive.
+    """The isolation as one number: at the highest gain, where friction is overcome, from `above` (Hz) to the end of its band.
 
     Raises
     ------
     DataError
-        Where that gain's drive ends below.
+        The band of that gain ends below.
 
     Examples
     --------
@@ -199,8 +199,8 @@ def isolated_share(found: IsolationRatio, above: float) -> Isolated:
     kept = (f >= max(above, piece.band[0])) & (f <= piece.band[1])
     if kept.sum() < 2:
         raise DataError(
-            f"gain {piece.gain:g} drives up to {piece.band[1]:g} Hz, below the {above:.3g} Hz from which the isolation works; "
-            "drive it higher"
+            f"gain {piece.gain:g} covers frequencies up to {piece.band[1]:g} Hz, below the {above:.3g} Hz above which the "
+            "isolation is effective; extend its band"
         )
     squares, spreads = [], []
     for frf in (piece.unlocked, piece.locked):
@@ -213,7 +213,7 @@ def isolated_share(found: IsolationRatio, above: float) -> Isolated:
 
 
 def isolation_frequency(model: RigModel) -> float:
-    """Frequency of the locked configuration's link by itself, sqrt(k / m) / 2 pi, Hz; 0 where nothing can be locked."""
+    """Natural frequency of the link that can be locked, sqrt(k / m) / 2 pi, Hz; 0 if nothing can be locked."""
     locked = model.configurations.get("locked")
     if locked is None or not locked.rigid:
         return 0.0
@@ -222,7 +222,7 @@ def isolation_frequency(model: RigModel) -> float:
 
 
 def magnitude_ratio(upper: Frf, lower: Frf) -> tuple[FloatArray, FloatArray]:
-    """|upper| / |lower| line by line and its standard deviation, both shape (lines,)."""
+    """|upper| / |lower| in each frequency bin and its standard deviation, both shape (bins,)."""
     tiny = np.finfo(float).tiny
     size_u, size_l = np.abs(upper.value), np.maximum(np.abs(lower.value), tiny)
     ratio = size_u / size_l
@@ -240,7 +240,7 @@ def _pieces(campaign: Campaign, response: str, reference: str, resolution: float
         for _, both in gains
         for runs in both
     ]
-    # Runs may differ in their sample rates, and with them in their lines.
+    # Runs may have different sample rates, and therefore different frequency bins.
     lined_up = frfs_on_common_lines(found) if found else []
     pieces = []
     for (gain, both), u, k in zip(gains, lined_up[::2], lined_up[1::2], strict=True):
@@ -286,7 +286,7 @@ def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
 
 
 def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
-    """Share of a run's time in which the simulated bodies at the ends of a link do not slide on one another."""
+    """Share of a run's time in which the simulated bodies at the ends of a link stick."""
     joint = model.link(link)
     sliding = Sensor(channel="sliding", body=joint.a, relative_to=joint.b, quantity="velocity")
     moving = Sensor(channel="moving", body=joint.a, quantity="velocity")
@@ -297,5 +297,5 @@ def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
 
 
 def friction_bound(ratio: IsolationRatio, shares: dict[float, float], most: float = 0.5) -> NDArray[np.bool_]:
-    """Lines that come from a gain at which the motor is stuck for more than `most` of the time, shape (lines,)."""
+    """Frequency bins from a gain at which the motor is stuck for more than `most` of the time, shape (bins,)."""
     return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > most]))

@@ -1,8 +1,8 @@
-"""The thesis's own way to the parameters: four set-ups read one by one, and the table by an error surface.
+"""The thesis's method for the parameters: four set-ups evaluated one by one, and the table by an error surface.
 
-Heatblock from table to heatblock, motor from head to motor, table from head to table, each by half-power and by a fit of modes;
-then the table's effective mass and damping where |measured - simulated| / measured, averaged over frequency, is least (thesis,
-Eq. 5, Fig. 23). These are linear and see friction as damping; the joint fit of `joint_fit` is the better estimate.
+Heatblock from table to heatblock, motor from head to motor, table from head to table, each by half-power and by a modal fit; then
+the table's effective mass and damping at the minimum of |measured - simulated| / measured, averaged over frequency (thesis, Eq.
+5, Fig. 23). These methods are linear and interpret friction as damping; the joint fit of `joint_fit` is the better estimate.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modes import Kind, ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
-#: Lines wanted per bandwidth, and segments wanted in a record at least.
+#: Required frequency bins per bandwidth, and minimum segments in a record.
 LINES, SEGMENTS = 12.0, 12.0
-#: Band in which head to motor and head to table are read, as shares of the motor's and the table's guessed frequency.
+#: Band for head to motor and head to table, relative to the expected frequencies of motor and table.
 LOW_BAND = (0.4, 1.7)
-#: Points of the error surface each way, and redraws of the measured magnitudes that tell its minimum's deviation.
+#: Points of the error surface in each direction, and redraws of the measured magnitudes for the uncertainty of its minimum.
 GRID, DRAWS = 41, 20
 
 Name = Literal["heatblock", "motor", "table"]
@@ -33,24 +33,24 @@ Name = Literal["heatblock", "motor", "table"]
 
 @dataclass(frozen=True, kw_only=True)
 class SetUp:
-    """One transfer function and what is read off it.
+    """One transfer function and the values determined from it.
 
     Parameters
     ----------
     name
-        The body whose frequency and damping it gives.
+        The body of the natural frequency and damping ratio.
     frf
         Measured.
     band
-        Hz: what was read.
+        The evaluated band, Hz.
     half_power, fit
-        The two readings; `fit` is None where refused.
+        Results of the two methods; `fit` is None if not applicable.
     refused
-        Why there is no fit, empty where there is one.
+        Why there is no fit; empty if there is one.
     mode
-        The better reading of this body's mode: the fit's, else half-power's, else None.
+        The better result for this body's mode: from the fit, otherwise from half-power, otherwise None.
     method
-        How `mode` came about.
+        Method of `mode`.
     """
 
     name: Name
@@ -70,15 +70,15 @@ class ErrorSurface:
     Parameters
     ----------
     mass, damping
-        Axes: kg and ratio to critical.
+        Axes: kg and damping ratio.
     error
         Shape (damping, mass).
     best
-        (mass, damping ratio, error) where it is least.
+        (mass, damping ratio, error) at the minimum.
     std
-        Deviations of mass and damping ratio by the measured magnitudes' error bars.
+        Standard uncertainties of mass and damping ratio due to the error bars of the measured magnitudes.
     frequency, measured, simulated
-        Hz and magnitudes: the best simulation over what was measured.
+        Hz and magnitudes: the best simulation compared with the measurement.
     """
 
     mass: FloatArray
@@ -93,7 +93,7 @@ class ErrorSurface:
 
 @dataclass(frozen=True, kw_only=True)
 class Classic:
-    """The four set-ups; `refused` says by name what could not be read at all."""
+    """The four set-ups; `refused` gives by name the values that could not be determined."""
 
     set_ups: tuple[SetUp, ...]
     surface: ErrorSurface | None
@@ -101,14 +101,14 @@ class Classic:
 
 
 def classic(campaign: Campaign, model: RigModel) -> Classic:
-    """Read the thesis's four set-ups of a campaign.
+    """Evaluate the thesis's four set-ups for a campaign.
 
     Parameters
     ----------
     campaign
-        The wire bonder's; each set-up needs a run whose drive reaches its band.
+        The wire bonder's; each set-up needs a run whose drive covers its band.
     model
-        The wire bonder with first guesses: where to look, and the known masses.
+        The wire bonder with starting values: expected frequencies, and the known masses.
     """
     guess = {name: _frequency(model, name) for name in ("table", "heatblock", "motor")}
     low = LOW_BAND[0] * guess["motor"], LOW_BAND[1] * guess["table"]
@@ -137,7 +137,7 @@ def classic(campaign: Campaign, model: RigModel) -> Classic:
 
 
 def as_read(read: Classic, model: RigModel) -> RigModel:
-    """The wire bonder with the values that were read; first guesses where nothing was."""
+    """The wire bonder with the determined values; starting values for the others."""
     changes: dict[str, float] = {}
     if read.surface is not None:
         mass = read.surface.best[0]
@@ -159,10 +159,10 @@ def _frequency(model: RigModel, body: str) -> float:
 
 
 def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run]:
-    # The hardest driven of the runs whose drive reaches over the band.
+    # The run with the strongest drive among those that cover the band.
     there = [run for run in runs if run.band is None or (run.band[0] <= band[0] and run.band[1] >= 0.95 * band[1])]
     if not there:
-        raise DataError(f"no run drives {band[0]:.3g} to {band[1]:.3g} Hz, where the {name} is read; measure one")
+        raise DataError(f"no run excites {band[0]:.3g} to {band[1]:.3g} Hz, which the {name} needs; measure one")
     hardest = max(run.gain for run in there)
     return [run for run in there if run.gain == hardest]
 
@@ -178,7 +178,7 @@ def _read(
         asked = max(rate / (2.0 * round(length / 2.0)), 2.0 / seconds)
         return estimate(runs, references=[reference], channels=[response], resolution=asked).frf(response, reference)
 
-    # A coarse look tells the bandwidth, the bandwidth the resolution.
+    # A first estimate gives the bandwidth, the bandwidth determines the resolution.
     coarse = look(max(guess[name] / 100.0, SEGMENTS / seconds))
     width = _width(coarse, guess[name], band)
     frf = look(max(width / LINES, SEGMENTS / seconds))
@@ -194,7 +194,7 @@ def _read(
         else:
             fit = fit_modes(frf, band, kind=kind, guesses=[(guess["motor"], 0.1), (guess["table"], 0.03)])
             mode = fit.modes[0 if name == "motor" else 1]
-        method = "fit of the mode" if len(fit.modes) == 1 else "fit of two modes"
+        method = "modal fit" if len(fit.modes) == 1 else "modal fit, two modes"
     except AnalysisError as error:
         reason = str(error)
     return SetUp(name=name, frf=frf, band=band, half_power=found, fit=fit, refused=reason, mode=mode, method=method)
@@ -209,7 +209,7 @@ def _size(frf: Frf, frequency: float) -> float:
 
 
 def _around(guess: dict[str, float], name: Name, band: tuple[float, float]) -> tuple[float, float]:
-    # The band of one peak: halfway to the neighbour.
+    # The band of one peak: halfway to its neighbour.
     middle = float(np.sqrt(guess["motor"] * guess["table"]))
     return band if name == "heatblock" else (band[0], middle) if name == "motor" else (middle, band[1])
 
@@ -223,7 +223,7 @@ def _width(frf: Frf, guess: float, band: tuple[float, float]) -> float:
 
 
 def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> ComplexArray:
-    """Transfer function head to table of the unlocked wire bonder without friction, shape (lines,).
+    """Transfer function head to table of the unlocked wire bonder without friction, shape (bins,).
 
     `values` as `isorig.analysis.model.built_in.THESIS`, masses in kg.
     """
@@ -236,12 +236,12 @@ def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> Complex
 
 
 def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurface:
-    """The error surface over table mass and damping, the other values as read off the set-ups.
+    """The error surface over table mass and damping, with the other values from the set-ups.
 
     Raises
     ------
     DataError
-        Where a set-up gave no mode.
+        A set-up has no mode.
     """
     from scipy.optimize import minimize
 
@@ -251,7 +251,7 @@ def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurfac
         values[f"{name}_mass"] = model.body(name).mass
         mode = set_ups[name].mode if name in set_ups else None
         if mode is None:
-            raise DataError(f"the {name}'s set-up gave no mode, which the error surface needs; see why there")
+            raise DataError(f"the {name}'s set-up has no mode, which the error surface needs; see the reason there")
         values |= {f"{name}_frequency": mode.frequency, f"{name}_damping": mode.damping}
     frf, band = set_ups["table"].frf, set_ups["table"].band
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])

@@ -24,15 +24,14 @@ from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.spectra.quality import Fault, faults, without
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
-#: Relative deviation by what the estimate itself cannot see, the instrument's sampling filter: found by fitting recordings
-#: made through filters of three quarters to two and a half times the length of ours.
+#: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
+#: recordings with filters of 0.75 to 2.5 times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
 #: Relative step by which the slopes of a mode's frequency and damping are taken, and the relative change that is rounding.
 SLOPE, ROUNDING = 1e-4, 1e-9
 #: The drive's factor: the head's mass.
 HEAD = "drive.factor"
-#: Names under which a recording tells how well it is known what it takes as known: masses in kg, and all sensors' sensitivities
-#: as a share of themselves.
+#: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
 CALIBRATION = "calibration_std"
 MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
 WEIGHED = "weighed"
@@ -42,7 +41,7 @@ NO_TRACE = "it leaves no trace in these runs: take one in which it moves"
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A row of the table; `value` is None where the data cannot support a figure, and `note` says why."""
+    """A row of the table; `value` is None if it is not identifiable, and `note` gives the reason."""
 
     value: float | None
     std: float | None
@@ -53,7 +52,7 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class Characterization:
-    """The table by name, the fit behind it, the runs, and how it does on what was held out beside the noise floor.
+    """The table by name, its fit, the runs, and the held-out error with the noise floor.
 
     Of the wire bonder the table has its bodies' masses, frequencies and damping ratios; of another rig the parameters of its
     description by their paths, and the frequency and damping ratio of the modes of every configuration that was measured.
@@ -79,22 +78,23 @@ class Characterization:
 
 
 def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None) -> Characterization:
-    """Fit all free parameters to all runs at once, and say how well each is known.
+    """Fit all free parameters to all runs at once, with standard uncertainties.
 
-    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Deviations come from the residuals line
-    by line (`deviations`), given the recorded head; from a simulation on a finer grid; from how far the runs disagree
-    and how much of the signal is left, where the model does not explain it; and include `UNSEEN`. Where the recording tells
-    how well its sensors are calibrated and its masses weighed (`CALIBRATION`, `MASS_STD`), that is carried through the fit;
-    without it they are taken as exact. The head's mass is fitted too where the recording does not have it.
+    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Standard uncertainties are computed from
+    the residuals frequency bin by bin (`deviations`), given the recorded head acceleration, and from a simulation with a smaller
+    time step; if the model misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. If the
+    recording gives the uncertainty of its sensors' calibration and of the weighed masses (`CALIBRATION`, `MASS_STD`), it is
+    propagated through the fit; otherwise these are treated as exact. The head's mass is fitted too if the recording does not give
+    it.
 
     Parameters
     ----------
     campaign
-        What was measured; needs locked and unlocked runs for all figures.
+        The measurement; needs locked and unlocked runs for all values.
     model
         The rig with first guesses.
     progress
-        Called with one line per stage.
+        Called with one line for each stage.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     >>> print(f"{entry.value:.2f} {entry.unit}")
     5.06 Hz
     """
-    progress("looking for bad data")
+    progress("checking for bad data")
     wrong = faults(campaign, reference=model.drive.channel)
     campaign = without(campaign, wrong, model.channels, from_rest=True)
     bonder = is_wire_bonder(model)
@@ -112,12 +112,12 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
         model = msgspec.structs.replace(model, free=(*model.free, HEAD))
     progress("fitting all runs with friction in the model")
     rough, fine = fit_baseline(campaign, model)
-    progress("working out how well each value is known")
+    progress("computing the uncertainties")
     fitted = polished(awakened(rough, fine), fine)
     judged = score(fitted.model, fine)
     floors = noise_floor(fitted.model, fine, drive_noise(campaign, model.drive.channel))
     explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
-    # A misfit beyond the simulation's limit bends every parameter; its size relative to the signal bounds how far.
+    # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
     excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
     misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
@@ -194,7 +194,7 @@ def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float]
 
 
 class _Known:
-    """How well figures are known that go with the fitted values."""
+    """Uncertainties of quantities that depend on the fitted values."""
 
     def __init__(
         self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float]
@@ -206,12 +206,12 @@ class _Known:
         self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
-        """The row of a figure that changes by `slopes` with the values at those paths."""
+        """The row of a quantity with derivatives `slopes` with respect to the values at those paths."""
         if self._untraced & slopes.keys():
             note = NO_SLIDING if kind == "friction" else NO_TRACE
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
-        # A mass that is taken as known moves the fitted values, and a figure that has it in its formula by itself.
+        # A mass treated as known affects the fitted values, and directly a quantity whose formula contains it.
         own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
         variance = deviation(self._moves, slope) ** 2 + (self._shift @ slope) ** 2 + slope @ self._runs @ slope
         variance += float(((self._given_moves @ slope + own) ** 2).sum())
@@ -225,7 +225,7 @@ class _Known:
 
 
 def _uncertain(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
-    # Deviations of what is taken as known, by its path in the model.
+    # Uncertainties of the values treated as known, by path in the model.
     model = fitted.model
     there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
     found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}

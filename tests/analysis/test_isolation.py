@@ -114,7 +114,7 @@ def test_without_friction_the_offset_is_mass_loading(smooth: tuple[RigModel, Cam
     (pair,) = found.pairs
     assert abs(pair.offset - found.mass_loading) < 4.0 * pair.std
     assert pair.std < 0.05
-    assert "mass loading alone predicts" in found.verdict
+    assert "agrees with mass loading alone" in found.verdict
     assert "no nonlinearity is needed" in found.verdict
     assert "only one gain" in found.verdict
 
@@ -124,7 +124,7 @@ def test_a_held_motor_rides_along(rubbing: tuple[RigModel, Campaign]) -> None:
     found = peak_offset(campaign, model)
     (pair,) = found.pairs
     assert abs(pair.offset) < 0.1 * found.mass_loading
-    assert "a nonlinearity and not a matter of mass" in found.verdict
+    assert "a nonlinearity and not an effect of mass" in found.verdict
 
 
 def test_an_offset_that_goes_with_the_gain_supports_both() -> None:
@@ -138,7 +138,7 @@ def test_an_offset_that_goes_with_the_gain_supports_both() -> None:
     assert [pair.gain for pair in found.pairs] == [70.0, 0.7]
     assert found.change[0] > 3.0 * found.change[1]
     assert found.slope > 3.0 * found.slope_std
-    assert "the data supports both" in found.verdict
+    assert "the data support both" in found.verdict
 
 
 def test_the_error_surface_finds_the_mass_without_friction(smooth: tuple[RigModel, Campaign]) -> None:
@@ -154,5 +154,5 @@ def test_the_error_surface_finds_the_mass_without_friction(smooth: tuple[RigMode
     assert block.mode is not None
     assert block.mode.frequency == pytest.approx(164.5, abs=4.0 * block.mode.frequency_std + 0.02)
     assert block.mode.damping == pytest.approx(0.009, rel=0.02)
-    with pytest.raises(DataError, match="gave no mode"):
+    with pytest.raises(DataError, match="has no mode"):
         error_surface({}, model)
