@@ -1,7 +1,7 @@
-"""Noise and distortion from one run under a multisine: what changes from period to period, and what lies where nothing drives.
+"""Noise and distortion from one run with a multisine: from differences between periods, and from frequencies not excited.
 
-The lines that the drive leaves out show distortion, which repeats with the period as the drive does: the even ones even
-distortion, the odd ones odd (the fast method: Pintelon and Schoukens, System Identification, 2012, 4.3).
+The frequencies that the drive omits show distortion, which is periodic like the drive: even multiples show even distortion, odd
+ones odd distortion (fast method: Pintelon and Schoukens, System Identification, 2012, 4.3).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from isorig.analysis.spectra.periodic import driven_lines, settled_periods
 
 @dataclass(frozen=True, kw_only=True)
 class Detection:
-    """What a response is made of inside the drive's band, as shares of the rms at the driven lines.
+    """Composition of a response within the band of the drive, relative to the rms at the excited frequencies.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ class Detection:
     periods
         Whole periods after the first.
     noise
-        rms by noise at a line of one period.
+        rms noise in a frequency bin of one period.
     odd, even
-        rms of distortion at a line that is not driven, what noise explains taken off.
+        rms distortion in a frequency bin that is not excited, corrected for noise.
     """
 
     response: str
@@ -39,12 +39,12 @@ class Detection:
 
 
 def detect(run: Run, *, response: str, reference: str) -> Detection:
-    """Tell noise from distortion in a run whose drive repeats.
+    """Separate noise and distortion in a run with a periodic drive.
 
     Raises
     ------
     DataError
-        Where the run has no period, too few of them, no drive, or one at every line.
+        The run has no period, too few of them, no drive, or one that excites every frequency.
     """
     drive, answer = settled_periods(run, (reference, response))
     count = len(answer)
@@ -53,7 +53,7 @@ def detect(run: Run, *, response: str, reference: str) -> Detection:
     inside = (line >= line[driven][0]) & (line <= line[driven][-1])
     free = inside & ~driven
     if not free.any():
-        raise DataError(f"run {run.id!r} drives every line of its band; take it under a multisine that leaves lines out")
+        raise DataError(f"run {run.id!r} excites every frequency of its band; measure it with a multisine that omits some")
     mean = answer.mean(axis=0)
     variance = np.var(answer, axis=0, ddof=1)
     level = float(np.sqrt(np.mean(np.abs(mean[driven]) ** 2))) or 1.0

@@ -1,7 +1,7 @@
-"""A gain that changes within a run: the run taken for what it is, a sweep of levels, one run for each.
+"""Runs whose gain changes: splits a run into one for each gain.
 
-The gain that was streamed beside the samples tells the level. A steady gain is left alone. Stretches whose gains round to the
-same level of a geometric grid share one, so that locked and unlocked sweeps of one dial meet at the same gains.
+The streamed gain, recorded with the samples, gives the level. A steady gain is not split. Intervals whose gains round to the same
+level of a geometric grid share it, so that locked and unlocked sweeps of one dial have the same gains.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, IntArray, Run
 
 GAIN = "gain"
-#: Two levels beside each other differ by this factor, a sixth of a decade.
+#: Ratio of adjacent levels, a sixth of a decade.
 STEP = 10.0 ** (1.0 / 6.0)
-#: A gain that stays within this share of its median is steady: a dial's noise and rounding.
+#: A gain within this share of its median is steady: it allows for noise and rounding of a dial.
 STEADY = 0.05
-#: A stretch shorter than this shows no transfer function, s.
+#: Minimum duration of an interval, s.
 SHORTEST = 2.0
-#: Samples that are looked at in one go: a run may be longer than memory.
+#: Samples processed at once: a run may be longer than memory.
 PART = 1 << 20
-#: The level of a gain of zero.
+#: Level for a gain of zero.
 SILENT = np.iinfo(np.int64).min
 
 
 def by_level(campaign: Campaign) -> Campaign:
-    """The campaign with every run whose gain changes cut into one run for each stretch of a level.
+    """The campaign with every run whose gain changes split into one run for each interval of a level.
 
-    A stretch begins in the middle of a motion, so it serves transfer functions and ratios, not simulations from rest.
+    An interval starts during a motion, so it is for transfer functions and ratios, not for simulations from rest.
     """
     return replace(campaign, runs=tuple(part for run in campaign.runs for part in stretches(run)))
 
 
 def changes(run: Run) -> bool:
-    """Whether the streamed gain leaves the run's gain, its median, by more than `STEADY`, for more than that share of the run."""
+    """Whether the streamed gain differs from its median by more than `STEADY`, for more than that share of the run."""
     if GAIN not in run.channels:
         return False
     gain, middle = run.channels[GAIN], abs(run.gain)
@@ -47,9 +47,9 @@ def changes(run: Run) -> bool:
 
 
 def stretches(run: Run) -> Iterator[Run]:
-    """The run itself where its gain is steady, else its stretches by level; those shorter than `SHORTEST` are left out.
+    """The run itself if its gain is steady, otherwise its intervals by level; those shorter than `SHORTEST` are omitted.
 
-    A stretch's gain is its level's, a whole power of `STEP`: within a twelfth of a decade of what was streamed.
+    The gain of an interval is its level's, an integer power of `STEP`: within a twelfth of a decade of the streamed gain.
     """
     if not changes(run):
         yield run
@@ -81,7 +81,7 @@ def _part(run: Run, start: int, stop: int, gain: float, count: int) -> Run:
         for name, channel in run.channels.items()
     }  # fmt: skip
     began = None if run.started is None else run.started + timedelta(seconds=start / run.sample_rate)
-    # Gaps count ticks, and the stored samples skip the ticks that are missing.
+    # Gaps count ticks, and the stored samples skip the missing ticks.
     missing = sum(gap.count for gap in run.gaps if gap.first_tick < start)
     gaps = tuple(
         Gap(first_tick=gap.first_tick - start - missing, count=gap.count)

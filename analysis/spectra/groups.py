@@ -1,7 +1,7 @@
-"""Spectra of consecutive groups of segments, from which figures are worked out again without each group (the jackknife).
+"""Spectra of consecutive groups of segments, for jackknife estimates: results are recomputed without each group.
 
-What an error bar from the coherence takes for granted (noise of a Gaussian distribution in the response alone, a drive that is
-Gaussian and white) need not hold for a figure's scatter from group to group (Tukey 1958; Efron and Stein 1981).
+The assumptions of an error bar from the coherence (Gaussian noise on the response only, a Gaussian white drive) need not hold for
+the scatter from group to group (Tukey 1958; Efron and Stein 1981).
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 
-#: Groups of a record whose length is known; so many know a deviation to 13 %.
+#: Number of groups of a record of known length; it determines a standard deviation to 13 %.
 USUAL = 28
-#: Groups of a record that is still growing at which neighbours are added up two by two.
+#: Number of groups of a growing record at which neighbouring groups are merged in pairs.
 MOST = 48
 
 
 @dataclass
 class Sums:
-    """Sums over some segments: how many, of auto spectra (channels, lines), and of cross spectra by reference, the same shape."""
+    """Sums over some segments: their number, auto spectra (channels, bins), and cross spectra by reference, the same shape."""
 
     segments: int
     auto: NDArray[np.floating[Any]]
@@ -35,12 +35,12 @@ class Sums:
         return Sums(self.segments + other.segments, self.auto + other.auto, cross)
 
     def single(self) -> Sums:
-        """The same with half the memory, which is enough for what a group changes."""
+        """The same in single precision, which suffices for the change due to one group."""
         cross = {name: values.astype(np.complex64) for name, values in self.cross.items()}
         return Sums(self.segments, self.auto.astype(np.float32), cross)
 
     def clear(self) -> None:
-        """Begin again with no segment."""
+        """Reset to no segment."""
         self.segments = 0
         for values in (self.auto, *self.cross.values()):
             values[:] = 0.0
@@ -48,7 +48,7 @@ class Sums:
 
 @dataclass(frozen=True)
 class Left:
-    """Densities over the segments that are left: how many, auto (channels, lines), cross spectra by reference."""
+    """Densities over the remaining segments: their number, auto (channels, bins), cross spectra by reference."""
 
     segments: int
     auto: FloatArray
@@ -57,7 +57,7 @@ class Left:
 
 @dataclass(frozen=True)
 class Groups:
-    """Sums of consecutive groups of segments, and the density that a sum of 1 over one segment stands for, shape (lines,)."""
+    """Sums of consecutive groups of segments, and the density corresponding to a sum of 1 over one segment, shape (bins,)."""
 
     parts: tuple[Sums, ...]
     scale: FloatArray
@@ -66,7 +66,7 @@ class Groups:
         return len(self.parts)
 
     def without(self, lines: IntArray) -> Iterator[Left]:
-        """The densities at some of the lines without each group in turn."""
+        """The densities in some of the frequency bins, without each group in turn."""
         scale = self.scale[lines]
         auto = sum(part.auto[:, lines].astype(np.float64) for part in self.parts)
         names = self.parts[0].cross if self.parts else ()
@@ -81,7 +81,7 @@ class Groups:
             )
 
     def moved(self, move: Callable[[Any], Any]) -> Groups:
-        """The groups on other lines: `move` does it to rows, shape (channels, lines). Those of several rates go together then."""
+        """The groups in other frequency bins, to make several rates compatible: `move` converts rows, shape (channels, bins)."""
         parts = []
         for part in self.parts:
             cross = {name: move(values * self.scale).astype(np.complex64) for name, values in part.cross.items()}
@@ -96,28 +96,28 @@ def joined(groups: Sequence[Groups | None]) -> Groups | None:
 
 
 def group_size(segments: int, block: int) -> int:
-    """Segments of a group in a record of so many: whole blocks, or equal parts of one, for about `USUAL` groups."""
+    """Segments of a group in a record of this length: whole blocks, or equal parts of one, for about `USUAL` groups."""
     size = segments / USUAL
     parts = [part for part in (1, 2, 4) if part < block]
     return min((*parts, block * max(1, round(size / block))), key=lambda allowed: abs(allowed - size))
 
 
 class Grouping:
-    """Groups of equally many segments, `size` of them: a few at first where nobody knows how long the record will be."""
+    """Groups of `size` segments each: few at first if the length of the record is unknown."""
 
     def __init__(self, size: int = 1) -> None:
         self._parts: list[Sums] = []
         self.size = size
 
     def add(self, group: Sums) -> None:
-        """Keep a group of `size` segments."""
+        """Store a group of `size` segments."""
         self._parts.append(group)
         if len(self._parts) == MOST:
             self._parts = [one.plus(other) for one, other in zip(self._parts[0::2], self._parts[1::2], strict=True)]
             self.size *= 2
 
     def groups(self, last: Sums, scale: FloatArray) -> Groups | None:
-        """All groups with the last; if that has less than half the others' segments it is added to the one before."""
+        """All groups including the last; if it has less than half of the others' segments it is added to the one before."""
         parts = list(self._parts)
         if parts and 0 < 2 * last.segments < self.size:
             parts[-1] = parts[-1].plus(last)

@@ -1,4 +1,4 @@
-"""The half-power damping ratio with its assumptions tested, and refused where they fail."""
+"""The half-power damping ratio with tests of its assumptions; refused if they fail."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.welch import Frf
 
-#: Lines per half-power bandwidth below which half-power is refused, and below which its bias is worth a warning.
+#: Frequency bins per half-power bandwidth below which half-power is refused, and below which a warning is given for its bias.
 REFUSED, WARNED = 4.0, 10.0
-#: Half-power needs the next peak this many bandwidths away: a neighbour of equal height then adds a tenth to the amplitude.
+#: Required distance of the next peak in bandwidths: a neighbour of equal height then adds a tenth to the amplitude.
 APART = 5.0
-#: Damping ratio above which the two half-power points are no measure of it.
+#: Damping ratio above which the half-power points do not determine it.
 LIGHT = 0.2
-#: A peak stands out by this factor.
+#: Required ratio of a peak to its surroundings.
 PROMINENT = 1.4
 
 
 @dataclass(frozen=True, kw_only=True)
 class HalfPower:
-    """A half-power figure, or the reason why there is none.
+    """A half-power result, or the reason why there is none.
 
     Parameters
     ----------
     mode
-        None where refused.
+        None if refused.
     refused
-        The reason, empty where there is a mode.
+        The reason; empty if there is a mode.
     warning
-        What to keep in mind about the mode, may be empty.
+        A warning about the mode, may be empty.
     peak, low, high, amplitude
-        Where the peak and its half-power points were found, Hz (NaN where not), and the peak's magnitude.
+        Frequencies of the peak and its half-power points, Hz (NaN if not found), and the peak's magnitude.
     """
 
     mode: Mode | None
@@ -46,34 +46,38 @@ class HalfPower:
 
 
 def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
-    """The damping ratio (f_high - f_low) / (2 f0) at the highest peak in a band, points interpolated between lines.
+    """The damping ratio (f_high - f_low) / (2 f0) at the highest peak in a band, with interpolation between frequency bins.
 
     Parameters
     ----------
     frf
-        A transfer function; lines outside the band serve to look for neighbours.
+        A transfer function; bins outside the band are searched for neighbouring peaks.
     band
-        Hz: where the peak is looked for.
+        Search range for the peak, Hz.
 
     Notes
     -----
-    Refused where a peak is no peak, has fewer than `REFUSED` lines in its bandwidth, has a neighbour nearer than `APART`
-    bandwidths, is lopsided or heavily damped. The deviation is that of the amplitudes at the three points.
+    Refused if there is no peak, or if the peak has fewer than `REFUSED` bins in its bandwidth, a neighbour closer than `APART`
+    bandwidths, an asymmetric shape or heavy damping. The uncertainty is that of the amplitudes at the three points.
     """
     f, size = frf.frequency, np.abs(frf.value)
     inside = np.flatnonzero((f >= band[0]) & (f <= band[1]))
     if len(inside) < 5:
-        return HalfPower(mode=None, refused=f"the band {band[0]:g} to {band[1]:g} Hz holds {len(inside)} lines, fewer than 5")
+        return HalfPower(
+            mode=None, refused=f"the band {band[0]:g} to {band[1]:g} Hz has {len(inside)} frequency bins, fewer than 5"
+        )
     top = int(inside[np.argmax(size[inside])])
     if top in (inside[0], inside[-1]) or top in (0, len(f) - 1):
-        return HalfPower(mode=None, refused=f"the magnitude is largest at the edge of the band, {f[top]:g} Hz: no peak in it")
+        return HalfPower(
+            mode=None, refused=f"the magnitude is largest at the edge of the band, {f[top]:g} Hz: there is no peak in it"
+        )
     peak, amplitude = _vertex(f, size, top)
     sides = [_crossing(f, size, top, step, amplitude / np.sqrt(2.0)) for step in (-1, 1)]
     below, above = sides
     if below is None or above is None:
         return HalfPower(
             mode=None, peak=peak, amplitude=amplitude,
-            refused=f"beside the peak at {peak:.4g} Hz the magnitude rises again before it has fallen to half the power",
+            refused=f"next to the peak at {peak:.4g} Hz the magnitude increases again before it has fallen to half the power",
         )  # fmt: skip
     (low, slope_low, at_low), (high, slope_high, at_high) = below, above
     # An exponential window adds decay / (2 pi f) to every damping ratio.
@@ -87,7 +91,7 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
         for at, slope in ((at_low, slope_low), (at_high, slope_high))
     ]
     lines = width / frf.resolution
-    # A parabola's vertex is as uncertain as its outer points are over its curvature.
+    # The uncertainty of a parabola's vertex is that of its outer points divided by its curvature.
     curvature = abs(size[top - 1] - 2.0 * size[top] + size[top + 1])
     std = frf.resolution * frf.magnitude_std[top] / (np.sqrt(2.0) * max(curvature, 1e-300))
     return replace(
@@ -104,7 +108,7 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
 
 
 def _vertex(f: FloatArray, size: FloatArray, top: int) -> tuple[float, float]:
-    # The parabola through the logarithms of the highest line and its neighbours.
+    # The parabola through the logarithms of the highest bin and its neighbours.
     a, b, c = np.log(np.maximum(size[top - 1 : top + 2], np.finfo(float).tiny))
     bend = a - 2.0 * b + c
     shift = 0.5 * (a - c) / bend if bend < 0.0 else 0.0
@@ -112,7 +116,7 @@ def _vertex(f: FloatArray, size: FloatArray, top: int) -> tuple[float, float]:
 
 
 def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float) -> tuple[float, float, int] | None:
-    # Where the magnitude falls through the level: place, slope there, line. None where a valley comes first.
+    # Where the magnitude falls through the level: frequency, slope there, bin. None if there is a minimum before.
     at = top
     while 0 < at + step < len(f) - 1 and size[at] > level:
         if size[at + step] > 1.1 * size[at] and abs(at - top) > 1:
@@ -129,33 +133,33 @@ def _doubt(frf: Frf, top: int, peak: float, low: float, high: float) -> str:
     width, lines = high - low, (high - low) / frf.resolution
     if lines < REFUSED:
         return (
-            f"the bandwidth of {width:.3g} Hz holds {lines:.1f} lines, where half-power needs {REFUSED:g}: "
-            f"take a resolution of {width / WARNED:.2g} Hz"
+            f"the bandwidth of {width:.3g} Hz has {lines:.1f} frequency bins, but half-power needs {REFUSED:g}: "
+            f"use a resolution of {width / WARNED:.2g} Hz"
         )
     if width / (2.0 * peak) > LIGHT:
-        return f"a damping ratio of {width / (2.0 * peak):.2f} is above {LIGHT:g}, where half-power does not hold"
+        return f"a damping ratio of {width / (2.0 * peak):.2f} is above {LIGHT:g}, where half-power is not valid"
     near = [f for f in peaks(frf) if abs(f - frf.frequency[top]) > 0.5 * width]
     closest = min(near, key=lambda f: abs(f - peak), default=None)
     if closest is not None and abs(closest - peak) < APART * width:
         return (
-            f"its neighbour at {closest:.4g} Hz lies {abs(closest - peak) / width:.1f} bandwidths away, where half-power needs "
+            f"its neighbour at {closest:.4g} Hz is {abs(closest - peak) / width:.1f} bandwidths away, but half-power needs "
             f"{APART:g}: fit both modes together"
         )
     if not 0.5 < (high - peak) / (peak - low) < 2.0:
-        return f"the half-power points at {low:.4g} and {high:.4g} Hz lie lopsided about {peak:.4g} Hz: another mode leans on it"
+        return f"the half-power points at {low:.4g} and {high:.4g} Hz are asymmetric about {peak:.4g} Hz: another mode overlaps"
     return ""
 
 
 def _coarse(lines: float) -> str:
     return (
-        f"only {lines:.1f} lines in the bandwidth: below {WARNED:g} the window adds to a half-power damping"
+        f"only {lines:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
         if lines < WARNED
         else ""
     )
 
 
 def peaks(frf: Frf) -> tuple[float, ...]:
-    """Frequencies (Hz) of peaks that stand out of their surroundings by `PROMINENT` and by three deviations."""
+    """Frequencies (Hz) of peaks that exceed their surroundings by `PROMINENT` and by three standard deviations."""
     from scipy.signal import find_peaks, peak_prominences
 
     size = np.maximum(np.abs(frf.value), np.finfo(float).tiny)

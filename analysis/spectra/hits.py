@@ -1,8 +1,8 @@
-"""Hammer hits in a record: found, checked one by one, and cut out with what came before them.
+"""Hammer hits in a record: detection, validation, and extraction with a pre-trigger interval.
 
-A hammer's force is silent but for short pulses of one sign. Each hit becomes a record of one length that begins a little before
-the pulse; it is rejected where the hammer bounced, an input was overloaded, the rig still moved from the hit before, or the
-record is cut short. The method is that of modal testing by impact (Ewins 2000, 3.7; ISO 7626-5:2019).
+A hammer's force is zero except for short pulses of one sign. Each hit becomes a record of fixed length that starts shortly before
+the pulse; it is rejected if the hammer bounced, an input was overloaded, the rig still moved from the hit before, or the record
+is incomplete. The method is modal testing by impact (Ewins 2000, 3.7; ISO 7626-5:2019).
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from isorig.analysis.spectra.welch import stretches
 
 Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut short", "weak"]
 
-#: A pulse begins where the force leaves this share of the record's largest, and this many noise levels.
+#: A pulse starts where the force exceeds this share of the record's largest, and this many noise levels.
 TRIGGER, ABOVE_NOISE = 0.1, 10.0
-#: A force is a hammer's where pulses of one sign hold at least this share of its energy in at most this share of its time.
+#: A force is a hammer's if pulses of one sign contain at least this share of its energy in at most this share of its time.
 ENERGY, TIME = 0.9, 0.1
-#: A second pulse above this share of the first is a double hit (ISO 7626-5 asks for single pulses), where it stands out of the
-#: filter's ringing by this factor.
+#: A second pulse above this share of the first is a double hit (ISO 7626-5 requires single pulses), if it exceeds the filter's
+#: ringing by this factor.
 DOUBLE, RINGING = 0.05, 2.0
-#: A hit below this share of the median hit is too weak to weigh.
+#: A hit below this share of the median hit is too weak to be used.
 WEAK = 0.1
-#: Share of a record that lies before its pulse, at most.
+#: Maximum share of a record before its pulse.
 BEFORE = 0.05
-#: A response whose rms before the pulse is above the first share of its peak, and above so many times its quietest stretch, still
-#: rings from the hit before: this adds to the scatter of the hits; above the second share it spoils them.
+#: A response whose rms before the pulse exceeds the first share of its peak, and this multiple of its quietest interval, still
+#: rings from the hit before: this increases the scatter of the hits; above the second share the hit is rejected.
 STILL, SPOILT, ABOVE_FLOOR = 0.02, 0.2, 3.0
-#: Samples after a pulse that belong to it, in widths of the pulse and at least so many.
+#: Samples after a pulse that belong to it, in widths of the pulse, and at least this many.
 TAIL, TAIL_LEAST = 2, 8
-#: Share of the hits that the chosen length must leave whole.
+#: Share of the hits that must be complete with the chosen length.
 WHOLE = 0.75
-#: Samples of a record's length at least.
+#: Minimum length of a record in samples.
 SHORTEST = 32
 
 
@@ -51,15 +51,15 @@ class Hit:
     run
         Its run.
     seconds
-        When its pulse was at its highest, from the run's first sample.
+        Time of the pulse's maximum, from the run's first sample.
     peak
         The highest force, in the channel's unit.
     first, pulse_end
-        Samples of the run at which its record begins, and at which its pulse is over.
+        First sample of its record in the run, and first sample after its pulse.
     rejected
-        Why it is left out of averages; empty where it is not.
+        Why it is excluded from averages; empty if it is not.
     text
-        The same as a sentence with numbers, empty where it is kept.
+        The same as a sentence with numbers; empty if it is kept.
     moving
         Largest rms of a response before the pulse, as a share of its peak; 0 where all were at rest.
     """
@@ -76,7 +76,7 @@ class Hit:
 
 @dataclass(frozen=True, kw_only=True)
 class Pulses:
-    """Where a force pulses: first sample, highest sample and first sample after each pulse, shape (pulses,); sign and noise."""
+    """Pulses of a force: first sample, highest sample and first sample after each pulse, shape (pulses,); sign and noise."""
 
     begin: IntArray
     top: IntArray
@@ -87,12 +87,12 @@ class Pulses:
 
 
 def pulses(run: Run, reference: str) -> Pulses | None:
-    """The pulses of a hammer's force, or None where the channel is no hammer's.
+    """The pulses of a hammer's force, or None if the channel is not a hammer's.
 
     Parameters
     ----------
     run
-        Whose channel is looked at; the whole of it is read.
+        The run; the whole channel is read.
     reference
         The channel of the force.
     """
@@ -129,12 +129,12 @@ def _crossings(values: FloatArray, level: float) -> tuple[IntArray, IntArray]:
 
 
 def looks_hit(run: Run, reference: str) -> bool:
-    """Whether the reference is a hammer's force: an excitation that its run does not name ("other"), in short single pulses."""
+    """Whether the reference is a hammer's force: the run's excitation is "other", and the force has short single pulses."""
     return run.excitation == "other" and reference in run.channels and pulses(run, reference) is not None
 
 
 def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
-    """Samples of a record that `WHOLE` of the hits can have before the next one comes or the run ends."""
+    """Samples of a record that are available for `WHOLE` of the hits before the next one or the end of the run."""
     room = [
         after - begin
         for blows, run in zip(found, runs, strict=True)
@@ -142,7 +142,9 @@ def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
         if after - begin >= SHORTEST
     ]
     if not room:
-        raise DataError(f"no hit is followed by {SHORTEST} samples of its own; pause between hits and record on after the last")
+        raise DataError(
+            f"no hit is followed by {SHORTEST} samples before the next; pause between hits and record on after the last"
+        )
     return int(np.quantile(room, 1.0 - WHOLE) / (1.0 + BEFORE))
 
 
@@ -153,12 +155,12 @@ def _next(blows: Pulses, run: Run) -> IntArray:
 def checked(
     run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float
 ) -> list[Hit]:  # fmt: skip
-    """Every hit of a run with what is wrong with it.
+    """Every hit of a run, with its faults.
 
     Parameters
     ----------
     run, reference, responses
-        The run, the channel of the force, and those that answer.
+        The run, the channel of the force, and the responses.
     blows
         Its pulses.
     length
@@ -177,7 +179,7 @@ def checked(
     for begin, top, end in zip(blows.begin, blows.top, blows.end, strict=True):
         peak, wide = float(force[top]), int(end - begin)
         if hits and begin < last:
-            # Part of the record before: what it does there was said of that one.
+            # Part of the record before, whose check includes it.
             continue
         first = max(int(begin) - max(int(BEFORE * length), 1), 0)
         after = int(end) + max(TAIL * wide, TAIL_LEAST)
@@ -188,7 +190,7 @@ def checked(
         reason: Reason = ""
         text = ""
         if not any(start <= first and first + length <= stop for start, stop in whole):
-            reason, text = "cut short", f"{at} is cut short: its record ends before {length / rate:.3g} s"
+            reason, text = "cut short", f"{at} is incomplete: its record ends before {length / rate:.3g} s"
         elif second is not None:
             when, size = second
             reason = "double hit" if when < end - first + length // 4 else "too soon"
@@ -212,9 +214,9 @@ def checked(
 
 
 def _second(force: FloatArray, top: int, peak: float, noise: float) -> tuple[int, float] | None:
-    # A later pulse of the same sign; a filter's ringing goes both ways alike.
+    # A later pulse with the same sign; a filter rings in both directions equally.
     level = max(DOUBLE * peak, ABOVE_NOISE * noise)
-    # The pulse itself is over when it has fallen below the level.
+    # The pulse has ended when it has fallen below the level.
     end = top + int(np.argmax(force[top:] < level))
     rest = force[end:]
     begins, ends = _crossings(rest, level)
@@ -234,12 +236,12 @@ def _overloaded(run: Run, ends: Mapping[str, tuple[float, ...]], first: int, las
             return f"{name}: it reached the end of its range of ±{channel.full_scale:g} {channel.unit}"
         stayed = next((limit for limit in limits if rows_of(values, limit)), None)
         if stayed is not None:
-            return f"{name}: it stays at its extreme of {stayed:.4g} {channel.unit} for several samples"
+            return f"{name}: it remains at its extreme of {stayed:.4g} {channel.unit} for several samples"
     return ""
 
 
 def _quietest(channel: Channel, length: int) -> float:
-    # The level of a response between hits, or of its noise: the quietest stretch that is as long as what lies before a pulse.
+    # Level of a response between hits, or of its noise: the quietest interval as long as the time before a pulse.
     wide = max(int(BEFORE * length), 2)
     least = np.inf
     for block in blocks(channel):

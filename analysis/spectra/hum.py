@@ -1,6 +1,6 @@
-"""Mains hum: sines at a frequency and its multiples, found and taken out by least squares.
+"""Mains hum: sines at a frequency and its multiples, detected and removed by least squares.
 
-The phase differs from run to run, so it is no parameter of a rig: it follows from the part of a run that fits may see.
+The phase differs from run to run, so it is not a parameter of a rig: it is determined from the fitted part of a run.
 """
 
 from __future__ import annotations
@@ -9,20 +9,20 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: Multiples of the mains frequency that are looked at.
+#: Number of multiples of the mains frequency.
 HARMONICS = 7
-#: The mains' nominal frequencies and how far they stray, Hz.
+#: Nominal mains frequencies and their tolerance, Hz.
 MAINS = (50.0, 60.0)
 STRAY = 0.5
-#: A line's power over the median around it, from which it is a line.
+#: Required ratio of a spectral line's power to the median around it.
 LINE = 60.0
-#: Bins on either side of a line that the Hann window spreads it over, and bins beyond them that it must stand out from as well:
-#: a resonance near the mains frequency is wider than a line.
+#: Bins on either side that the Hann window spreads a spectral line over, and further bins that it must exceed as well: a
+#: resonance near the mains frequency is wider than a spectral line.
 SPREAD, BESIDE = 4, 24
 
 
 def hum(samples: FloatArray, rate: float, frequency: float, length: int | None = None) -> FloatArray:
-    """The hum in a record, shape (length,): fitted to all samples, continued where `length` is larger.
+    """The hum in a record, shape (length,): fitted to all samples, extrapolated if `length` is larger.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def hum(samples: FloatArray, rate: float, frequency: float, length: int | None =
     frequency
         The mains frequency, Hz.
     length
-        How many samples to give; n where None.
+        Number of samples to return; n if None.
     """
     n = len(samples)
     total = n if length is None else length
@@ -54,7 +54,7 @@ def amplitude(samples: FloatArray, rate: float, frequency: float) -> float:
 
 
 def mains_in(samples: FloatArray, rate: float) -> float | None:
-    """The mains frequency in Hz where a record has a line there that stands above its surroundings, else None."""
+    """The mains frequency in Hz if a record has a spectral line there that exceeds its surroundings, otherwise None."""
     n = len(samples)
     if n < 8.0 * rate:
         return None
@@ -77,7 +77,7 @@ def mains_in(samples: FloatArray, rate: float) -> float | None:
 
 
 def _peak(power: FloatArray, k: int) -> float:
-    # Parabola through the logarithms around the largest line.
+    # Parabola through the logarithms around the largest bin.
     left, middle, right = np.log(power[k - 1 : k + 2] + 1e-300)
     curve = left - 2.0 * middle + right
     return float(k + (0.5 * (left - right) / curve if curve else 0.0))

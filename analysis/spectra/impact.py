@@ -1,8 +1,8 @@
-"""Transfer functions from hammer hits: each hit windowed and transformed whole, then averaged over the hits that are sound.
+"""Transfer functions from hammer hits: each hit is windowed and transformed as a whole, then averaged over the valid hits.
 
-A force window keeps the pulse and silences what follows. Where a response still rings at the end of its record, force and
-response are multiplied by one exponential exp(-a t): the estimate is then exactly the transfer function at s = a + 2 pi i f in
-place of 2 pi i f (the transform's shift theorem), so a fit that is done there has no added damping to take out afterwards.
+A force window keeps the pulse and sets the rest to zero. If a response still rings at the end of its record, force and response
+are multiplied by the same exponential exp(-a t): the estimate is then exactly the transfer function at s = a + 2 pi i f instead
+of 2 pi i f (shift theorem), so a fit at these s has no added damping to correct afterwards.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from isorig.analysis.spectra.groups import Groups, Sums
 from isorig.analysis.spectra.hits import BEFORE, Hit, checked, longest_record, pulses
 from isorig.analysis.spectra.welch import Spectra
 
-#: A response that has fallen below this share of its beginning at the end of its record needs no exponential window; one that
-#: has not is brought down to it (ISO 7626-5:2019 asks for 1 % or less).
+#: A response that has decayed below this share of its start at the end of its record needs no exponential window; otherwise it is
+#: brought down to it (ISO 7626-5:2019 recommends 1 % or less).
 END = 0.01
-#: Share of a record, at its beginning and at its end, in which a response's level is compared.
+#: Share of a record, at its start and at its end, used to compare the level of a response.
 PART = 0.1
-#: Power of the force below this share of its largest is too little for a transfer function: 20 dB.
+#: Force power below this share of its maximum is too small for a transfer function: 20 dB.
 DROP = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class HammerTest:
-    """What hits amount to.
+    """Result of a hammer test.
 
     Parameters
     ----------
     spectra
-        Averaged over the hits that were kept; `Spectra.decay` is the exponential window's, and there is no other.
+        Averaged over the kept hits; `Spectra.decay` is that of the exponential window, there is no other window.
     hits
-        All of them, in the order of the runs, each with the reason why it was left out, if it was.
+        All hits, in the order of the runs, with the reason for exclusion, if excluded.
     band
-        Hz: where the force has power.
+        Band in which the force has power, Hz.
     text
-        Sentences for whoever reads the result.
+        Sentences about the result.
     """
 
     spectra: Spectra
@@ -53,23 +53,23 @@ class HammerTest:
 def hammer_test(
     runs: Sequence[Run], *, reference: str, channels: Sequence[str] | None = None, resolution: float = 0.25
 ) -> HammerTest:
-    """Find the hits of runs, reject those that are not sound, and average the rest.
+    """Find the hits of runs, reject faulty ones, and average the rest.
 
     Parameters
     ----------
     runs
-        Of one sample rate; each may hold one hit or many.
+        With one sample rate; each may contain one hit or many.
     reference
         The channel of the hammer's force.
     channels
-        What answers; all other channels of the first run where None.
+        The responses; all other channels of the first run if None.
     resolution
-        Wanted distance of lines, Hz; it becomes coarser where the hits follow one another sooner.
+        Requested frequency resolution, Hz; it becomes coarser if the time between hits is shorter.
 
     Raises
     ------
     DataError
-        Where a run has no hits, or none is sound.
+        A run has no hits, or none is valid.
     """
     rate = runs[0].sample_rate
     if any(run.sample_rate != rate for run in runs):
@@ -79,7 +79,7 @@ def hammer_test(
         blows = pulses(run, reference)
         if blows is None:
             raise DataError(
-                f"run {run.id!r} has no hammer hits in {reference!r}: a hammer's force is short pulses of one sign and silence "
+                f"run {run.id!r} has no hammer hits in {reference!r}: a hammer's force has short pulses of one sign and is zero "
                 "between them, so name the channel of the force, or average the run as noise"
             )
         found.append(blows)
@@ -87,7 +87,7 @@ def hammer_test(
     names = tuple(dict.fromkeys((reference, *names)))
     wanted, longest = round(rate / resolution), longest_record(found, runs)
     length = min(wanted, longest) // 2 * 2
-    # The top sample of each pulse above the silence around it.
+    # The maximum of each pulse above the level before it.
     peaks = [abs(float(run.channel(reference).read(top, top + 1)[0]) - blows.offset)
              for run, blows in zip(runs, found, strict=True) for top in blows.top]  # fmt: skip
     hits = [
@@ -98,7 +98,7 @@ def hammer_test(
     kept = [hit for hit in hits if not hit.rejected]
     if not kept:
         raise DataError(
-            f"none of the {len(hits)} hits is sound: {hits[0].text}; hit once, in range, and let the rig come to rest before"
+            f"none of the {len(hits)} hits is valid: {hits[0].text}; hit once, within range, and let the rig come to rest before"
         )
     by_id = {run.id: run for run in runs}
     records = np.stack([_record(by_id[hit.run], names, hit, length) for hit in kept])
@@ -109,7 +109,7 @@ def hammer_test(
 
 
 def _record(run: Run, names: Sequence[str], hit: Hit, length: int) -> FloatArray:
-    # All channels from a hit's first sample, less what they had before its pulse; the force is silent after it.
+    # All channels from a hit's first sample, minus their mean before the pulse; the force is zero after the pulse.
     before = max(int(BEFORE * length) // 2, 2)
     rows = np.stack([run.channel(name).read(hit.first, hit.first + length) for name in names])
     rows -= rows[:, :before].mean(axis=1, keepdims=True)
@@ -117,21 +117,21 @@ def _record(run: Run, names: Sequence[str], hit: Hit, length: int) -> FloatArray
     fall = max(min(end, length - end), 1)
     window = np.zeros(length)
     window[:end] = 1.0
-    # A cosine brings what is left of the force to zero over as long as the pulse took.
+    # A cosine reduces the rest of the force to zero within the duration of the pulse.
     window[end : end + fall] = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, fall + 1) / (fall + 1))
     rows[0] *= window
     return np.asarray(rows)
 
 
 def _decay(records: FloatArray, rate: float) -> float:
-    # Rate (1/s) of the exponential that brings the slowest response to END of its beginning; 0 where all get there on their own.
+    # Rate (1/s) of the exponential that reduces the slowest response to END of its start; 0 if all decay without it.
     length = records.shape[2]
     part, before = max(int(PART * length), 2), max(int(BEFORE * length) // 2, 2)
     answers = records[:, 1:]
     noise = (answers[:, :, :before] ** 2).mean(axis=(0, 2))
     late = np.maximum((answers[:, :, -part:] ** 2).mean(axis=(0, 2)) - noise, 0.0)
     early = (answers[:, :, 2 * before : 2 * before + part] ** 2).mean(axis=(0, 2))
-    # Power that noise alone leaves at the end says nothing about the ringing.
+    # Noise power at the end says nothing about the ringing.
     ringing = np.where(late > 0.5 * noise, np.sqrt(late / np.maximum(early, np.finfo(float).tiny)), 0.0)
     worst = float(ringing.max(initial=0.0))
     seconds = (1.0 - PART) * length / rate
@@ -147,7 +147,7 @@ def _spectra(records: FloatArray, names: tuple[str, ...], run: Run, rate: float,
     each = 2.0 / (rate * length)
     auto: FloatArray = np.asarray(np.einsum("hcf,hcf->hcf", lines, np.conj(lines)).real)
     cross: ComplexArray = np.asarray(np.einsum("hf,hcf->hcf", np.conj(lines[:, 0]), lines))
-    # Every hit is a group of its own.
+    # Every hit is a separate group.
     parts = tuple(Sums(1, auto[h], {names[0]: cross[h]}).single() for h in range(hits))
     return Spectra(
         channels=names, frequency=np.asarray(np.fft.rfftfreq(length, 1.0 / rate)),
@@ -162,7 +162,7 @@ def _band(spectra: Spectra, reference: str) -> tuple[float, float]:
     power = spectra.density(reference)[1:]
     enough = power >= DROP * power.max()
     last = int(np.argmin(enough)) if not enough.all() else len(enough) - 1
-    # What anti-alias filters leave of the highest lines is no measure.
+    # The highest frequencies, attenuated by anti-alias filters, are not usable.
     top = min(float(spectra.frequency[1:][max(last - 1, 1)]), float(spectra.frequency[-1]) / 1.28)
     return spectra.resolution, top
 
@@ -176,13 +176,11 @@ def _told(hits: Sequence[Hit], seconds: float, wanted: float, decay: float) -> t
         + (f"; left out: {left}." if left else ".")
     ]
     if seconds < 0.999 * wanted:
-        told.append(
-            f"The hits follow one another too soon for lines {1.0 / wanted:.3g} Hz apart; they are {1.0 / seconds:.3g} Hz apart."
-        )
+        told.append(f"The hits are too close in time for a resolution of {1.0 / wanted:.3g} Hz; it is {1.0 / seconds:.3g} Hz.")
     if decay:
         told.append(
-            f"The responses still ring at the end of a record, so an exponential window of {decay:.3g} /s was put on them and on "
-            "the force; fitted damping ratios are free of it, the peaks of the curves are lower and wider by it."
+            f"The responses still ring at the end of a record, so an exponential window of {decay:.3g} /s was applied to them "
+            "and to the force; fitted damping ratios are corrected for it, but the peaks of the curves are lower and wider."
         )
     restless = [hit.moving for hit in hits if hit.moving and not hit.rejected]
     if restless:
@@ -191,5 +189,5 @@ def _told(hits: Sequence[Hit], seconds: float, wanted: float, decay: float) -> t
             "of a response's peak; wait longer between hits."
         )
     if kept == 1:
-        told.append("One hit has no scatter, so deviations are not known: they are given as large as the values.")
+        told.append("One hit has no scatter, so the standard deviations are unknown; they are set to the size of the values.")
     return (*told, *(f"{hit.text[0].upper()}{hit.text[1:]}." for hit in hits if hit.rejected))

@@ -1,8 +1,8 @@
-"""Transfer functions from one or several drives that act at once, out of their auto and cross spectra.
+"""Transfer functions with one or several simultaneous drives, from their auto and cross spectra.
 
-With several drives each transfer function is what its own drive adds while the others act (Bendat and Piersol 2010, 7.2): the
-whole cross-spectral matrix of the drives is inverted, line by line. Drives that are correlated are told apart as far as they
-differ, and the error bars grow with what they share.
+With several drives, each transfer function is the contribution of its own drive while the others act (Bendat and Piersol 2010,
+7.2): the cross-spectral matrix of the drives is inverted in each frequency bin. Correlated drives are separated as far as they
+differ, and the error bars increase with their correlation.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
 
 Estimator = Literal["H1", "H2", "Hv"]
-#: Share of a drive's power that the other drives must leave unexplained (median over lines): the deviations of transfer
-#: functions are 1 / sqrt(share) times as wide as those of independent drives, here 30 times.
+#: Share of a drive's power that the other drives must leave unexplained (median over frequency bins): the standard deviations of
+#: transfer functions are 1 / sqrt(share) times those with independent drives, here 30 times.
 OWN_SHARE = 1e-3
-#: Averages for each drive that are needed to separate drives: with fewer any response is explained.
+#: Averages per drive needed to separate drives: with fewer, any response would be explained.
 AVERAGES = 2.0
 TINY = np.finfo(float).tiny
 
 
 class Drives:
-    """The auto and cross spectra of the drives, line by line, and their inverse.
+    """The auto and cross spectra of the drives in each frequency bin, and their inverse.
 
     Parameters
     ----------
     spectra
-        Sxx[k, i, j] = mean of conj(x_i) x_j at line k, shape (lines, drives, drives).
+        Sxx[k, i, j] = mean of conj(x_i) x_j in bin k, shape (bins, drives, drives).
     names
         Of the drives, for messages.
     averages
@@ -38,7 +38,7 @@ class Drives:
     Raises
     ------
     DataError
-        Where the drives cannot be separated.
+        The drives cannot be separated.
     """
 
     def __init__(self, spectra: ComplexArray, names: tuple[str, ...], averages: float) -> None:
@@ -63,29 +63,29 @@ class Drives:
         self.inverse_auto: FloatArray = np.einsum("kii->ki", self._inverse).real / self.auto
 
     def _separable(self, names: tuple[str, ...]) -> None:
-        # 1 over the diagonal of the inverse correlation matrix is the share that the other drives do not explain.
+        # 1 / (diagonal of the inverse correlation matrix) is the share not explained by the other drives.
         own = np.median(1.0 / np.einsum("kii->ki", self._inverse).real, axis=0)
         worst = int(np.argmin(own))
         if own[worst] < OWN_SHARE:
             rest = " and ".join(name for name in names if name != names[worst])
             raise DataError(
-                f"the drive {names[worst]} goes together with {rest} (coherence {1.0 - own[worst]:.4f}), so that their effects "
+                f"the drive {names[worst]} is correlated with {rest} (coherence {1.0 - own[worst]:.4f}), so that their effects "
                 f"cannot be separated; drive with independent signals, or name one reference"
             )
 
     def h1(self, cross: ComplexArray) -> ComplexArray:
-        """Least squares: noise in the response alone; `cross` is conj(x_i) y, shape (lines, drives), as is the result."""
+        """Least squares: noise on the response only; `cross` is conj(x_i) y, shape (bins, drives), as is the result."""
         solved = np.einsum("kij,kj->ki", self._inverse, cross / self._size) / self._size
         return np.asarray(solved)
 
     def explained(self, cross: ComplexArray) -> FloatArray:
-        """Power of the response that all drives together explain, shape (lines,)."""
+        """Power of the response explained by all drives together, shape (bins,)."""
         return np.asarray(np.einsum("ki,ki->k", np.conj(cross), self.h1(cross)).real)
 
     def hv(self, cross: ComplexArray, response: FloatArray, scales: FloatArray) -> ComplexArray:
-        """Total least squares: noise in all channels alike, in units of `scales` (drives, then the response).
+        """Total least squares: equal noise on all channels, in units of `scales` (drives, then the response).
 
-        The eigenvector of the least eigenvalue of all channels' spectra (Rocklin, Crowley and Vold 1985).
+        The eigenvector of the smallest eigenvalue of all channels' spectra (Rocklin, Crowley and Vold 1985).
         """
         n = self.count
         whole = np.empty((len(cross), n + 1, n + 1), dtype=np.complex128)
@@ -97,10 +97,10 @@ class Drives:
 
 
 def partial_coherence(value: ComplexArray, drives: Drives, unexplained: FloatArray) -> FloatArray:
-    """Share of what the other drives leave of the response that each drive explains, shape (lines, drives).
+    """Share that each drive explains of the response not explained by the others, shape (bins, drives).
 
-    |H_j|^2 / (|H_j|^2 + Snn [Sxx^-1]_jj), with `value` the H1 estimate and Snn (`unexplained`) the power that no drive explains;
-    the ordinary coherence where there is one drive.
+    |H_j|^2 / (|H_j|^2 + Snn [Sxx^-1]_jj), with the H1 estimate `value` and the power Snn (`unexplained`) not explained by any
+    drive; equals the ordinary coherence for one drive.
     """
     own = np.abs(value) ** 2
     return np.asarray(np.clip(own / np.maximum(own + unexplained[:, None] * drives.inverse_auto, TINY), 0.0, 1.0))

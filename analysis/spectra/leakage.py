@@ -1,9 +1,10 @@
-"""How the errors of an averaged H1 go together from line to line, leakage included.
+"""Correlation of the errors of an averaged H1 between frequency bins, including leakage.
 
-With X and Y = H X seen through a window, e = Y - E[H1] X is what leaks in from the segment's edges, and noise. The error of H1
+With X and Y = H X seen through a window, e = Y - E[H1] X consists of leakage from the segment's edges and noise. The error of H1
 is sum(conj(X) e) / sum |X|^2 over segments. For a Gaussian white drive its second moments are products of those of X and e
 (Isserlis 1918), which are integrals over frequency of the window's transform, H and its lag from segment to segment. Neighbouring
-segments share what leaks, with opposite sign, so a resonance seen at few lines scatters far less than its coherence says.
+segments share the leakage, with opposite sign, so a resonance with few frequency bins scatters far less than its coherence
+indicates.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import numpy as np
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.spectra.windows import HANN, Window
 
-#: Lines over which errors are correlated, reach of the window's transform in lines, and steps per line of the integrals.
+#: Bins over which errors are correlated, reach of the window's transform in bins, and steps per bin of the integrals.
 APART, REACH, STEPS = 4, 8, 16
-#: Correlation of lines that counts as none.
+#: Correlation of bins that counts as zero.
 SLIGHT = 0.02
 
 
@@ -25,28 +26,29 @@ def error_moments(
     model: Callable[[FloatArray], ComplexArray], seen: ComplexArray, frequency: FloatArray, resolution: float, power: FloatArray,
     averages: float, window: Window = HANN, overlap: float = 0.5,
 ) -> tuple[ComplexArray, ComplexArray]:  # fmt: skip
-    """Covariance E[a conj(b)] and pseudo-covariance E[a b] of the errors of H1 at lines k and k + d.
+    """Covariance E[a conj(b)] and pseudo-covariance E[a b] of the errors of H1 in bins k and k + d.
 
     Parameters
     ----------
     model
         The transfer function itself at frequencies in Hz, any shape.
     seen
-        The same as the window shows it at the lines, shape (lines,).
+        The same as seen through the window in the bins, shape (bins,).
     frequency
-        Of consecutive lines, Hz, shape (lines,).
+        Of consecutive bins, Hz, shape (bins,).
     resolution
-        Distance of lines, Hz.
+        Frequency resolution, Hz.
     power
-        Measured power that the response has beside H X, over that of X, shape (lines,). What leakage does not explain is noise.
+        Measured power of the response minus that of H X, divided by that of X, shape (bins,). The part not explained by leakage
+        is noise.
     averages
         Effective number of averages.
     window, overlap
-        What segments are seen through, and the share by which they overlap.
+        Window of the segments, and their relative overlap.
 
     Returns
     -------
-    Both of shape (`APART` + 1, lines); entry [d, k] is that of lines k and k + d, zero beyond the last line.
+    Both of shape (`APART` + 1, bins); entry [d, k] is that of bins k and k + d, zero beyond the last bin.
     """
     lines = len(frequency)
     x = np.arange(-REACH * STEPS, (REACH + APART) * STEPS + 1) / STEPS
@@ -79,18 +81,18 @@ def error_moments(
 
 
 def record_moments(variance: FloatArray, decay: float, before: float) -> tuple[ComplexArray, ComplexArray]:
-    """The same where whole records that begin and end at rest were transformed, so that only noise is left.
+    """The same for transforms of whole records that start and end at rest, so that only noise remains.
 
     Parameters
     ----------
     variance
-        Of the complex value at each line, shape (lines,).
+        Of the complex value in each bin, shape (bins,).
     decay
-        Exponential window, in 1 / (length of the record): it ties neighbouring lines together.
+        Exponential window, in 1 / (length of the record): it correlates neighbouring bins.
     before
-        Share of the record before its pulse, from which the phase counts.
+        Share of the record before its pulse, the reference time of the phase.
     """
-    # The transform of exp(-2 decay u), 0 <= u < 1, at whole lines -d is 2 decay / (2 decay - 2 pi i d) of that at 0.
+    # The transform of exp(-2 decay u), 0 <= u < 1, at whole bins -d is 2 decay / (2 decay - 2 pi i d) of that at 0.
     apart = min(int(np.ceil(decay / (np.pi * SLIGHT))), len(variance) - 1)
     size = np.sqrt(variance)
     covariance = np.zeros((apart + 1, len(variance)), dtype=np.complex128)
@@ -102,7 +104,7 @@ def record_moments(variance: FloatArray, decay: float, before: float) -> tuple[C
 
 
 def _noise(power: FloatArray, leaked: FloatArray, averages: float) -> FloatArray:
-    # What leakage leaves unexplained: flat, told by the lines that tell it best, and more where a line clearly has more.
+    # Noise not explained by leakage: constant, determined by the most accurate bins, and larger where a bin clearly has more.
     left = power - leaked
     weight = 1.0 / np.maximum(power, 1e-12 * power.max()) ** 2
     flat = max(float((weight * left).sum() / weight.sum()), 0.0)
@@ -110,7 +112,7 @@ def _noise(power: FloatArray, leaked: FloatArray, averages: float) -> FloatArray
 
 
 def through(rows: ComplexArray, moments: tuple[ComplexArray, ComplexArray]) -> FloatArray:
-    """Covariance of the real numbers Re(rows^H error), rows of shape (lines, numbers); shape (numbers, numbers)."""
+    """Covariance of the real numbers Re(rows^H error), rows of shape (bins, numbers); shape (numbers, numbers)."""
     covariance, pseudo = moments
     straight, mirrored = covariance[0].real[:, None] * rows, pseudo[0][:, None] * np.conj(rows)
     for d in range(1, min(len(covariance), len(rows))):

@@ -1,7 +1,7 @@
-"""Modal analysis: natural frequencies, damping ratios and mode shapes common to all sensors and references, their number found.
+"""Modal analysis: natural frequencies, damping ratios and mode shapes common to all sensors and references, and their number.
 
-Poles come from the stabilisation of `poles`; those that stay over many orders are fitted to all transfer functions together
-(`residues`), and each must lower the error by more than its parameters do by chance (Schwarz 1978) to be kept.
+Poles come from the stabilization diagram of `poles`; those that persist over many orders are fitted to all transfer functions
+together (`residues`), and each is kept only if it reduces the error by more than its parameters do by chance (Schwarz 1978).
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from isorig.analysis.spectra.residues import ITERATIONS, Data, Solved, fit, mode
 from isorig.analysis.spectra.seen import Seen, line_deviation, pole_of
 from isorig.analysis.spectra.welch import FEWEST, Frf
 
-#: A pole that comes back at this many orders, one after the other but for gaps of `GAP`, is tried as a mode.
+#: A pole that persists over this many orders, allowing gaps of `GAP`, is tried as a mode.
 LONG, GAP = 5, 2
-#: Poles of one mode at two orders lie this near to each other: share of the larger half bandwidth, and of the frequency.
+#: Maximum distance of poles of one mode at two orders: share of the larger half bandwidth, and of the frequency.
 NEAR, NEAR_FREQUENCY = 0.5, 0.002
-#: Candidates that are tried at once, the longest-lived first.
+#: Number of candidates tried at once, the most persistent first.
 CANDIDATES = 40
-#: Steps of a fit before modes that it does not need are dropped.
+#: Steps of a fit before superfluous modes are dropped.
 FIRST = 8
-#: A mode must rise this far, as a share, over the magnitude that it is added to, in one transfer function at least.
+#: A mode must exceed the magnitude that it is added to by this share, in one transfer function at least.
 VISIBLE = 0.05
-#: Lines that one independent error is spread over by a Hann window (its noise bandwidth), and how many times what its parameters
-#: gain by chance a mode must gain: errors by leakage are larger at resonances than between them.
+#: Bins that one independent error is spread over by a Hann window (its noise bandwidth), and the required improvement of a mode
+#: in multiples of the chance improvement by its parameters: leakage errors are larger at resonances than between them.
 TIED, CLEAR = 1.5, 2.5
-#: Modes nearer than this many half bandwidths are told to be close.
+#: Modes closer than this many half bandwidths are reported as close.
 CLOSE = 2.0
-#: Lines in a bandwidth below which a mode is said to be narrow.
+#: Bins in a bandwidth below which a mode is reported as narrow.
 NARROW = 1.5
-#: Order of motion of a unit: what s is to the power of, over a displacement.
+#: Order of motion of a unit: power of s relative to a displacement.
 MOTION = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
 
 
@@ -51,16 +51,16 @@ class ShapedMode:
     damping, damping_std
         Damping ratio and its standard deviation.
     shape
-        Complex, shape (responses,): the largest component is near 1, its phase such that the shape is as real as can be.
+        Complex, shape (responses,): the largest component is near 1, rotated to be as real as possible.
     participation
-        Complex, shape (references,): how much each reference drives the mode, the largest magnitude 1.
+        Complex, shape (references,): excitation of the mode by each reference, the largest magnitude 1.
     constants
-        Modal constants, shape (responses, references): products of the mass-normalised shape at response and reference where the
+        Modal constants, shape (responses, references): products of the mass-normalized shape at response and reference if the
         references are forces (1/kg).
     collinearity
-        1 where all components move in phase or against it, 0 where phases are spread evenly (modal phase collinearity).
+        1 if all components are in phase or antiphase, 0 if phases are evenly distributed (modal phase collinearity).
     lines
-        Lines in the bandwidth 2 zeta f.
+        Frequency bins in the bandwidth 2 zeta f.
     """
 
     frequency: float
@@ -76,7 +76,7 @@ class ShapedMode:
 
 @dataclass(frozen=True, kw_only=True)
 class ModalModel:
-    """What modal analysis found.
+    """Result of modal analysis.
 
     Parameters
     ----------
@@ -85,15 +85,15 @@ class ModalModel:
     responses, references
         Channel names, in the order of shapes and participations.
     frequency
-        Lines of the band, Hz, shape (lines,).
+        Frequency bins of the band, Hz, shape (bins,).
     measured, fitted
-        Transfer functions and the model as the estimate sees it, shape (responses, references, lines).
+        Transfer functions and the model as seen by the estimate, shape (responses, references, bins).
     misfit
-        rms of the weighted residuals; 1 where the error bars explain them. NaN where there are none.
+        rms of the weighted residuals; 1 if the error bars explain them. NaN if there are none.
     poles
-        Of every order: the stabilisation diagram. Empty where guesses were given.
+        Of every order: the stabilization diagram. Empty if guesses were given.
     warnings
-        What to keep in mind.
+        Warnings.
     """
 
     modes: tuple[ShapedMode, ...]
@@ -115,34 +115,34 @@ def modal_analysis(
     frfs: Sequence[Frf], band: tuple[float, float], *, guesses: Sequence[tuple[float, float]] = (), count: int | None = None,
     order: int | None = None,
 ) -> ModalModel:  # fmt: skip
-    """The modes in a band that a set of transfer functions has in common.
+    """The modes in a band that are common to a set of transfer functions.
 
     Parameters
     ----------
     frfs
-        From every reference to every response, on the same lines: all that there are of one set-up.
+        From every reference to every response, in the same bins: the complete set of one configuration.
     band
-        Hz: the lines that are fitted.
+        The fitted band, Hz.
     guesses
-        (frequency in Hz, damping ratio) of each mode; their number and start are found where none are given.
+        (frequency in Hz, damping ratio) of each mode; if none are given, their number and starting values are determined.
     count
-        How many modes to keep, the clearest; as many as the errors justify where None.
+        Number of modes to keep, the clearest; as many as the errors justify if None.
     order
-        Largest order of the stabilisation diagram; as the lines allow where None.
+        Largest order of the stabilization diagram; limited by the number of bins if None.
 
     Raises
     ------
     DataError
-        Where the transfer functions do not go together, or the band holds too few lines.
+        The transfer functions are incompatible, or the band has too few bins.
     FitError
-        Where there is no mode in the band, or a guess leads out of it.
+        There is no mode in the band, or a guess leads out of it.
     """
     grid = _Grid(frfs)
     kept = (grid.frequency >= band[0]) & (grid.frequency <= band[1]) & (grid.frequency > 0.0)
     if int(kept.sum()) < max(8, 4 * len(guesses) + 4):
         raise DataError(
-            f"the band {band[0]:g} to {band[1]:g} Hz holds {int(kept.sum())} lines, too few for "
-            f"{len(guesses) or 'any'} modes; widen it or take a finer resolution"
+            f"the band {band[0]:g} to {band[1]:g} Hz has {int(kept.sum())} frequency bins, too few for "
+            f"{len(guesses) or 'any'} modes; widen it or use a finer resolution"
         )
     data = grid.data(kept)
     poles: tuple[Pole, ...] = ()
@@ -165,11 +165,11 @@ def _inside(solved: Solved, band: tuple[float, float]) -> None:
 
 
 class _Grid:
-    """Transfer functions in the order responses by references, and what is known of their errors."""
+    """Transfer functions in the order responses by references, and their errors."""
 
     def __init__(self, frfs: Sequence[Frf]) -> None:
         if not frfs:
-            raise DataError("no transfer function was given; give one at least")
+            raise DataError("no transfer function was given; give at least one")
         first = frfs[0]
         self.responses = tuple(dict.fromkeys(frf.response for frf in frfs))
         self.references = tuple(dict.fromkeys(frf.reference for frf in frfs))
@@ -177,10 +177,10 @@ class _Grid:
         missing = [(o, i) for o in self.responses for i in self.references if (o, i) not in by_pair]
         if missing or len(by_pair) != len(frfs):
             what = f"{missing[0][0]} over {missing[0][1]} is missing" if missing else "one of them is given twice"
-            raise DataError(f"the transfer functions are no full set, {what}; give each response over each reference once")
+            raise DataError(f"the transfer functions are not a full set, {what}; give each response over each reference once")
         self.frfs = [by_pair[o, i] for o in self.responses for i in self.references]
         if any(not np.array_equal(frf.frequency, first.frequency) or Seen.of(frf) != Seen.of(first) for frf in frfs):
-            raise DataError("the transfer functions have other lines or windows; estimate them alike")
+            raise DataError("the transfer functions have different frequency bins or windows; estimate them in the same way")
         self.frequency = first.frequency
         #: Whether error bars are known.
         self.known = first.averages >= FEWEST
@@ -189,23 +189,23 @@ class _Grid:
         self._power = power_of(first)
 
     def data(self, kept: np.ndarray) -> Data:
-        """The lines of a band."""
+        """The frequency bins of a band."""
         return Data(
             frequency=self.frequency[kept], values=self._values[:, kept], deviations=self._deviations[:, kept],
             seen=Seen.of(self.frfs[0]), power=self._power,
         )  # fmt: skip
 
     def matrix(self, values: ComplexArray) -> ComplexArray:
-        """Rows of functions as (responses, references, lines)."""
+        """Rows of functions as (responses, references, bins)."""
         return values.reshape(len(self.responses), len(self.references), -1)
 
     def weights(self, data: Data) -> FloatArray:
-        """Of each response at each line: 1 over its deviation, all references together, shape (responses, lines)."""
+        """1 / standard deviation of each response in each bin, over all references, shape (responses, bins)."""
         variance = (data.deviations.reshape(len(self.responses), len(self.references), -1) ** 2).mean(axis=1)
         return np.asarray(1.0 / np.sqrt(variance))
 
     def model(self, data: Data, solved: Solved, poles: tuple[Pole, ...]) -> ModalModel:
-        """The result with shapes and deviations."""
+        """The result with shapes and standard deviations."""
         free = data.numbers - solved.residues.size * 2 - solved.background.size * 2 - solved.pairs.size
         scale = solved.chi2 / max(free, 1)
         noise = max(scale, 1.0) if self.known else scale
@@ -234,13 +234,13 @@ class _Grid:
 
 
 def power_of(frf: Frf) -> int:
-    """Power of s that a transfer function has over a receptance, by its units: 2 where they do not tell."""
+    """Power of s of a transfer function relative to a receptance, from its units: 2 if they are unknown."""
     response, reference = frf.units
     return MOTION[response] if response in MOTION and reference not in MOTION else 2
 
 
 def _candidates(poles: Sequence[Pole]) -> FloatArray:
-    # Poles that come back order after order: the median of each track's later half, the longest tracks first.
+    # Poles that persist over the orders: the median of the later half of each track, the longest tracks first.
     tracks: list[list[Pole]] = []
     for n in sorted({pole.order for pole in poles}):
         fresh = [pole for pole in poles if pole.order == n]
@@ -264,21 +264,21 @@ def _candidates(poles: Sequence[Pole]) -> FloatArray:
 
 
 def _apart(one: Pole, other: Pole) -> float:
-    # Distance in the plane of poles over what one mode's poles may lie apart.
+    # Distance in the plane of poles, relative to the allowed distance of one mode's poles.
     a, b = (pole_of(pole.frequency, pole.damping) for pole in (one, other))
     reach = max(NEAR * max(-a.real, -b.real), NEAR_FREQUENCY * abs(a))
     return float(abs(a - b) / reach)
 
 
 def _selected(data: Data, pairs: FloatArray, known: bool, count: int | None) -> Solved:
-    # Fit, drop the mode that the errors miss least, fit again, until each that is left is worth its parameters.
+    # Fit, drop the mode with the smallest effect on the error, fit again, until each remaining mode is justified.
     if not len(pairs):
-        raise FitError("no pole stays over the orders of the stabilisation diagram; widen the band or give guesses")
+        raise FitError("no pole persists over the orders of the stabilization diagram; widen the band or give guesses")
     pairs = pairs[: max(1, int(data.numbers / len(data.values) / 8))]
     solved = _pruned(data, solve(data, pairs), known, count)
     steps = FIRST
     while True:
-        # Modes that are not there lead the fit nowhere: it need not come to its end before they are dropped.
+        # Superfluous modes do not converge: they are dropped before the fit is complete.
         refined = _pruned(data, fit(data, solved.pairs, steps), known, count)
         if len(refined.pairs) == len(solved.pairs):
             if steps > FIRST:
@@ -293,7 +293,7 @@ def _pruned(data: Data, solved: Solved, known: bool, count: int | None) -> Solve
         free = max(data.numbers - 2 * modes * (functions + 1) - 4 * functions, 1)
         scale = solved.chi2 / free
         noise = max(scale, 1.0) if known else scale
-        # What a mode's parameters are worth: ln(n) each (Schwarz 1978), errors tied over TIED lines.
+        # Chance improvement by a mode's parameters: ln(n) each (Schwarz 1978), errors correlated over TIED bins.
         worth = CLEAR * TIED * noise * (2 * functions + 2) * np.log(data.numbers / TIED)
         visible = _visible(data, solved)
         inside = (solved.pairs[:, 0] >= data.frequency[0]) & (solved.pairs[:, 0] <= data.frequency[-1])
@@ -304,14 +304,14 @@ def _pruned(data: Data, solved: Solved, known: bool, count: int | None) -> Solve
             return solved
         if modes == 1:
             raise FitError(
-                f"no mode stands out of the errors between {data.frequency[0]:g} and {data.frequency[-1]:g} Hz; "
-                "take another band, or give guesses"
+                f"no mode exceeds the errors between {data.frequency[0]:g} and {data.frequency[-1]:g} Hz; "
+                "use another band, or give guesses"
             )
         solved = solve(data, np.delete(solved.pairs, least, axis=0))
 
 
 def _visible(data: Data, solved: Solved) -> FloatArray:
-    # Largest share, over the functions, of a mode's own peak in what is measured there, shape (modes,).
+    # Largest ratio, over the functions, of a mode's own peak to the measured value there, shape (modes,).
     at = np.array([int(np.argmin(np.abs(data.frequency - f))) for f in solved.pairs[:, 0]])
     own = np.abs(solved.residues) * np.array([abs(_peak(data, *pair)) for pair in solved.pairs])
     measured = np.maximum(np.abs(data.values[:, at]), data.deviations[:, at])
@@ -323,7 +323,7 @@ def _peak(data: Data, frequency: float, damping: float) -> complex:
 
 
 def as_real(shape: ComplexArray) -> ComplexArray:
-    """A shape turned so that it is as real as can be, its largest component positive and of magnitude 1 (Gladwell 1991)."""
+    """A shape rotated to be as real as possible, its largest component positive with magnitude 1 (Gladwell 1991)."""
     turned = shape * np.exp(-0.5j * np.angle((shape**2).sum()))
     largest = turned[int(np.argmax(np.abs(turned)))]
     return np.asarray(turned * (1.0 if largest.real >= 0.0 else -1.0) / max(abs(largest), np.finfo(float).tiny))
@@ -338,7 +338,7 @@ def collinearity(shape: ComplexArray) -> float:
 
 
 def mac(one: ComplexArray, other: ComplexArray) -> FloatArray:
-    """Modal assurance criterion of shapes (points, modes) with shapes, shape (modes, modes): 1 where alike (Allemang 2003)."""
+    """Modal assurance criterion of shapes (points, modes), shape (modes, modes): 1 if proportional (Allemang 2003)."""
     cross = np.abs(np.conj(one).T @ other) ** 2
     sizes = [(np.abs(shapes) ** 2).sum(axis=0) for shapes in (one, other)]
     return np.asarray(cross / np.maximum(np.outer(*sizes), np.finfo(float).tiny))
@@ -349,14 +349,14 @@ def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
     for k, mode in enumerate(modes):
         if mode.lines < NARROW:
             said.append(
-                f"mode {k + 1} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} lines in its bandwidth; take a finer "
+                f"mode {k + 1} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer "
                 "resolution"
             )
     for k, (one, other) in enumerate(pairwise(modes)):
         apart = (other.frequency - one.frequency) / max(one.damping * one.frequency, other.damping * other.frequency)
         if apart < CLOSE:
             said.append(
-                f"modes {k + 1} and {k + 2} lie {apart:.1f} half bandwidths apart; their shapes mix, so compare them with other "
+                f"modes {k + 1} and {k + 2} are {apart:.1f} half bandwidths apart; their shapes mix, so compare them with other "
                 "references"
             )
     return tuple(said)

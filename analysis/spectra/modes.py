@@ -1,8 +1,8 @@
-"""Natural frequencies and damping ratios from transfer functions: a fit with the window's effect modelled.
+"""Natural frequencies and damping ratios from transfer functions, by a fit that includes the window.
 
-For a broad-band drive an averaged H1 is the Fourier transform of the impulse response times the window's autocorrelation.
-A mode's impulse response is exponential and windows are sums of cosines, so that transform has a closed form, and the fit sees
-the resonance through the same window as the estimate did: its damping has no bias from the resolution.
+For a broad-band drive an averaged H1 is the Fourier transform of the impulse response times the window's autocorrelation. A
+mode's impulse response is exponential and windows are sums of cosines, so that transform has a closed form, and the fit includes
+the same window as the estimate: the frequency resolution does not bias its damping.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Kind = Literal["accelerance", "transmissibility", "general"]
 
 @dataclass(frozen=True, kw_only=True)
 class Mode:
-    """A natural frequency (Hz) and a damping ratio with standard deviations, and the bandwidth 2 zeta f in lines."""
+    """A natural frequency (Hz) and a damping ratio with standard deviations, and the bandwidth 2 zeta f in frequency bins."""
 
     frequency: float
     frequency_std: float
@@ -44,13 +44,13 @@ class ModalFit:
     modes
         Ascending in frequency.
     kind
-        What each mode's shape is.
+        Form of each mode.
     frequency, fitted
-        Hz and the complex model as the window shows it, shape (lines,): to be drawn over the estimate.
+        Hz and the complex model as seen through the window, shape (bins,): for plots with the estimate.
     misfit
-        rms of the weighted residuals; 1 where the error bars explain them.
+        rms of the weighted residuals; 1 if the error bars explain them.
     warning
-        What to keep in mind, may be empty.
+        A warning, may be empty.
     """
 
     modes: tuple[Mode, ...]
@@ -65,36 +65,36 @@ def fit_modes(
     frf: Frf, band: tuple[float, float], *, kind: Kind = "accelerance", guesses: Sequence[tuple[float, float]] = (),
     residuals: int = 2, tapered: bool = True,
 ) -> ModalFit:  # fmt: skip
-    """Fit modes to the lines of a band, as the window of the estimate shows them.
+    """Fit modes to the frequency bins of a band, including the window of the estimate.
 
     Parameters
     ----------
     frf
         Estimated by `isorig.analysis.spectra.welch.estimate`, H1.
     band
-        Hz: the lines that are fitted.
+        The fitted band, Hz.
     kind
-        accelerance: each mode is A s^2 / (s^2 + 2 zeta w s + w^2); transmissibility: A (2 zeta w s + w^2) over the same.
-        A is real and fitted. general: any complex residue, for modes that damping couples, and complex residuals.
+        accelerance: each mode is A s^2 / (s^2 + 2 zeta w s + w^2); transmissibility: A (2 zeta w s + w^2) divided by the same. A
+        is real and fitted. general: any complex residue, for modes coupled by damping, and complex residuals.
     guesses
-        (frequency in Hz, damping ratio) of each mode; the highest peak in the band where none.
+        (frequency in Hz, damping ratio) of each mode; by default the highest peak in the band.
     residuals
-        Terms for modes outside the band: 0 none, 1 a constant, 2 a constant and one that goes with frequency squared.
+        Terms for modes outside the band: 0 none, 1 a constant, 2 a constant and one proportional to frequency squared.
     tapered
-        Whether the window's effect is modelled. Without it this is the ordinary fit, for comparison.
+        Whether the window is included. Without it this is the ordinary fit, for comparison.
 
     Raises
     ------
     DataError
-        Where the band holds too few lines.
+        The band has too few frequency bins.
     FitError
-        Where the fit finds no mode inside the band.
+        The fit finds no mode within the band.
 
     Notes
     -----
-    Weights are the error bars. Deviations come from the covariance of the lines' errors, which the window correlates, and grow
-    with a misfit above 1; or from the scatter between groups of segments, if that is larger: noise in the reference, coloured
-    noise and a drive of few impulses scatter more than that covariance knows.
+    Weights are the error bars. Standard deviations come from the covariance of the bins' errors, which the window correlates, and
+    increase with a misfit above 1; or from the scatter between groups of segments, if that is larger: noise on the reference,
+    coloured noise and a drive with few impulses scatter more than that covariance.
 
     Examples
     --------
@@ -112,8 +112,8 @@ def fit_modes(
     guesses = guesses or _guess(f, np.abs(value), frf.resolution)
     if 2 * len(f) <= 4 * len(guesses) + 2 * residuals or len(f) < 5:
         raise DataError(
-            f"the band {band[0]:g} to {band[1]:g} Hz holds {len(f)} lines, too few for {len(guesses)} modes; "
-            "widen it or take a finer resolution"
+            f"the band {band[0]:g} to {band[1]:g} Hz has {len(f)} frequency bins, too few for {len(guesses)} modes; "
+            "widen it or use a finer resolution"
         )
     sigma = np.asarray(line_deviation(frf)[kept], dtype=np.float64)
     shape = _Shape(f, kind, residuals, Seen.of(frf) if tapered else Seen(decay=frf.decay))
@@ -135,7 +135,7 @@ def fit_modes(
     amplitudes = np.asarray(np.linalg.lstsq(weighted, side, rcond=None)[0], dtype=np.float64)
     misfit = float(np.sqrt(np.mean((weighted @ amplitudes - side) ** 2)))
     rows, bread = _derivatives(shape, pairs.ravel(), amplitudes, sigma)
-    # A single average says nothing of its errors: the residuals must.
+    # A single average does not determine its errors: the residuals must.
     least = 1.0 if frf.averages >= FEWEST else 0.0
     std = np.maximum(
         max(misfit, least) * _deviations(shape, pairs.ravel(), amplitudes, rows, bread, sigma, frf),
@@ -152,7 +152,7 @@ def fit_modes(
     narrow = min(mode.lines for mode in modes)
     return ModalFit(
         modes=modes, kind=kind, frequency=f, fitted=np.asarray(columns @ amplitudes), misfit=misfit,
-        warning=f"only {narrow:.1f} lines in the narrowest bandwidth; take a finer resolution" if narrow < 1.5 else "",
+        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
     )  # fmt: skip
 
 
@@ -167,14 +167,14 @@ def _parts(values: ComplexArray) -> FloatArray:
 
 
 class _Shape:
-    """The model's columns: one per mode and one per residual term, each as the window shows it."""
+    """The model's columns: one per mode and one per residual term, each as seen through the window."""
 
     def __init__(self, f: FloatArray, kind: Kind, residuals: int, seen: Seen, top: float | None = None) -> None:
         self.frequency = f
         self._kind, self._seen, self._residuals = kind, seen, residuals
         self._top = float(f.max()) if top is None else top
         rest: list[ComplexArray] = [np.ones(f.shape, dtype=np.complex128), np.asarray((f / self._top) ** 2 + 0j)][:residuals]
-        # Damped modes far off leave a background of any phase.
+        # Distant damped modes leave a background of any phase.
         self._rest = [turn * term for term in rest for turn in (1.0, 1j)] if kind == "general" else rest
 
     def at(self, f: FloatArray) -> _Shape:
@@ -187,7 +187,7 @@ class _Shape:
         return np.stack([*modes, *self._rest], axis=-1)
 
     def _mode(self, omega: float, zeta: float) -> tuple[ComplexArray, ...]:
-        # (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial fractions; s^2 over the same is one less it.
+        # (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial fractions; s^2 divided by the same is 1 minus it.
         pole = pole_of(omega / (2.0 * np.pi), zeta)
         seen, mirrored = (self._seen.pole(self.frequency, each) for each in (pole, np.conj(pole)))
         if self._kind == "general":
@@ -198,7 +198,7 @@ class _Shape:
 
 
 def _derivatives(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    # Of the model with frequencies, damping ratios and amplitudes, shape (lines, values), and the inverse of the normal matrix.
+    # Derivatives with respect to frequencies, damping ratios and amplitudes, shape (bins, values), and the inverse normal matrix.
     columns = shape.columns(pairs)
     slopes = []
     for i, value in enumerate(pairs):

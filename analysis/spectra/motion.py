@@ -8,7 +8,7 @@ from isorig.analysis.campaign import MOTION, FloatArray, Quantity
 
 
 def integrals(acceleration: FloatArray, rate: float, band: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
-    """Velocity and displacement of an acceleration record, without what lies below the drive's band."""
+    """Velocity and displacement of an acceleration record, without frequencies below the drive's band."""
     n = len(acceleration)
     frequency = np.fft.rfftfreq(n, 1.0 / rate)
     spectrum = np.fft.rfft(acceleration)
@@ -23,7 +23,7 @@ def motion_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Velocity (m/s) and displacement (m) of a record of acceleration, velocity or displacement, each shape (n,).
 
-    Of a rotation all are in rad.
+    For a rotation all are in rad.
     """
     if MOTION.get(quantity) == 0:
         return np.gradient(values, 1.0 / rate), values

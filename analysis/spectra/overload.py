@@ -1,4 +1,4 @@
-"""What an input that reached its end leaves in a record: samples at full scale, and rows of equal samples at an extreme."""
+"""Signs of an overloaded input in a record: samples at full scale, and consecutive equal samples at an extreme."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from isorig.analysis.campaign import Channel, FloatArray
 
-#: Share of full scale that counts as its end.
+#: Share of full scale that counts as overload.
 FULL = 0.999
-#: Equal samples in a row at a record's extreme that show a limit.
+#: Number of consecutive equal samples at a record's extreme that indicates a limit.
 ROW = 3
-#: Values that a record's beginning must have, for a row of equal ones to mean anything: a coarse converter repeats every value.
+#: Minimum number of different values at a record's start for this test: a coarse converter repeats every value.
 VALUES = 32
-#: Samples that are read in one go: records may be longer than memory.
+#: Samples read at once: records may be longer than memory.
 LONGEST = 1 << 20
 
 
@@ -24,20 +24,20 @@ def blocks(channel: Channel) -> Iterator[FloatArray]:
 
 
 def rows_of(values: FloatArray, value: float) -> int:
-    """How often values stay at one value for `ROW` samples or longer."""
+    """Number of times that values remain constant for `ROW` samples or longer."""
     at = np.concatenate([[False], values == value, [False]])
     edges = np.flatnonzero(np.diff(at.astype(np.int8)))
     return int((edges[1::2] - edges[::2] >= ROW).sum())
 
 
 def extremes(channel: Channel) -> tuple[float, float]:
-    """The least and the largest value of a channel."""
+    """The smallest and the largest value of a channel."""
     ends = [(float(block.min()), float(block.max())) for block in blocks(channel)]
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def plateaus(channel: Channel) -> int:
-    """How often the record stays at its largest or smallest value for several samples; 0 for a coarse converter."""
+    """Number of times that the record remains at its largest or smallest value; 0 for a coarse converter."""
     if len(np.unique(channel.read(0, 4096))) < VALUES:
         return 0
     ends = extremes(channel)

@@ -1,7 +1,7 @@
-"""Periodic drives, period by period: the transfer function with noise and distortion told apart.
+"""Periodic drives, period by period: the transfer function, with separate noise and distortion.
 
-What differs from period to period is noise; what differs beyond that from one realization of the drive (other phases) to the
-next is distortion by a nonlinearity (the robust method: Pintelon and Schoukens, System Identification, 2012, 4.3).
+Differences between periods are noise; additional differences between realizations of the drive (other phases) are nonlinear
+distortion (robust method: Pintelon and Schoukens, System Identification, 2012, 4.3).
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.welch import stretches
 
-#: Lines with less than this share of the strongest line's amplitude count as not driven.
+#: Frequencies with less than this share of the largest amplitude count as not excited.
 DRIVEN = 0.01
-#: First periods that are left out, for the motion to settle, and periods needed beyond them.
+#: Number of initial periods discarded because of transients, and minimum number of further periods.
 SETTLING, NEEDED = 1, 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicFrf:
-    """A transfer function at the driven lines.
+    """A transfer function at the excited frequencies.
 
     Parameters
     ----------
     response, reference
         Channel names.
     frequency
-        Of the driven lines, Hz, shape (lines,).
+        Of the excited frequencies, Hz, shape (bins,).
     value
-        Complex, the mean over periods and realizations, shape (lines,).
+        Complex, the mean over periods and realizations, shape (bins,).
     magnitude_std, phase_std
-        Standard deviation of the magnitude and of the phase (rad): noise and distortion together, shape (lines,).
+        Standard deviation of the magnitude and of the phase (rad): noise and distortion together, shape (bins,).
     noise, distortion
-        Standard deviation of the complex value of one realization by noise (averaged over its periods), and by distortion,
-        shape (lines,). Distortion is NaN with one realization, which cannot tell it.
+        Standard deviation of the complex value of one realization due to noise (averaged over its periods), and due to
+        distortion, shape (bins,). Distortion is NaN with one realization.
     periods, realizations
-        Averaged periods of each run (the fewest), and runs.
+        Averaged periods of each run (the smallest number), and number of runs.
     """
 
     response: str
@@ -56,28 +56,28 @@ class PeriodicFrf:
 
 
 def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicFrf:
-    """Average runs under a periodic drive; each run is one realization.
+    """Average runs with a periodic drive; each run is one realization.
 
     Parameters
     ----------
     runs
-        Of one rate and one period. What follows a gap is not used.
+        With one rate and one period. Data after a gap are not used.
     response, reference
         Channels.
 
     Raises
     ------
     DataError
-        Where a run has no period or too few of them, or runs do not go together.
+        A run has no period or too few of them, or the runs are incompatible.
     """
     if not runs:
-        raise DataError("no run was given; name at least one")
+        raise DataError("no run was given; give at least one")
     first = runs[0]
     spectra = [settled_periods(run, (reference, response)) for run in runs]
     for run in runs:
         if (run.period, run.sample_rate) != (first.period, first.sample_rate):
             raise DataError(
-                f"run {run.id!r} has periods of {run.period} samples at {run.sample_rate:g} Hz and run {first.id!r} "
+                f"run {run.id!r} has periods of {run.period} samples at {run.sample_rate:g} Hz but run {first.id!r} has "
                 f"{first.period} at {first.sample_rate:g} Hz; average runs of one period only"
             )
     driven = driven_lines([x.mean(axis=0) for x, _ in spectra], first.id)
@@ -107,21 +107,21 @@ def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicF
 
 
 def settled_periods(run: Run, names: Sequence[str]) -> tuple[ComplexArray, ...]:
-    """Spectra of channels in each period of a run after those in which the motion settles, each shape (periods, lines).
+    """Spectra of channels in each period of a run after the transient, each shape (periods, bins).
 
     Raises
     ------
     DataError
-        Where the run has no period or too few of them.
+        The run has no period or too few of them.
     """
     if run.period is None:
-        raise DataError(f"run {run.id!r} has no period; give a run under a periodic drive that says how long it is")
+        raise DataError(f"run {run.id!r} has no period; give a run with a periodic drive that states its period")
     start, stop = next(stretches(run))
     count = (stop - start) // run.period - SETTLING
     if count < NEEDED:
         raise DataError(
-            f"run {run.id!r} holds {(stop - start) / run.period:.1f} periods, but needs at least {SETTLING + NEEDED} whole "
-            "periods, the first of which settles; measure longer"
+            f"run {run.id!r} contains {(stop - start) / run.period:.1f} periods, but needs at least {SETTLING + NEEDED} whole "
+            "periods, the first of which is discarded; measure longer"
         )
     begin = start + SETTLING * run.period
     rows = (run.channel(name).read(begin, begin + count * run.period).reshape(count, -1) for name in names)
@@ -129,12 +129,12 @@ def settled_periods(run: Run, names: Sequence[str]) -> tuple[ComplexArray, ...]:
 
 
 def driven_lines(drives: Sequence[ComplexArray], where: str) -> IntArray:
-    """The lines that every one of the mean drives has power at.
+    """The frequency bins in which every one of the mean drives has power.
 
     Raises
     ------
     DataError
-        Where there is none.
+        There is none.
     """
     size = np.min([np.abs(drive) for drive in drives], axis=0)
     size[0] = 0.0

@@ -1,8 +1,8 @@
 """Poles of many transfer functions at once, at every model order: the poly-reference least squares complex frequency method.
 
 A right matrix fraction description in z over a band is fitted by linear least squares to the transfer functions from all
-references to all responses (Guillaume, Verboven, Vanlanduit, Van der Auweraer and Peeters 2003). What is physical comes back at
-every order, what is numerical does not: the stabilisation diagram.
+references to all responses (Guillaume, Verboven, Vanlanduit, Van der Auweraer and Peeters 2003). Physical poles persist over the
+orders, numerical ones do not: the stabilization diagram.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from isorig.analysis.campaign import ComplexArray, FloatArray
 
 Status = Literal["new", "frequency", "stable"]
 
-#: Largest order that is tried, and lines that each order needs.
+#: Largest order, and frequency bins needed for each order.
 ORDER, LINES_PER_ORDER = 60, 3.0
-#: A pole is that of the order before where its frequency differs by less than the first share, and is stable where its damping
-#: ratio does by less than the second (usual bounds; Peeters, Van der Auweraer, Guillaume and Leuridan 2004).
+#: A pole matches one of the order before if its frequency differs by less than the first share, and is stable if its damping
+#: ratio differs by less than the second (usual bounds; Peeters, Van der Auweraer, Guillaume and Leuridan 2004).
 SAME_FREQUENCY, SAME_DAMPING = 0.01, 0.05
-#: A damping ratio above this is no mode's.
+#: Poles with a damping ratio above this are not modes.
 HEAVY = 0.3
-#: Share of the unit circle that the band is laid on: a gap keeps the ends of the band apart.
+#: Share of the unit circle that the band is mapped to: a gap separates the ends of the band.
 CIRCLE = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pole:
-    """A pole at one model order: natural frequency (Hz), damping ratio, and what it is compared with the order before."""
+    """A pole at one model order: natural frequency (Hz), damping ratio, and its status compared with the order before."""
 
     order: int
     frequency: float
@@ -46,17 +46,17 @@ def poles_by_order(
     Parameters
     ----------
     values
-        Transfer functions, shape (responses, references, lines).
+        Transfer functions, shape (responses, references, bins).
     frequency
-        Hz, evenly spaced, shape (lines,).
+        Hz, evenly spaced, shape (bins,).
     weights
-        Of each response at each line, shape (responses, lines).
+        Of each response in each bin, shape (responses, bins).
     order
-        The largest; `ORDER` or what the lines allow where None.
+        The largest; `ORDER` or as the number of bins allows if None.
 
     Returns
     -------
-    Poles of positive frequency with damping ratios between 0 and `HEAVY`, by order and ascending in frequency.
+    Poles with positive frequency and damping ratios between 0 and `HEAVY`, by order and ascending in frequency.
     """
     references = values.shape[1]
     most = min(order or ORDER, int(len(frequency) * len(values) / (LINES_PER_ORDER * references)), int(len(frequency) / 2) - 1)
@@ -73,7 +73,7 @@ def poles_by_order(
 def _normal_blocks(
     values: ComplexArray, frequency: FloatArray, weights: FloatArray, most: int
 ) -> list[tuple[ComplexArray, ComplexArray, ComplexArray]]:  # fmt: skip
-    # For each response the sums over lines of basis * basis, basis * H and H * H, each for all powers up to `most`.
+    # For each response the sums over bins of basis * basis, basis * H and H * H, each for all powers up to `most`.
     turn = -2j * np.pi * CIRCLE / (frequency[-1] - frequency[0])
     basis = np.exp(turn * np.outer(frequency - frequency[0], np.arange(most + 1)))
     blocks = []
@@ -94,7 +94,7 @@ def _reduced(blocks: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]], 
 
 
 def _poles(total: ComplexArray, n: int, references: int, frequency: FloatArray) -> list[tuple[float, float]]:
-    # With the constant coefficient the unit matrix, poles that only serve the numbers turn out unstable and are left out.
+    # With the unit matrix as the constant coefficient, purely numerical poles are unstable and are removed.
     free = total[references:, references:]
     alpha = np.linalg.lstsq(free, -total[references:, :references], rcond=None)[0]
     # A(z) = I + A_1 z + ... + A_n z^n: 1 / z are the eigenvalues of the companion matrix.

@@ -1,7 +1,7 @@
-"""Bad data by name: clipped, dead, stuck, swapped, noisy channels, short records, motion before the start, a drive with holes.
+"""Detection of bad data: clipped, dead, stuck, swapped or noisy channels, short records, early motion, gaps in the drive.
 
-Each is told from the records alone, by comparison within a run, with the other runs, and with what three masses in a line must
-do. What is found is said, and what would spoil an average is left out of it (`sound`).
+Each is detected from the records only, by comparison within a run, with the other runs, and with the behaviour of three masses in
+a line. Faults are reported, and those that would spoil an average are excluded from it (`sound`).
 """
 
 from __future__ import annotations
@@ -18,32 +18,33 @@ from isorig.analysis.spectra.overload import FULL, LONGEST, blocks, extremes, pl
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
 
 Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
-#: Kinds that spoil an average of transfer functions; motion before the start spoils only what runs free from the start.
+#: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
 SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
-#: Rows of equal samples at a record's extreme that show a limit.
+#: Number of consecutive equal samples at a record's extreme that indicates a limit.
 ROWS = 3
-#: A channel below this share of the loudest of its kind is dead.
+#: A channel below this share of the strongest of its kind is dead.
 DEAD = 1e-4
-#: Equal samples in a row that no acceleration has, and how many times longer than usual (its longest of a hundred rows) they must
-#: be where a coarse converter repeats values; share of its rms that another channel must move by meanwhile.
+#: Number of consecutive equal samples that no acceleration has, and the factor by which they must exceed the usual number (the
+#: longest of a hundred rows) with a coarse converter; share of its rms by which another channel must move meanwhile.
 STUCK, LONGER, MOVING = 8, 8.0, 0.01
-#: Noise this many times what is usual, and this share of the channel's own rms, is too much.
+#: Noise above this multiple of the usual level, and above this share of the channel's own rms, is too much.
 NOISY, NOISE_SHARE = 10.0, 0.1
-#: Resolution that runs are looked at with, Hz, and averages that a transfer function needs.
+#: Resolution for checking runs, Hz, and averages needed for a transfer function.
 RESOLUTION, AVERAGES = 0.5, 8.0
-#: Exchanging two channels must bring a run nearer to the others by this factor, from at least this far (mean |log| of ratios).
+#: Exchanging two channels must reduce a run's distance from the others by this factor, from at least this distance (mean |log| of
+#: ratios).
 NEARER, FAR = 4.0, 0.3
-#: The first second is off by this many times the worst later one, and by this share of the signal's power.
+#: The error in the first second exceeds the largest later one by this factor, and this share of the signal's power.
 START, START_SHARE = 2.0, 0.02
-#: Resolution that an impulse response is worked out with, Hz, where the run holds this many segments of it.
+#: Resolution for an impulse response, Hz, if the run has this many segments.
 FINE, SEGMENTS = 0.125, 3.0
-#: A drive's density below this share of its median is a hole; holes wider than this share of the band are told.
+#: A drive density below this share of its median is a gap; gaps wider than this share of the band are reported.
 HOLE, WIDE = 1e-3, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Something wrong with a record; `channel` is empty where it is the whole run, two names joined by "/" where two."""
+    """A fault of a record; `channel` is empty for the whole run, and two names joined by "/" for two channels."""
 
     run: str
     channel: str
@@ -52,14 +53,14 @@ class Fault:
 
 
 def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
-    """Everything that is wrong with a campaign's records.
+    """All faults of a campaign's records.
 
     Parameters
     ----------
     campaign
-        What was measured.
+        The measurement.
     reference
-        The channel that drives.
+        The drive channel.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
 
 
 def sound(runs: Sequence[Run], found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> list[Run]:
-    """The runs whose channels are fit for an average, or for a simulation `from_rest`; all of them where none is."""
+    """The runs whose channels can be used for an average, or for a simulation `from_rest`; all of them if there are none."""
     kinds = (*SPOILING, "not at rest") if from_rest else SPOILING
     spoilt = {(fault.run, name) for fault in found if fault.kind in kinds for name in fault.channel.split("/")}
     return [run for run in runs if not any((run.id, name) in spoilt for name in (*channels, ""))] or list(runs)
@@ -103,7 +104,7 @@ def _clipped(run: Run) -> Iterator[Fault]:
         if full:
             text = f"run {run.id!r}: {name} clipped, {full} samples at the end of its range of ±{top:g} {unit}"
         elif (count := plateaus(channel)) >= ROWS:
-            text = f"run {run.id!r}: {name} looks clipped, its extreme value comes {count} times several samples in a row"
+            text = f"run {run.id!r}: {name} seems clipped, its extreme value occurs {count} times for several consecutive samples"
         else:
             continue
         yield Fault(
@@ -119,13 +120,13 @@ def _dead(run: Run) -> Iterator[Fault]:
         if size <= DEAD * loudest or size == 0.0:
             yield Fault(
                 run=run.id, channel=name, kind="dead",
-                text=f"run {run.id!r}: {name} is dead ({size:.2g} {run.channels[name].unit} rms, the loudest {loudest:.2g}); "
-                "check its cable and its power.",
+                text=f"run {run.id!r}: {name} is dead ({size:.2g} {run.channels[name].unit} rms, the strongest {loudest:.2g}); "
+                "check its cable and its supply.",
             )  # fmt: skip
 
 
 def _stuck(run: Run, reference: str) -> Iterator[Fault]:
-    # A drive may pause; a sensor on a rig that moves may not. What stays at the record's end is clipped.
+    # A drive may pause; a sensor on a moving rig cannot. A value at the record's extreme is clipped.
     names = _accelerations(run)
     sizes = {name: max(float(block.std()) for block in blocks(run.channels[name])) for name in names}
     for name in names:
@@ -144,13 +145,14 @@ def _stuck(run: Run, reference: str) -> Iterator[Fault]:
         if lasting:
             yield Fault(
                 run=run.id, channel=name, kind="stuck",
-                text=f"run {run.id!r}: {name} says the same value {len(lasting)} times for up to "
-                f"{max(lasting) / run.sample_rate:.2g} s while others move; check its plug and its cable and measure again.",
+                text=f"run {run.id!r}: {name} has a constant value {len(lasting)} times for up to "
+                f"{max(lasting) / run.sample_rate:.2g} s while others move; check its connector and its cable and measure again.",
             )  # fmt: skip
 
 
 def _noisy(campaign: Campaign, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
-    # Friction reverses in steps, which sounds like noise; so a channel's floor counts where another run tells it from friction.
+    # Friction reverses in steps with a broad spectrum; so a channel's floor counts only if another run distinguishes it from
+    # friction.
     floors = {
         (run.id, name): seen for run in campaign.runs for name in _accelerations(run)
         if (run.id, name) not in hurt and (seen := _floor(run, name)) is not None
@@ -181,7 +183,7 @@ def _accelerations(run: Run) -> list[str]:
 
 
 def _floor(run: Run, name: str) -> tuple[float, float] | None:
-    # Level of what is white in a record, from the quietest part of its spectrum, and the record's own rms.
+    # White level of a record, from the quietest part of its spectrum, and the record's own rms.
     values = run.channels[name].read(0, LONGEST)
     n = len(values)
     if n < 1024:
@@ -201,8 +203,8 @@ def _short(run: Run) -> Iterator[Fault]:
     if averages < AVERAGES:
         yield Fault(
             run=run.id, channel="", kind="too short",
-            text=f"run {run.id!r} is too short: its longest stretch without a gap has {longest:.3g} s, {averages:.0f} averages "
-            f"at {RESOLUTION:g} Hz; measure {(AVERAGES + 1.0) / (2.0 * RESOLUTION):g} s or longer.",
+            text=f"run {run.id!r} is too short: its longest interval without a gap has {longest:.3g} s, {averages:.0f} averages "
+            f"with a resolution of {RESOLUTION:g} Hz; measure {(AVERAGES + 1.0) / (2.0 * RESOLUTION):g} s or longer.",
         )  # fmt: skip
 
 
@@ -232,13 +234,13 @@ def _holes(run: Run, spectra: Spectra, reference: str) -> Iterator[Fault]:
         if last - first >= WIDE * len(f):
             yield Fault(
                 run=run.id, channel=reference, kind="no drive",
-                text=f"run {run.id!r}: the drive has no content from {f[first]:.4g} to {f[last - 1]:.4g} Hz of its band "
-                f"({low:g} to {high:g} Hz), so nothing is known there; drive the whole band or correct the band.",
+                text=f"run {run.id!r}: the drive has no power from {f[first]:.4g} to {f[last - 1]:.4g} Hz of its band "
+                f"({low:g} to {high:g} Hz), so nothing is known there; excite the whole band or correct the band.",
             )  # fmt: skip
 
 
 def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
-    # What the drive explains through the run's own impulse response, from rest; motion from before the start is left over.
+    # The response explained by the drive through the run's own impulse response, from rest; motion from before the start remains.
     from scipy.signal import oaconvolve
 
     spectra = _look(run, reference, max(FINE, SEGMENTS / run.duration))
@@ -261,17 +263,17 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
         powers = np.array([np.mean(left[k : k + second] ** 2) for k in range(0, len(left) - second + 1, second)])
         if len(powers) < 6:
             return
-        # The record's own edges are no fairer to the end than to the start.
+        # Edge effects at the end are as large as at the start.
         later = float(powers[2:-1].max())
         if powers[0] > START * later and powers[0] > START_SHARE * values.var():
             worst.append((float(powers[0] / later), name))
-    # One channel alone may be friction that slid once; motion from before the start is in several.
+    # A single channel may have slid once; motion from before the start appears in several.
     if len(worst) >= min(2, len(names)) > 0:
         ratio, name = max(worst)
         yield Fault(
             run=run.id, channel="", kind="not at rest",
-            text=f"run {run.id!r} did not begin at rest: in its first second {name} moves {np.sqrt(ratio):.1f} times more "
-            "beside the drive than ever later; begin the record before the drive, or let the rig come to rest.",
+            text=f"run {run.id!r} did not start at rest: in its first second {name} has {np.sqrt(ratio):.1f} times more motion "
+            "not caused by the drive than ever later; start the record before the drive, or let the rig come to rest.",
         )  # fmt: skip
 
 
@@ -289,13 +291,13 @@ def _swapped(campaign: Campaign, looks: dict[str, Spectra], reference: str, hurt
         for a, b in found[:1]:
             yield Fault(
                 run=run.id, channel=f"{a}/{b}", kind="swapped",
-                text=f"run {run.id!r}: {a} and {b} look swapped, the run fits the others and the rig only with both exchanged; "
-                "check the cables or rename the channels.",
+                text=f"run {run.id!r}: {a} and {b} seem swapped, the run agrees with the others and with the rig only with both "
+                "exchanged; check the cables or rename the channels.",
             )  # fmt: skip
 
 
 def _nearer(run: Run, others: Sequence[Run], looks: dict[str, Spectra], pair: tuple[str, str], reference: str) -> bool:
-    # Whether the run is near the others (most of them) with two channels exchanged, and far from them as it is.
+    # Whether the run is close to the others (most of them) with two channels exchanged, and far from them as it is.
     as_is: list[float] = []
     exchanged: list[float] = []
     for other in others:
@@ -322,7 +324,7 @@ def _nearer(run: Run, others: Sequence[Run], looks: dict[str, Spectra], pair: tu
 
 
 def _upside_down(run: Run, campaign: Campaign, spectra: Spectra, pair: tuple[str, str]) -> bool:
-    # Three masses in a line: the heatblock moves more than the table around its own resonance, never only less.
+    # Three masses in a line: the heatblock moves more than the table around its own resonance, never less throughout.
     if set(pair) != {"table", "heatblock"}:
         return False
     guess = campaign.known.get("heatblock_frequency")
@@ -334,7 +336,7 @@ def _upside_down(run: Run, campaign: Campaign, spectra: Spectra, pair: tuple[str
 
 
 def without(campaign: Campaign, found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> Campaign:
-    """The campaign without its spoilt runs (see `sound`); a configuration that has no other keeps its own."""
+    """The campaign without its faulty runs (see `sound`); a configuration without other runs keeps them."""
     kept: list[Run] = []
     for configuration in dict.fromkeys(run.configuration for run in campaign.runs):
         kept += sound(campaign.select(configuration=configuration), found, channels, from_rest=from_rest)

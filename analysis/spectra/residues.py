@@ -1,7 +1,7 @@
-"""Modes with common poles fitted to many transfer functions at once, each line weighted by its error bar.
+"""Modes with common poles, fitted to many transfer functions at once, each frequency bin weighted by its error bar.
 
-Natural frequencies and damping ratios are common to all transfer functions; residues and the background that modes outside the
-band leave are linear and solved for each by itself (variable projection: Golub and Pereyra 1973; the derivative of Kaufman 1975).
+Natural frequencies and damping ratios are common to all transfer functions; residues and the background due to modes outside the
+band are linear and solved for each function (variable projection: Golub and Pereyra 1973; derivative of Kaufman 1975).
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ SLOPE = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Data:
-    """Transfer functions over the lines of a band.
+    """Transfer functions in the frequency bins of a band.
 
     Parameters
     ----------
     frequency
-        Hz, shape (lines,).
+        Hz, shape (bins,).
     values, deviations
-        Complex values and the deviation of their real and of their imaginary part, shape (functions, lines).
+        Complex values and the standard deviation of their real and of their imaginary part, shape (functions, bins).
     seen
-        What they were seen through.
+        The window of the estimate.
     power
-        Power of s that the motion has beside a displacement: 2 for accelerations per force. Modes below the band leave
-        s^(power - 2), modes above it s^power.
+        Power of s of the motion relative to a displacement: 2 for accelerations per force. Modes below the band leave s^(power -
+        2), modes above it s^power.
     """
 
     frequency: FloatArray
@@ -45,7 +45,7 @@ class Data:
 
     @property
     def numbers(self) -> int:
-        """Real numbers that are fitted."""
+        """Number of fitted real values."""
         return 2 * self.values.size
 
 
@@ -64,9 +64,9 @@ class Solved:
     chi2
         Sum of squared weighted residuals.
     normal, gradient
-        Of the logarithms of the pairs, shape (2 modes, 2 modes) and (2 modes,).
+        With respect to the logarithms of the pairs, shape (2 modes, 2 modes) and (2 modes,).
     gains
-        What `chi2` would rise by without each mode, the others' residues solved again, shape (modes,).
+        Increase of `chi2` without each mode, after solving the others' residues again, shape (modes,).
     """
 
     pairs: FloatArray
@@ -79,14 +79,14 @@ class Solved:
 
 
 def mode_columns(data: Data, frequency: float, damping: float) -> ComplexArray:
-    """What a residue's real and imaginary part add to a transfer function, shape (lines, 2)."""
+    """Contributions of a residue's real and imaginary part to a transfer function, shape (bins, 2)."""
     pole = pole_of(frequency, damping)
     one, other = (data.seen.pole(data.frequency, each) for each in (pole, np.conj(pole)))
     return np.stack([one + other, 1j * (one - other)], axis=1)
 
 
 def background_columns(data: Data) -> ComplexArray:
-    """What modes below and above the band leave, shape (lines, 4): each term's real and imaginary part."""
+    """Background due to modes below and above the band, shape (bins, 4): each term's real and imaginary part."""
     s = data.seen.s(data.frequency) / (2.0 * np.pi * data.frequency[-1])
     terms = [s ** (data.power - 2), s**data.power]
     return np.stack([turn * term for term in terms for turn in (1.0, 1j)], axis=1)
@@ -98,7 +98,7 @@ def _real(values: ComplexArray, deviation: FloatArray) -> FloatArray:
 
 
 def solve(data: Data, pairs: FloatArray) -> Solved:
-    """The best residues and background for given poles, and how the error goes with the poles."""
+    """The best residues and background for given poles, and the derivatives of the error with respect to the poles."""
     columns, slopes = _columns(data, pairs)
     modes = len(pairs)
     normal, gradient = np.zeros((2 * modes, 2 * modes)), np.zeros(2 * modes)
@@ -130,7 +130,7 @@ def solve(data: Data, pairs: FloatArray) -> Solved:
 
 
 def _columns(data: Data, pairs: FloatArray) -> tuple[ComplexArray, list[ComplexArray]]:
-    # All columns, and how each mode's two go with the logarithms of its frequency and its damping ratio.
+    # All columns, and derivatives of each mode's two columns with respect to the logarithms of its frequency and damping ratio.
     columns = [mode_columns(data, *pair) for pair in pairs]
     slopes = []
     for (f, zeta), own in zip(pairs, columns, strict=True):
@@ -145,13 +145,13 @@ def _systems(data: Data, columns: ComplexArray) -> Iterator[tuple[FloatArray, Fl
 
 
 def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> Solved:
-    """Poles and residues of least error, from a start, in at most so many steps."""
+    """Poles and residues with the smallest error, from starting values, within a number of steps."""
     now, damping = solve(data, pairs), 1e-3
     for _ in range(steps):
         scale = np.maximum(np.diag(now.normal), 1e-30 * max(float(np.trace(now.normal)), 1e-300))
         while True:
             step = np.linalg.lstsq(now.normal + damping * np.diag(scale), now.gradient, rcond=None)[0]
-            # No step goes farther than a factor of e from where the derivatives hold.
+            # No step exceeds a factor of e, the range in which the derivatives are valid.
             step = np.clip(step, -1.0, 1.0)
             tried = now.pairs * np.exp(step.reshape(-1, 2))
             tried[:, 1] = np.clip(tried[:, 1], 1e-7, 0.99)
@@ -169,7 +169,7 @@ def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> Solved:
 
 
 def model(data: Data, solved: Solved) -> ComplexArray:
-    """The fitted transfer functions as they are seen, shape (functions, lines)."""
+    """The fitted transfer functions as seen through the window, shape (functions, bins)."""
     columns = np.concatenate([*(mode_columns(data, *pair) for pair in solved.pairs), background_columns(data)], axis=1)
     amplitudes = np.concatenate([solved.residues, solved.background], axis=1)
     return np.asarray(amplitudes.real @ columns[:, 0::2].T + amplitudes.imag @ columns[:, 1::2].T)

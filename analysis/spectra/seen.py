@@ -1,4 +1,4 @@
-"""What an estimate of a transfer function saw it through, and how well it knows each line."""
+"""The window through which a transfer function was estimated, and the accuracy of each frequency bin."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.windows import Window
 
-#: With so few averages a line's own coherence is too uncertain to weigh it by: it is averaged over neighbours.
+#: With fewer averages, a bin's own coherence is too uncertain for its weight: it is averaged over neighbouring bins.
 AVERAGES, NEIGHBOURS = 100.0, 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What an estimate saw a transfer function through.
+    """The window of an estimated transfer function.
 
     Parameters
     ----------
     window, span
-        The segments' window and their seconds; none where whole records were transformed.
+        The window of the segments and their duration in s; none for transforms of whole records.
     decay
         Rate of an exponential window, 1/s.
     """
@@ -32,7 +32,7 @@ class Seen:
 
     @classmethod
     def of(cls, frf: Frf) -> Seen:
-        """Of an estimate."""
+        """That of an estimate."""
         return cls(window=frf.window, span=1.0 / frf.resolution, decay=frf.decay)
 
     def s(self, f: FloatArray) -> ComplexArray:
@@ -42,8 +42,8 @@ class Seen:
     def pole(self, f: FloatArray, pole: complex) -> ComplexArray:
         """1 / (s - pole) at frequencies in Hz.
 
-        Through a window: the transform of exp(pole t), t > 0, times the window's autocorrelation, which is a sum of the
-        transforms of (1 - u) exp(z u) and exp(z u), u = t / span from 0 to 1.
+        With a window: the transform of exp(pole t), t > 0, times the window's autocorrelation, which is a sum of the transforms
+        of (1 - u) exp(z u) and exp(z u), u = t / span from 0 to 1.
         """
         if self.window is None:
             return np.asarray(1.0 / (self.s(f) - pole))
@@ -58,7 +58,7 @@ def _flat(z: ComplexArray) -> ComplexArray:
 
 
 def _ramp(z: ComplexArray) -> ComplexArray:
-    # Near zero the quotient loses its digits, and the series has them.
+    # Near zero the quotient loses precision; the series does not.
     near = np.abs(z) < 1e-2
     safe = np.where(near, 1.0, z)
     series = 0.5 + z / 6.0 + z**2 / 24.0 + z**3 / 120.0 + z**4 / 720.0
@@ -72,10 +72,10 @@ def pole_of(frequency: float, damping: float) -> complex:
 
 
 def line_deviation(frf: Frf) -> FloatArray:
-    """Standard deviation of the real and of the imaginary part at each line, shape (lines,).
+    """Standard deviation of the real and of the imaginary part in each frequency bin, shape (bins,).
 
-    With few averages a line's own coherence is too uncertain to weigh it by; it is then averaged over neighbours. A single
-    average knows nothing of its errors: all lines then weigh the same.
+    With few averages a bin's own coherence is too uncertain for its weight; it is then averaged over neighbouring bins. A single
+    average does not determine its errors: all bins then have the same weight.
     """
     if frf.averages < FEWEST:
         return np.full(len(frf.value), float(np.sqrt(np.mean(np.abs(frf.value) ** 2))))

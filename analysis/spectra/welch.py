@@ -1,7 +1,7 @@
-"""One pass of Welch's method over all channels: auto and cross spectra, transfer functions, coherence, error bars.
+"""Welch's method in one pass over all channels: auto and cross spectra, transfer functions, coherence, error bars.
 
-Welch (1967) averages windowed segments. Segments are read in blocks, so a record on disk costs no more memory than one block,
-and no segment reaches across a gap.
+Welch (1967) averages windowed segments. Segments are read in blocks, so a record on disk needs the memory of one block only, and
+no segment crosses a gap.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from isorig.analysis.spectra.groups import Grouping, Groups, Sums, group_size, j
 from isorig.analysis.spectra.inputs import Drives, Estimator, partial_coherence
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 
-#: Segments that are transformed at a time.
+#: Segments transformed at a time.
 BLOCK = 8
 OVERLAP = 0.5
-#: With fewer averages nothing scatters: deviations are then given as large as the values.
+#: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
 FEWEST = 1.5
-#: Arrays over the lines of a transfer function, beside the frequencies themselves.
+#: Arrays over frequency of a transfer function, other than the frequencies themselves.
 FRF_ROWS = ("value", "coherence", "magnitude_std", "phase_std", "multiple_coherence")
 
 
@@ -37,32 +37,31 @@ class Frf:
     response, reference
         Channel names: response over reference.
     frequency
-        Hz, shape (lines,).
+        Hz, shape (bins,).
     value
-        Complex, shape (lines,), in the response's unit over the reference's.
+        Complex, shape (bins,), in the response's unit divided by the reference's.
     coherence
-        0 to 1, shape (lines,).
+        0 to 1, shape (bins,).
     magnitude_std, phase_std
-        One standard deviation of the magnitude (in the unit of `value`) and of the phase (rad), shape (lines,).
+        One standard deviation of the magnitude (in the unit of `value`) and of the phase (rad), shape (bins,).
     averages
         Effective number of independent averages.
     resolution
-        Distance of lines, Hz.
+        Frequency resolution, Hz.
     estimator
         "H1", "H2" or "Hv".
     multiple_coherence
-        Share of the response that all drives together explain, shape (lines,); None where there is one drive, whose
-        `coherence` it is. With several, `coherence` is what this drive explains of what the others leave.
+        Share of the response explained by all drives together, shape (bins,); None for one drive, for which it equals
+        `coherence`. With several, `coherence` is the share explained by this drive of what the others leave.
     units
-        Of the response and of the reference; empty where unknown.
+        Of the response and of the reference; empty if unknown.
     window, overlap
-        What the segments were seen through, and the share by which they overlap; no window where whole records were transformed
-        that begin and end at rest.
+        Window of the segments, and their relative overlap; no window for transforms of whole records that start and end at rest.
     decay
         Rate of an exponential window on all channels, 1/s: values are those at s = decay + 2 pi i f.
     left_out
-        The values at lines of the given frequencies (Hz, shape (lines,)) without each group of segments in turn, complex, shape
-        (groups, lines): what the deviations of figures that are read off the lines come from. None where groups were not kept.
+        The values in the bins of the given frequencies (Hz, shape (bins,)) without each group of segments in turn, complex, shape
+        (groups, bins): for the uncertainty of quantities derived from them. None if groups were not stored.
     """
 
     response: str
@@ -92,27 +91,26 @@ class Spectra:
     channels
         Names, in the order of the spectra.
     frequency
-        Hz, shape (lines,).
+        Hz, shape (bins,).
     auto
-        Power spectral densities, unit^2 / Hz, shape (channels, lines).
+        Power spectral densities, unit^2 / Hz, shape (channels, bins).
     cross
-        Cross spectral densities conj(reference) * channel by reference, each shape (channels, lines).
+        Cross spectral densities conj(reference) * channel by reference, each shape (channels, bins).
     averages
-        Effective number of independent averages: segments over 1 + 2 sum (1 - j/K) rho_j^2, rho_j the correlation of segments
-        j apart (Welch 1967).
+        Effective number of independent averages: segments divided by 1 + 2 sum (1 - j/K) rho_j^2, with rho_j the correlation of
+        segments j apart (Welch 1967).
     segments
         Number of segments.
     resolution
-        Distance of lines, Hz.
+        Frequency resolution, Hz.
     units
-        Of the channels, in their order; empty where unknown.
+        Of the channels, in their order; empty if unknown.
     window, overlap
-        What the segments were seen through, and the share by which they overlap; no window where whole records were transformed
-        that begin and end at rest.
+        Window of the segments, and their relative overlap; no window for transforms of whole records that start and end at rest.
     decay
         Rate of an exponential window on all channels, 1/s: values are those at s = decay + 2 pi i f.
     groups
-        The same spectra of consecutive groups of segments; None where they were not kept.
+        The same spectra of consecutive groups of segments; None if they were not stored.
     """
 
     channels: tuple[str, ...]
@@ -129,34 +127,34 @@ class Spectra:
     groups: Groups | None = field(default=None, repr=False, compare=False)
 
     def density(self, channel: str) -> FloatArray:
-        """Power spectral density of a channel, unit^2 / Hz, shape (lines,)."""
+        """Power spectral density of a channel, unit^2 / Hz, shape (bins,)."""
         return np.asarray(self.auto[self.channels.index(channel)])
 
     def frf(self, response: str, reference: str, estimator: Estimator = "H1") -> Frf:
-        """The transfer function from `reference` to `response`, where nothing else drives: `frfs` of one reference."""
+        """The transfer function from `reference` to `response` with a single drive: `frfs` of one reference."""
         return self.frfs(response, (reference,), estimator)[0]
 
     def frfs(self, response: str, references: Sequence[str], estimator: Estimator = "H1") -> tuple[Frf, ...]:
-        """The transfer functions from each of `references` to `response`, all of them driving at once.
+        """The transfer functions from each of `references` to `response`, with all of them driving at once.
 
-        H1 = Sxy Sxx^-1, H2 = Syy / Syx, Hv the total least squares estimate between (Rocklin, Crowley and Vold 1985): equal
-        noise in all channels where they have one unit, noise in proportion to each channel's rms where not.
-        std of |H| is |H| sqrt((1 - g2) / (2 g2 n)), of the phase the same without |H| (Bendat and Piersol 2010, 9.2), g2 the
-        partial coherence and n the averages less the other drives.
+        H1 = Sxy Sxx^-1, H2 = Syy / Syx, Hv the total least squares estimate between (Rocklin, Crowley and Vold 1985): equal noise
+        on all channels if they have one unit, otherwise noise proportional to each channel's rms. The standard deviation of |H|
+        is |H| sqrt((1 - g2) / (2 g2 n)), of the phase the same without |H| (Bendat and Piersol 2010, 9.2), with g2 the partial
+        coherence and n the averages minus the number of other drives.
 
         Raises
         ------
         DataError
-            Where a reference was not among those of the estimate, the drives cannot be separated, or H2 is asked of several.
+            A reference is not among those of the estimate, the drives cannot be separated, or H2 is requested for several.
         """
         for reference in references:
             if reference not in self.cross:
                 raise DataError(
-                    f"{reference!r} is no reference of these spectra ({', '.join(self.cross)}); estimate them with it"
+                    f"{reference!r} is not a reference of these spectra ({', '.join(self.cross)}); estimate them with it"
                 )
         if estimator == "H2" and len(references) > 1:
             raise DataError(
-                f"H2 was asked of {len(references)} drives at once, where no response has one of its own; take H1 or Hv, or name "
+                f"H2 was requested for {len(references)} simultaneous drives, for which it is not defined; use H1 or Hv, or name "
                 "one reference"
             )
         row = self.channels.index(response)
@@ -190,7 +188,7 @@ class Spectra:
         )  # fmt: skip
 
     def without_groups(self, frequency: FloatArray) -> Iterator[Spectra]:
-        """The spectra at lines of the given frequencies, Hz, without each group of segments in turn; nothing without groups."""
+        """The spectra in the bins of the given frequencies, Hz, without each group of segments in turn; empty without groups."""
         lines = np.searchsorted(self.frequency, frequency - 0.5 * self.resolution)
         for left in self.groups.without(lines) if self.groups else ():
             yield replace(
@@ -199,7 +197,7 @@ class Spectra:
             )  # fmt: skip
 
     def unit(self, channel: str) -> str:
-        """The unit of a channel; empty where unknown."""
+        """The unit of a channel; empty if unknown."""
         return self.units[self.channels.index(channel)] if self.units else ""
 
     def _scales(self, channels: Sequence[str]) -> FloatArray:
@@ -218,26 +216,25 @@ def estimate(
     runs: Sequence[Run], *, references: Sequence[str], channels: Sequence[str] | None = None, resolution: float = 0.25,
     window: Window = HANN, overlap: float = OVERLAP,
 ) -> Spectra:  # fmt: skip
-    """Auto and cross spectra of runs, averaged over all of them, the mean taken off each segment.
+    """Auto and cross spectra, averaged over all runs, with the mean of each segment removed.
 
     Parameters
     ----------
     runs
-        Runs; of several sample rates each rate is averaged by itself, then all on the lines that they have in common.
+        Runs; those of each sample rate are averaged first, then all in their common frequency bins.
     references
-        Channels whose cross spectra with all others are kept.
+        Channels whose cross spectra with all others are computed.
     channels
-        What is estimated; the channels of the first run where None.
+        The channels to estimate; those of the first run if None.
     resolution
-        Wanted distance of lines, Hz; the segment is the next even number of samples.
+        Requested frequency resolution, Hz; the segment is the next even number of samples.
     window, overlap
-        What segments are seen through, and the share by which they overlap, 0 to `OVERLAP_MOST`.
+        Window of the segments, and their relative overlap, 0 to `OVERLAP_MOST`.
 
     Raises
     ------
     DataError
-        Where the runs lack a channel, the resolution does not go with a sample rate, or no stretch without a gap is as long as a
-        segment.
+        The runs lack a channel, the resolution does not suit a sample rate, or no interval without a gap is as long as a segment.
 
     Examples
     --------
@@ -251,7 +248,7 @@ def estimate(
     True
     """
     if not runs:
-        raise DataError("no run was given; name at least one")
+        raise DataError("no run was given; give at least one")
     if not 0.0 <= overlap <= OVERLAP_MOST:
         raise DataError(f"segments cannot overlap by {overlap:g} of their length; give a share of 0 to {OVERLAP_MOST:g}")
     names = tuple(channels or runs[0].sensors)
@@ -259,7 +256,7 @@ def estimate(
     slowest = min(run.sample_rate for run in runs)
     if not 0.0 < resolution <= slowest / 8.0:
         raise DataError(
-            f"a resolution of {resolution:g} Hz does not go with {slowest:g} samples/s; give one up to {slowest / 8:g} Hz"
+            f"a resolution of {resolution:g} Hz does not suit {slowest:g} samples/s; give one up to {slowest / 8:g} Hz"
         )
     parts = []
     for rate in dict.fromkeys(run.sample_rate for run in runs):
@@ -276,7 +273,7 @@ def estimate(
     if not parts:
         longest = max((stop - start) / run.sample_rate for run in runs for start, stop in (*stretches(run), (0, 0)))
         raise DataError(
-            f"the longest stretch without a gap has {longest:.3g} s, but a resolution of {resolution:g} Hz needs "
+            f"the longest interval without a gap has {longest:.3g} s, but a resolution of {resolution:g} Hz needs "
             f"{1.0 / resolution:.3g} s; give a coarser resolution or measure longer"
         )
     if len(parts) == 1:
@@ -290,10 +287,10 @@ def _units(run: Run, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
-    """The lines (Hz) that spectra or transfer functions of several sample rates have in common, and their distance (Hz).
+    """The frequency bins (Hz) common to spectra or transfer functions with several sample rates, and their distance (Hz).
 
-    They are those of the coarsest resolution, up to the lowest of the highest frequencies. Segments hold whole samples, so two
-    rates may give resolutions that differ by one sample in a segment.
+    They have the coarsest resolution, up to the lowest of the highest frequencies. Segments consist of whole samples, so the
+    resolutions of two rates may differ by one sample in a segment.
     """
     end = min(float(part.frequency[-1]) for part in parts)
     coarsest = max(parts, key=lambda part: part.resolution)
@@ -301,7 +298,7 @@ def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
 
 
 def frfs_on_common_lines(frfs: Sequence[Frf]) -> list[Frf]:
-    """Transfer functions on the lines that they have in common, so that they can be compared line by line."""
+    """Transfer functions in their common frequency bins, so that they can be compared."""
     lines, spacing = common_lines(frfs)
     return [
         replace(
@@ -325,25 +322,25 @@ def _on_lines(part: Spectra, lines: FloatArray, spacing: float) -> Spectra:
 
 
 def _moved(frequency: FloatArray, rows: Any, lines: FloatArray) -> Any:
-    # Rows over `frequency` as they are on `lines`: cut where the lines are the same, else joined by straight lines.
+    # Rows over `frequency` converted to `lines`: cut if the bins are the same, otherwise interpolated linearly.
     if len(frequency) >= len(lines) and np.allclose(frequency[: len(lines)], lines, rtol=1e-9, atol=0.0):
         return rows[:, : len(lines)]
     return np.stack([np.interp(lines, frequency, row) for row in rows])
 
 
 class RunningSpectra:
-    """Auto and cross spectra of a run that is still growing: at its end, those that `estimate` gives of the whole.
+    """Auto and cross spectra of a growing run: at its end, equal to those that `estimate` gives for the whole.
 
     Parameters
     ----------
     run
-        The run as far as it has got; its channels are estimated.
+        The run as far as it has been measured; its channels are estimated.
     references
-        Channels whose cross spectra with all others are kept.
+        Channels whose cross spectra with all others are computed.
     resolution
-        Wanted distance of lines, Hz, as in `estimate`.
+        Requested frequency resolution, Hz, as in `estimate`.
     highest
-        Lines above this frequency are not kept, Hz; all are where None.
+        Bins above this frequency are not stored, Hz; all are if None.
     """
 
     def __init__(self, run: Run, *, references: Sequence[str], resolution: float, highest: float | None = None) -> None:
@@ -360,12 +357,12 @@ class RunningSpectra:
             self._next = max(start, self._next)
             for block in _blocks(run, self._sums.names, self._next, stop, self._length, self._sums.hop):
                 self._sums.add(block)
-                # Block by block: where one cannot be read now, the next call goes on with it.
+                # Block by block: if one cannot be read now, the next call continues with it.
                 self._next += block.shape[1] * self._sums.hop
 
     @property
     def segments(self) -> int:
-        """Segments that have been added."""
+        """Number of segments so far."""
         return self._sums.segments + self._sums.group.segments
 
     def spectra(self) -> Spectra:
@@ -374,16 +371,16 @@ class RunningSpectra:
 
 
 def merged(parts: Sequence[Spectra]) -> Spectra:
-    """The average of spectra of the same channels and lines, each weighted by its segments.
+    """The average of spectra with the same channels and bins, weighted by their segments.
 
     Raises
     ------
     DataError
-        Where they have other channels or lines.
+        They have different channels or bins.
     """
     first = parts[0]
     if any(part.channels != first.channels or not np.array_equal(part.frequency, first.frequency) for part in parts):
-        raise DataError("the spectra have other channels or lines; average spectra of the same only")
+        raise DataError("the spectra have different channels or frequency bins; average compatible spectra only")
     weights = np.array([part.segments for part in parts]) / sum(part.segments for part in parts)
     return replace(
         first, auto=np.asarray(sum(w * part.auto for w, part in zip(weights, parts, strict=True))),
@@ -396,7 +393,7 @@ def merged(parts: Sequence[Spectra]) -> Spectra:
 
 
 def stretches(run: Run) -> Iterator[tuple[int, int]]:
-    """First and last + 1 stored sample of each stretch of a run that no gap breaks."""
+    """First and last + 1 stored sample of each interval of a run without a gap."""
     start = lost = 0
     for gap in sorted(run.gaps, key=lambda gap: gap.first_tick):
         at = min(max(gap.first_tick - lost, start), len(run))
@@ -427,7 +424,7 @@ def _blocks(run: Run, names: Sequence[str], start: int, stop: int, length: int, 
 
 
 class _Sums:
-    """What is added up over segments, of the first `lines` lines (all where None), in groups of so many segments at first."""
+    """Sums over segments, for the first `lines` bins (all if None), in groups of initially `size` segments."""
 
     def __init__(
         self, names: tuple[str, ...], references: Sequence[str], length: int, lines: int | None = None, group: int = 1, *,
@@ -441,7 +438,7 @@ class _Sums:
         self.cross = {name: np.zeros((len(names), lines), dtype=np.complex128) for name in references}
         self.segments = 0
         self.buffer = np.empty((BLOCK, length))
-        # Of the group that is being added to; what is above is of those before it.
+        # Of the current group; the sums above are those of the groups before it.
         self.grouping = Grouping(group)
         self.group = Sums(0, np.zeros_like(self.auto), {name: np.zeros_like(values) for name, values in self.cross.items()})
 
@@ -460,7 +457,7 @@ class _Sums:
 
         many, auto, cross = block.shape[1], self.group.auto, self.group.cross
         seen: dict[str, ComplexArray] = {}
-        # References come first among the names, so that a channel meets all of them when its own turn comes.
+        # References come first, so that a channel meets all of them when it is processed.
         for row, name in enumerate(self.names):
             part = self.buffer[:many]
             np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
@@ -474,7 +471,7 @@ class _Sums:
         self.group.segments += many
 
     def _close(self) -> None:
-        # The group is full: it is kept for itself, and added to the whole.
+        # The group is full: it is stored separately, and added to the total.
         self.segments += self.group.segments
         self.auto += self.group.auto
         for name in self.references:
@@ -483,7 +480,7 @@ class _Sums:
         self.group.clear()
 
     def _mirrored(self, sums: Sums) -> Sums:
-        # The cross spectra of two references are each other's conjugates; only one of them has been added up.
+        # The cross spectra of two references are complex conjugates; only one of them is accumulated.
         for row, name in enumerate(self.references):
             for column, later in enumerate(self.references[row + 1 :], row + 1):
                 sums.cross[later][row] = np.conj(sums.cross[name][column])
@@ -505,7 +502,7 @@ class _Sums:
 
 
 def averages_in(samples: int, length: int) -> float:
-    """Number of independent averages that a record of so many samples without a gap is worth, in segments of `length`."""
+    """Number of independent averages in a record of this many samples without a gap, in segments of `length`."""
     hop = _hop(length)
     count = _segments(samples, length, hop)
     return effective_averages(HANN.samples(length), count, hop) if count else 0.0

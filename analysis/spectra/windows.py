@@ -20,7 +20,7 @@ class Window:
     Parameters
     ----------
     name
-        As a user names it.
+        Its name for users.
     cosines
         a_0, a_1, ... (Harris 1978; the flat top of D'Antona and Ferrero 2006, as in scipy.signal.windows).
     """
@@ -43,11 +43,11 @@ class Window:
         return np.asarray(sum((-1.0) ** j * a * np.cos(2.0 * np.pi * j * u) for j, a in enumerate(self.cosines)))
 
     def transform(self, lines: FloatArray) -> FloatArray:
-        """The Fourier transform so many lines off, without its phase exp(-pi i lines); real, of the same shape."""
+        """The Fourier transform at an offset in frequency bins, without its phase exp(-pi i lines); real, of the same shape."""
         return np.asarray(sum(c * (-1.0) ** m * np.sinc(lines - m) for m, c in self.harmonics))
 
     def autocorrelation(self, shift: float) -> float:
-        """The correlation of the window with itself moved by `shift` of its length, 1 at 0 and 0 from 1 on."""
+        """The correlation of the window with itself shifted by `shift` of its length, 1 at 0 and 0 from 1 on."""
         if shift >= 1.0:
             return 0.0
         ramps, flats = self.lag_terms()
@@ -68,7 +68,7 @@ class Window:
         return ramps, tuple((m, complex(b)) for m, b in flats if b != 0.0)
 
     def tied(self, overlap: float) -> float:
-        """Segments that one independent average takes when they overlap by this share: 1 + 2 sum rho_j^2 (Welch 1967)."""
+        """Segments per independent average with this relative overlap: 1 + 2 sum rho_j^2 (Welch 1967)."""
         hop, total, shift = 1.0 - overlap, 1.0, 1.0 - overlap
         while shift < 1.0:
             total += 2.0 * self.autocorrelation(shift) ** 2
@@ -87,7 +87,7 @@ WINDOWS = {
         Window(name="rectangular", cosines=(1.0,)),
     )
 }
-#: Segments may overlap by this share at most: more costs time and tells nothing new.
+#: Maximum relative overlap of segments: more takes time and gives no information.
 OVERLAP_MOST = 0.95
 
 
@@ -97,8 +97,8 @@ def window_named(name: str) -> Window:
     Raises
     ------
     DataError
-        Where there is none.
+        There is none.
     """
     if name not in WINDOWS:
-        raise DataError(f"there is no window {name!r}; there are {', '.join(get_args(WindowName))}, so name one of these")
+        raise DataError(f"there is no window {name!r}; there are {', '.join(get_args(WindowName))}, so give one of these")
     return WINDOWS[name]

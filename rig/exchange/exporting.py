@@ -155,8 +155,7 @@ def _name(text: str, taken: set[str]) -> str:
 
 
 def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
-    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line names the
-    run."""
+    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line has the run."""
     short = next((run.id for run in campaign.runs if len(run) < 2), None)
     if short is not None:
         raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")

@@ -1,5 +1,4 @@
-"""Converts named arrays, numbers and texts of a file to a table: rates, units and frequency axes are searched for near each
-array."""
+"""Converts named arrays, numbers and texts of a file to a table; searches for rates, units and frequency axes near them."""
 
 from __future__ import annotations
 

@@ -82,8 +82,7 @@ class Level(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOff:
-    """Natural frequency and damping ratio of a body from one peak, (value, std) each; by half-power, or why it is not
-    applicable."""
+    """Natural frequency and damping ratio of a body from one peak, (value, std) each; half-power, or why not."""
 
     frequency: Pair
     damping: Pair

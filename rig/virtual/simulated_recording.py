@@ -177,7 +177,6 @@ def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[
 
 
 def events_table(changes: Mapping[str, tuple[Change, ...]]) -> str:
-    """All stick and slip events as text lines: run, time in s from its first sample, contact, 0 for sticking or the sliding
-    direction."""
+    """All stick and slip events as text lines: run, time (s) from its first sample, contact, 0 or the sliding direction."""
     lines = [f"{run},{change.time:.12g},{change.contact},{change.slides}" for run, found in changes.items() for change in found]
     return "\n".join(["run,time,contact,slides", *lines]) + "\n"

@@ -50,7 +50,7 @@ def test_distortion_is_told_as_even_or_odd_under_noise(power: int, kind: str) ->
 
 
 def test_a_run_without_enough_periods_is_refused() -> None:
-    with pytest.raises(DataError, match=r"holds 2\.0 periods"):
+    with pytest.raises(DataError, match=r"contains 2\.0 periods"):
         detect(run_of(lambda x: x, periods=2), response="motor", reference="head")
     with pytest.raises(DataError, match="has no period"):
         detect(run_of(lambda x: x, period=None), response="motor", reference="head")

@@ -103,7 +103,7 @@ def test_total_least_squares_has_no_bias_where_all_channels_are_noisy() -> None:
 
 def test_drives_that_cannot_be_separated_are_refused() -> None:
     run = driven_at_two(0, 1.0, 60.0)
-    with pytest.raises(DataError, match="goes together with"):
+    with pytest.raises(DataError, match="is correlated with"):
         estimate([run], references=["a", "b"], resolution=1.0).frfs("p", ("a", "b"))
     together, apart = driven_at_two(0, 0.99, 60.0), driven_at_two(0, 0.0, 60.0)
     nearly, free = (estimate([each], references=["a", "b"], resolution=1.0) for each in (together, apart))

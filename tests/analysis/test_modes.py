@@ -90,7 +90,7 @@ def test_half_power_says_why_not() -> None:
     assert "below 10" in coarse.warning
     unresolved = half_power(measured([(40.0, 0.02, 1.0)], 256.0, 1.0, 0, "accelerance"), (30.0, 50.0))
     assert unresolved.mode is None
-    assert "take a resolution of" in unresolved.refused
+    assert "use a resolution of" in unresolved.refused
     beside = half_power(measured([(40.0, 0.02, 1.0), (44.0, 0.02, 1.0)], 256.0, 0.08, 0, "accelerance"), (38.0, 42.0))
     assert beside.mode is None
     assert "neighbour" in beside.refused

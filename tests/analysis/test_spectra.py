@@ -199,5 +199,5 @@ def test_merged_spectra_are_those_of_both_runs() -> None:
     np.testing.assert_allclose(found.frf("y", "x").value, both.frf("y", "x").value, rtol=1e-9)
     assert found.segments == both.segments
     assert found.averages == pytest.approx(both.averages, rel=0.01)
-    with pytest.raises(DataError, match="other channels or lines"):
+    with pytest.raises(DataError, match="different channels or frequency bins"):
         merged([both, estimate(runs, references=["x"], resolution=8.0)])

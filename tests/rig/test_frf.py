@@ -81,4 +81,4 @@ def test_a_response_as_reference_is_no_drive_with_holes(rubbing: Campaign, tmp_p
     write(tmp_path / "m.h5", rubbing)
     call = ["frf", str(tmp_path / "m.h5"), "--reference", "table", "--response", "heatblock", "-o", str(tmp_path / "out")]
     assert main(call) == 0
-    assert not [text for text in json.loads((tmp_path / "out" / "frf.json").read_text())["faults"] if "no content" in text]
+    assert not [text for text in json.loads((tmp_path / "out" / "frf.json").read_text())["faults"] if "no power" in text]
