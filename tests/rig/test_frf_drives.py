@@ -125,7 +125,7 @@ def test_two_drives_at_once_are_separated(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("--reference", "a", "--reference", "b", "--estimator", "H2"), "H2 was asked of 2 drives"),
+        (("--reference", "a", "--reference", "b", "--estimator", "H2"), "H2 was requested for 2 simultaneous drives"),
         (("--reference", "a", "--overlap", "1"), "0 to 0.95"),
         (("--reference", "a", "--band", "60", "40"), "has no width"),
         (("--reference", "nothing"), "no channel 'nothing'"),
