@@ -25,8 +25,8 @@ from isorig.analysis.spectra.windows import WindowName, window_named
 class Transfer:
     """A transfer function and the runs of its average; `band` is the drive's, Hz.
 
-    `left_out` are runs whose records are spoilt; `periods` is the same period by period, where the drive repeats; `hammer` is the
-    hammer test that it comes from, if it does.
+    `left_out` are runs with faulty records; `periods` is the same period by period, for a periodic drive; `hammer` is the hammer
+    test, if it is one.
     """
 
     frf: Frf
@@ -69,7 +69,7 @@ def transfer_functions(
 ) -> list[Transfer]:
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
 
-    A run in which the gain changed counts as one for every level. Runs of unnamed excitation ("other") whose reference consists
+    A run whose gain changed counts as one run for each gain. Runs of unnamed excitation ("other") whose reference consists
     of hammer pulses are evaluated hit by hit (`isorig.analysis.spectra.impact`).
 
     Parameters
@@ -77,9 +77,9 @@ def transfer_functions(
     campaign
         Measured or simulated.
     reference
-        The channel that drives, or all channels that drive at the same time.
+        The drive channel, or all channels that drive at the same time.
     responses, resolution, estimator, window, overlap
-        As in `isorig.analysis.spectra.welch`; all other channels where no response is named. Hammer hits need no window and no
+        As in `isorig.analysis.spectra.welch`; by default all other channels are responses. Hammer hits need no window and no
         overlap.
     found
         Faults of the campaign's records; computed if None. Faulty runs are left out if others remain.
@@ -87,7 +87,7 @@ def transfer_functions(
     Raises
     ------
     DataError
-        Where no run has a broad-band drive, a channel is missing, several drives cannot be separated, or no hammer hit is sound.
+        No run has a broad-band drive, a channel is missing, several drives cannot be separated, or no hammer hit is valid.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def transfer_functions(
                 f"run {struck[0].id!r} is a hammer test and run {rest!r} is not, but both are {configuration} at gain {gain:g}; "
                 "put them into separate recordings, or give them different gains"
             )
-        # Responses that share their sound runs share one pass.
+        # Responses with the same valid runs are estimated together.
         alike: dict[tuple[str, ...], list[str]] = {}
         for name in names:
             alike.setdefault(tuple(run.id for run in sound(same, wrong, [*drives, name])), []).append(name)
@@ -134,9 +134,9 @@ def transfer_functions(
 
 
 def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
-    """What is wrong with a campaign's records: driven by the head where it was measured, else by the reference.
+    """Faults of a campaign's records, with the head as drive if it was measured, otherwise with the reference.
 
-    Of a hammer test only dead channels are named: its hits are checked one by one, and its records are mostly silent.
+    For a hammer test only dead channels are reported: its hits are checked one by one, and its records are mostly silent.
     """
     head = any("head" in run.channels for run in campaign.runs)
     hit = {run.id for run in campaign.runs if looks_hit(run, reference)}

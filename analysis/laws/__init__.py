@@ -1,7 +1,6 @@
-"""The laws by name: what a link or a contact may do beyond a linear spring and damper, one file each.
+"""The laws by name: forces of a link or a contact beyond a linear spring and damper, one file for each law.
 
-Every file of this package is searched: a law in a new file can be written in every description and model file, and the engine
-runs it.
+Every file of this package is searched: descriptions and model files can use a law in a new file, and the engine simulates it.
 
 Examples
 --------
@@ -58,10 +57,10 @@ def _is_law(value: object, kind: type[Law]) -> bool:
     return isinstance(value, type) and issubclass(value, kind) and value not in (Law, SpringLaw, ContactLaw)
 
 
-#: The laws of links and of contacts that there are.
+#: The available laws of links and of contacts.
 SPRING_LAWS, CONTACT_LAWS = _found(SpringLaw), _found(ContactLaw)
 LAWS: tuple[type[Law], ...] = (*SPRING_LAWS, *CONTACT_LAWS)
-#: Their curved rests, those that remember last.
+#: Their nonlinear parts, those with memory last.
 FORMULAS = sorted(
     {value: None for file in FILES for value in vars(file).values() if isinstance(value, Formula)},
     key=lambda formula: formula.carry is not None,
@@ -71,6 +70,6 @@ if TYPE_CHECKING:
     LinkLaw = SpringLaw
     FrictionLaw = ContactLaw
 else:
-    # What a description may hold, for its decoder.
+    # Types allowed in a description, for its decoder.
     LinkLaw = Union[SPRING_LAWS]  # noqa: UP007
     FrictionLaw = Union[CONTACT_LAWS]  # noqa: UP007

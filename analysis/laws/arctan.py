@@ -1,4 +1,4 @@
-"""Dry friction smoothed: it creeps and never sticks."""
+"""Smoothed dry friction: it creeps and never sticks."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from isorig.analysis.laws.shapes import falling
 class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
     """(2 / pi) g(v) arctan(v / smoothing_velocity) + viscous_coefficient * v: never sticks.
 
-    g(v) = Fc + (Fs - Fc) exp(-|v / stribeck_velocity|^exponent) with friction_force Fc and static_force Fs (thesis; Armstrong-
-    Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994); Fc alone where static_force is None.
+    g(v) = Fc + (Fs - Fc) exp(-|v / stribeck_velocity|^exponent) with friction_force Fc and static_force Fs (thesis;
+    Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994); Fc without static_force.
     """
 
     friction_force: float

@@ -1,4 +1,4 @@
-"""Dry and viscous friction that differ by direction."""
+"""Dry and viscous friction with different values in each direction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from isorig.analysis.laws.elements import Element, dry
 
 
 class Asymmetric(ContactLaw, frozen=True, kw_only=True, tag="asymmetric"):
-    """Another dry level (N) and another viscous coefficient (N s/m) each way, forward being v > 0."""
+    """Separate dry level (N) and viscous coefficient (N s/m) for each direction, forward being v > 0."""
 
     forward_force: float
     backward_force: float

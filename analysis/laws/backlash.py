@@ -1,4 +1,4 @@
-"""Play in a spring's mounting."""
+"""Backlash in a spring's mounting."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.analysis.laws.elements import Element, Exit, State
 
 
 class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
-    """Spring acts only beyond `clearance` (m, half the play); inside a share `residual` of the stiffness stays."""
+    """Spring acts only beyond `clearance` (m, half the play); within it a share `residual` of the stiffness remains."""
 
     clearance: float
     residual: float = 0.0

@@ -1,4 +1,4 @@
-"""What every law has: parameters with units and the range that benches see, its element, its formula written out plainly."""
+"""Base classes of all laws: parameters with units and practical range, element, and the formula in plain numpy."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.laws.elements import Element
 
-#: Parts of a sample's interval in which a memory is carried along a measured motion.
+#: Sub-steps of a sample interval for integrating a memory along a measured motion.
 PARTS = 16
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """SI unit of a parameter, and the range in which benches see it (its envelope): tests draw rigs from there."""
+    """SI unit of a parameter, and its practical range (the law's envelope): tests draw rigs from it."""
 
     unit: str
     low: float
@@ -29,13 +29,13 @@ class Parameter:
 class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="law"):
     """Base of all laws: every number is finite.
 
-    d is the relative displacement in m and v the relative velocity in m/s along the element; positive forces oppose
-    positive d and v. A law is one file of this package: a subclass of `SpringLaw` or `ContactLaw` with a tag of its own.
+    d is the relative displacement in m and v the relative velocity in m/s along the element; positive forces oppose positive d
+    and v. A law is one file of this package: a subclass of `SpringLaw` or `ContactLaw` with a unique tag.
     """
 
-    #: By field; every number of the law has one.
+    #: By field; every number of the law has an entry.
     parameters: ClassVar[dict[str, Parameter]] = {}
-    #: Numbers that the law remembers along the motion.
+    #: Number of memory values.
     remembers: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -45,7 +45,7 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
                 raise ModelError(f"{name} is {value}; give a finite number")
 
     def require(self, name: str, *, above: float | None = None, least: float | None = None) -> None:
-        """Raise ModelError where the parameter lies at or below `above`, or below `least`."""
+        """Raise ModelError if the parameter is not greater than `above`, or is less than `least`."""
         value = getattr(self, name)
         if above is not None and value <= above:
             raise ModelError(f"{name} is {value:g}, which must be greater than {above:g}; correct it")
@@ -54,7 +54,7 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
-        """A law with parameters from the envelope, evenly in their logarithm where the range lies above zero."""
+        """A law with parameters from the envelope, log-uniform if the range is above zero."""
         values = {}
         for name, p in cls.parameters.items():
             even = float(draw.uniform(0.0, 1.0))
@@ -62,38 +62,42 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return cls(**values)
 
     def element(self, stiffness: float) -> Element | None:
-        """The law as the engine takes it, on a link of that stiffness in N/m; None where its numbers make it nothing."""
-        raise NotImplementedError(f"the law {type(self).__name__} lacks element(); write it")
+        """The law in the form for the engine, on a link with that stiffness in N/m; None if its parameters make it zero."""
+        raise NotImplementedError(f"the law {type(self).__name__} lacks element(); implement it")
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
-        """Resistance in N while it slides, by the law's formula in plain numpy, apart from what the engine runs.
+        """Resistance in N while sliding, by the law's formula in plain numpy, independent of the engine's kernels.
 
         Parameters
         ----------
         d, v, t
-            Elongation (m), speed (m/s) and time (s), shape (n,).
+            Elongation (m), velocity (m/s) and time (s), shape (n,).
         memory
-            What it remembers then, shape (numbers, n).
+            Its memory, shape (numbers, n).
         stiffness
-            Of the link that it is on, N/m.
+            Of its link, N/m.
         """
-        raise SimulationError(f"the law {type(self).__name__} is not judged by force; use a rig that a spring holds")
+        raise SimulationError(
+            f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
+        )
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
-        """Rate of what the law remembers, shape (numbers,); a law that remembers has it, or `along`."""
-        raise SimulationError(f"the law {type(self).__name__} is not judged by force; use a rig that a spring holds")
+        """Time derivative of the memory, shape (numbers,); a law with memory implements it, or `along`."""
+        raise SimulationError(
+            f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
+        )
 
     def begun(self) -> FloatArray:
-        """What the law remembers at first, shape (numbers,)."""
+        """Initial memory, shape (numbers,)."""
         return np.zeros(1 if self.remembers else 0)
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
-        """Resistance in N along a measured motion, elongation (m) and speed (m/s) at `rate` Hz, shape (n,).
+        """Resistance in N along a measured motion, elongation (m) and velocity (m/s) at `rate` Hz, shape (n,).
 
         Raises
         ------
         SimulationError
-            Where the law's force does not follow from a motion.
+            The law's force does not follow from a motion.
         """
         memory = np.zeros((len(self.begun()), len(d)))
         if self.remembers:
@@ -112,15 +116,15 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
 
 class SpringLaw(Law, frozen=True, kw_only=True):
-    """Base of the laws of links: a force beyond the link's linear spring and damper."""
+    """Base of the link laws: a force beyond the link's linear spring and damper."""
 
 
 class ContactLaw(Law, frozen=True, kw_only=True):
-    """Base of the laws of contacts: friction."""
+    """Base of the contact laws: friction."""
 
 
 def breakaway(static: float, sliding: float) -> None:
-    """Raise ModelError where breakaway is below sliding friction."""
+    """Raise ModelError if breakaway is below sliding friction."""
     if static < sliding:
         raise ModelError(
             f"static_force is {static:g} N, below friction_force {sliding:g} N; breakaway is never below sliding friction"

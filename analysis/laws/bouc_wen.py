@@ -1,4 +1,4 @@
-"""Hysteresis with a loop whose corners are as sharp as wanted."""
+"""Hysteresis with adjustable sharpness of the loop's corners."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from isorig.analysis.laws.shapes import turning
 class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
     """force = friction_force z, dz/dt = (k / F) (v - b |v| z |z|^(n - 1) - (1 - b) v |z|^n), |z| never above 1.
 
-    F is `friction_force` (N), k the `initial_stiffness` (N/m) from rest, n the `sharpness` of the loop's corners and b the
-    `pinching` in [0, 1]: 1 unloads as stiff as it loads. With n = 1 and b = 1 it is Dahl's law (Bouc 1967; Wen, J. Eng. Mech.
-    Div. 102, 1976).
+    F is `friction_force` (N), k the `initial_stiffness` (N/m), n the `sharpness` of the loop's corners and b the `pinching` in
+    [0, 1]: with 1 unloading is as stiff as loading. With n = 1 and b = 1 it is Dahl's law (Bouc 1967; Wen, J. Eng. Mech. Div.
+    102, 1976).
     """
 
     friction_force: float
@@ -72,7 +72,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # RK4 in parts under a parabola of speeds, split where the speed turns: there the rate has a corner.
+    # RK4 in sub-steps with parabolic velocity, split where the velocity changes sign: there the rate has a kink.
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     fastest = max(abs(v0), abs(vm), abs(v1))
     z, x = memory[0], turning(v0, vm, v1, low, high)

@@ -1,4 +1,4 @@
-"""A spring that softens with its deflection and stays one."""
+"""A spring that softens with deflection and keeps a positive stiffness."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from isorig.analysis.laws.elements import Element, dry
 
 
 class Coulomb(ContactLaw, frozen=True, kw_only=True, tag="coulomb"):
-    """friction_force * sign(v) while sliding; at rest whatever holds, up to static_force (friction_force where None)."""
+    """friction_force * sign(v) while sliding; sticks up to static_force (default friction_force)."""
 
     friction_force: float
     static_force: float | None = None

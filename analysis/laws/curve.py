@@ -14,10 +14,10 @@ from isorig.analysis.laws.shapes import read, spline, table, tabulated
 
 
 class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
-    """A tabulated law: a natural cubic spline through the points (`at`, `values`), straight beyond its ends.
+    """A tabulated law: a natural cubic spline through the points (`at`, `values`), linear beyond its ends.
 
-    over "deflection" (m) or "speed" (m/s): a force in N added to the link's; over "time" (s since the campaign's first
-    sample, constant beyond the ends): a stiffness in N/m added to the link's.
+    over "deflection" (m) or "speed" (m/s): a force in N added to the link's; over "time" (s since the campaign's first sample,
+    constant beyond the ends): a stiffness in N/m added to the link's.
     """
 
     over: Literal["deflection", "speed", "time"]

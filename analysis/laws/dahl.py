@@ -40,7 +40,7 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
         return np.array([self.bristle_stiffness * (v - abs(v) * memory[0] / self.friction_force)])
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
-        # Over a step of one direction the law is linear in the way: it decays towards the level of that direction.
+        # Within a step of one direction the law is linear in the distance: it decays towards the level of that direction.
         level = self.friction_force * np.sign(v)
         kept = np.exp(-self.bristle_stiffness * np.abs(v) / (self.friction_force * rate))
         force, out = 0.0, np.empty(len(v))
@@ -52,7 +52,7 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
 
 @kernel
 def slid(f: float, p: FloatArray, x: float) -> float:
-    """Force after a way x (m) in one direction: df/dx = k (1 - f sign(v) / Fc) in closed form."""
+    """Force after a distance x (m) in one direction: df/dx = k (1 - f sign(v) / Fc) in closed form."""
     s = 1.0 if x >= 0.0 else -1.0
     return s * p[0] + (f - s * p[0]) * np.exp(-p[1] * abs(x) / p[0])
 
@@ -71,7 +71,7 @@ def carry(
     if x < 0.0:
         after[0] = slid(memory[0], p, d1 - d0)
     else:
-        # Split where the speed turns.
+        # Split where the velocity changes sign.
         gone = way(v0, vm, v1, low, x, h)
         after[0] = slid(slid(memory[0], p, gone), p, d1 - d0 - gone)
 

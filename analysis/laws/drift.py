@@ -11,12 +11,12 @@ from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 
-#: Time in s that no campaign reaches.
+#: Time in s longer than any campaign.
 NEVER = 1e18
 
 
 class Drift(SpringLaw, frozen=True, kw_only=True, tag="drift"):
-    """Stiffness k (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, held after `until` s."""
+    """Stiffness k (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, constant after `until` s."""
 
     drift_rate: float
     until: float | None = None

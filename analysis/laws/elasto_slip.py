@@ -1,4 +1,4 @@
-"""Play, a spring and a slider in a row."""
+"""Play, a spring and a slider in series."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from isorig.analysis.laws.shapes import dragged, turning, way
 
 
 class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
-    """Play, a spring and a slider in a row: force = spring_stiffness * (what d - u exceeds `clearance` by).
+    """Play, a spring and a slider in series: force = spring_stiffness * (part of d - u beyond `clearance`).
 
-    u is the slider's position. It moves only so far that |force| never exceeds slip_force (N). `clearance` (m) is half
-    the play; without play it is Jenkin's element, and several side by side are the Maxwell-slip (Iwan) model of hysteresis
-    (Iwan, J. Appl. Mech. 33, 1966).
+    u is the slider's position. It moves only as far as needed to keep |force| at slip_force (N). `clearance` (m) is half the
+    play; without play it is Jenkin's element, and several in parallel are the Maxwell-slip (Iwan) model of hysteresis (Iwan, J.
+    Appl. Mech. 33, 1966).
     """
 
     spring_stiffness: float
@@ -67,7 +67,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # Split where the speed turns: between, the elongation goes straight.
+    # Split where the velocity changes sign: the elongation is linear in between.
     give, x = p[1] / p[0] + p[2], turning(v0, vm, v1, low, high)
     u = memory[0]
     if x >= 0.0:
@@ -77,7 +77,7 @@ def carry(
 
 @kernel
 def dragged_along(give: float, d: FloatArray, out: FloatArray) -> None:
-    """Positions of a slider along elongations d (m) that go straight between samples, into `out`, shape (n,)."""
+    """Positions of a slider for elongations d (m), linear between samples, into `out`, shape (n,)."""
     u = 0.0
     for k in range(len(d)):
         u = dragged(u, give, d[k])

@@ -1,6 +1,6 @@
-"""What a law tells the engine: states in which its force is straight in position and speed, ways out of them, a curved rest.
+"""Interface between laws and engine: states with a force linear in position and velocity, exit conditions, a nonlinear part.
 
-Resistance is the force with which an element opposes its elongation d and speed v.
+Resistance is the force by which an element opposes its elongation d and velocity v.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from isorig.analysis.campaign import FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class Exit:
-    """A state ends when a margin falls below zero.
+    """A state ends when a margin becomes negative.
 
-    It is hold * (holding force) + const + d * d + v * v + a * (relative acceleration) + curve * (curved rest).
+    It is hold * (holding force) + const + d * d + v * v + a * (relative acceleration) + curve * (nonlinear part).
     """
 
     to: int
@@ -31,9 +31,9 @@ class Exit:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """Resistance const + d * d + v * v + curve * (curved rest), or whatever `holds` the relative speed.
+    """Resistance const + d * d + v * v + curve * (nonlinear part), or a force that `holds` the relative velocity.
 
-    `settles` takes that speed to zero first.
+    `settles` sets that velocity to zero first.
     """
 
     const: float = 0.0
@@ -47,17 +47,17 @@ class State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Formula:
-    """The curved rest of a law as kernels.
+    """The nonlinear part of a law as kernels.
 
     Parameters
     ----------
     resist
-        Resistance: ``resist(p, gate, d, v, t)`` with the parameters p, the state's gate, elongation (m), speed (m/s) and time
-        (s); ``resist(p, gate, memory, d, v, t)`` where the law remembers.
+        Resistance: ``resist(p, gate, d, v, t)`` with the parameters p, the state's gate, elongation (m), velocity (m/s) and time
+        (s); ``resist(p, gate, memory, d, v, t)`` for a law with memory.
     carry
-        What the law remembers, from the share `low` of a step of h seconds to the share `high`:
-        ``carry(p, memory, after, d0, d1, v0, vm, v1, low, high, h)`` fills `after`; d0 and d1 are the elongations at those
-        shares, v0, vm and v1 the speeds at the step's start, middle and end. None where the law does not remember.
+        The memory, from the fraction `low` of a step of h seconds to the fraction `high`: ``carry(p, memory, after, d0, d1, v0,
+        vm, v1, low, high, h)`` fills `after`; d0 and d1 are the elongations at these fractions, v0, vm and v1 the velocities at
+        the step's start, middle and end. None for a law without memory.
     """
 
     resist: Callable[..., float]
@@ -66,20 +66,20 @@ class Formula:
 
 @dataclass(frozen=True, kw_only=True)
 class Element:
-    """One law along a direction: its states (the first is where it begins) and its curved rest.
+    """One law along a direction: its states (the first is the initial one) and its nonlinear part.
 
     Parameters
     ----------
     states
         At least one.
     formula, params
-        The curved rest and its parameters; None where there is none.
+        The nonlinear part and its parameters; None if there is none.
     memories
-        Numbers that it remembers.
+        Number of memory values.
     gates
-        Sign of the curved rest in each state.
+        Sign of the nonlinear part in each state.
     steepest
-        Largest stiffness and damping of the curved rest, as far as known beforehand: they limit the step.
+        Largest stiffness and damping of the nonlinear part, as far as known in advance: they limit the step.
     name, direction, rubs
         Of the link or contact: its name, the weights of the coordinates in its elongation, whether it is a contact.
     """
@@ -98,7 +98,7 @@ class Element:
 def dry(
     levels: tuple[float, float], breakaway: tuple[float, float], viscous: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[State, ...]:
-    """Held, sliding forward, sliding backward: sliding and breakaway forces (N) and viscosities (N s/m) each way."""
+    """Sticking, sliding forward, sliding backward: sliding and breakaway forces (N) and viscosities (N s/m) in each direction."""
     out = (Exit(to=1, const=breakaway[0], hold=-1.0), Exit(to=2, const=breakaway[1], hold=1.0))
     return (
         State(holds=True, settles=True, exits=out),
@@ -108,6 +108,6 @@ def dry(
 
 
 def levelled() -> tuple[State, ...]:
-    """Held, sliding forward, sliding backward, the curved rest being the level of breakaway and of sliding (gates 1, 1, -1)."""
+    """Sticking, sliding forward, sliding backward; the nonlinear part is the breakaway and sliding level (gates 1, 1, -1)."""
     out = (Exit(to=1, hold=-1.0, curve=1.0), Exit(to=2, hold=1.0, curve=1.0))
     return (State(holds=True, settles=True, curve=0.0, exits=out), *dry((0.0, 0.0), (0.0, 0.0))[1:])

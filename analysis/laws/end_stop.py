@@ -12,7 +12,7 @@ from isorig.analysis.laws.elements import Element, Exit, State
 
 
 class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
-    """Second spring beyond `stroke` (m) each side: contact_stiffness N/m, contact_damping N s/m, never pulling."""
+    """Second spring beyond `stroke` (m) on each side: contact_stiffness N/m, contact_damping N s/m, compression only."""
 
     stroke: float
     contact_stiffness: float
@@ -30,7 +30,7 @@ class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
         self.require("contact_damping", least=0.0)
 
     def element(self, stiffness: float) -> Element:
-        # Free, pressing at either end; a damped stop lets go before it is left, for it never pulls.
+        # Free, or pressing at either end; a damped stop separates before the stroke is left, because it never pulls.
         stroke, k, c = self.stroke, self.contact_stiffness, self.contact_damping
         free = State(exits=(Exit(to=1, const=stroke, d=-1.0), Exit(to=2, const=stroke, d=1.0)))
         if c == 0.0:

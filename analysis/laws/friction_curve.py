@@ -1,4 +1,4 @@
-"""Dry friction whose level is tabulated."""
+"""Dry friction with a tabulated level."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from isorig.analysis.laws.shapes import read, spline, table, tabulated
 
 
 class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve"):
-    """Dry friction whose level is tabulated: a natural cubic spline through (`at`, `levels`), never below zero.
+    """Dry friction with a tabulated level: a natural cubic spline through (`at`, `levels`), never negative.
 
-    over "speed": the level at |v| (m/s), `backward` giving another one for v < 0; breakaway is the level at rest. Over
-    "position": the level at elongation d (m). Over "time": the level at a time (s since the campaign's first sample).
-    Beyond the ends the level stays what it is there.
+    over "speed": the level at |v| (m/s), with `backward` for v < 0; breakaway is the level at zero velocity. Over "position": the
+    level at elongation d (m). Over "time": the level at a time (s since the campaign's first sample). Beyond the ends the level
+    is constant.
     """
 
     over: Literal["speed", "position", "time"]
@@ -38,9 +38,9 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
         if self.backward:
             table(self.at, self.backward)
         if self.backward and self.over != "speed":
-            raise ModelError(f"backward levels go with levels over speed, not over {self.over}; leave them out")
+            raise ModelError(f"backward levels need levels over speed, not over {self.over}; remove them")
         if self.over == "speed" and self.at[0] != 0.0:
-            raise ModelError(f"levels over speed begin at {self.at[0]:g} m/s; begin them at 0, which is breakaway")
+            raise ModelError(f"levels over speed start at {self.at[0]:g} m/s; start them at 0, which is breakaway")
         lowest = min((*self.levels, *self.backward))
         if lowest < 0.0:
             raise ModelError(f"a friction level is {lowest:g} N; give levels of zero or more")
@@ -75,7 +75,7 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
 def over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if gate == 0.0:
         return 0.0
-    # The level beyond the one at rest, which the states carry; the backward table follows the forward one.
+    # The difference from the level at rest, which is part of the states; the backward table follows the forward one.
     first = 0 if gate > 0.0 else 5 * int(p[0]) - 3
     return gate * (max(tabulated(p, first, gate * v, False), 0.0) - tabulated(p, first, 0.0, False))
 

@@ -1,4 +1,4 @@
-"""Dry friction that holds within a band of speed."""
+"""Dry friction that sticks within a velocity band."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from isorig.analysis.laws.stribeck import FORMULA
 
 
 class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
-    """Friction with a band of speed in which the contact holds; viscous_coefficient * v is added everywhere.
+    """Friction that sticks within a velocity band; viscous_coefficient * v is added everywhere.
 
-    |v| < band (m/s): resists up to static_force Fs. Held there the speed stays what it was, it is not taken to zero (Karnopp,
-    J. Dyn. Syst. Meas. Control 107, 1985). Outside: g(v) sign(v), g(v) = Fc + (Fs - Fc) exp(-|v / stribeck_velocity|^exponent)
-    with friction_force Fc (thesis); Fc alone where stribeck_velocity is None.
+    |v| < band (m/s): resists up to static_force Fs. While sticking, the velocity is kept, not set to zero (Karnopp, J. Dyn. Syst.
+    Meas. Control 107, 1985). Outside: g(v) sign(v), g(v) = Fc + (Fs - Fc) exp(-|v / stribeck_velocity|^exponent) with
+    friction_force Fc (thesis); Fc without stribeck_velocity.
     """
 
     friction_force: float
@@ -57,7 +57,7 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
         )  # fmt: skip
 
     def element(self, stiffness: float) -> Element:
-        # Held within the band, pulled through it either way, sliding either way.
+        # Sticking within the band, moving through it in either direction, sliding in either direction.
         band, static, sliding, viscous = self.band, self.static_force, self.friction_force, self.viscous_coefficient
         out = (Exit(to=1, const=static, v=viscous, hold=-1.0), Exit(to=2, const=static, v=-viscous, hold=1.0))
         states = (
@@ -76,7 +76,7 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
         )  # fmt: skip
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
-        # Within the band it is what holds, which no motion tells.
+        # Within the band it is the holding force, which does not follow from the motion.
         level: float | FloatArray = self.friction_force
         if self.stribeck_velocity is not None:
             level = falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
@@ -86,7 +86,7 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
         within = int(np.count_nonzero(np.abs(v) <= self.band))
         if within:
             raise SimulationError(
-                f"{within} of {len(v)} samples lie within Karnopp's band of {self.band:g} m/s, where the motion does not tell "
-                "the friction force; choose a law that has a force at every speed, as coulomb or stribeck"
+                f"{within} of {len(v)} samples are within Karnopp's band of {self.band:g} m/s, where the motion does not "
+                "determine the friction force; choose a law with a force at every velocity, e.g. coulomb or stribeck"
             )
         return super().along(d, v, rate, stiffness)

@@ -1,4 +1,4 @@
-"""Friction of bristles: elastic before it slides, falling with the speed."""
+"""Bristle friction: elastic before it slides, decreasing with velocity."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # RK4 in parts under a parabola of speeds, split where the speed turns: there the rate has a corner.
+    # RK4 in sub-steps with parabolic velocity, split where the velocity changes sign: there the rate has a kink.
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     fastest = max(abs(v0), abs(vm), abs(v1))
     z, x = memory[0], turning(v0, vm, v1, low, high)

@@ -1,4 +1,4 @@
-"""A spring and a damper in a row."""
+"""A spring and a damper in series."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.analysis.laws.elements import Element, Formula
 
 
 class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
-    """A spring and a damper in a row: df/dt = series_stiffness v - (series_stiffness / series_damping) f (N/m, N s/m)."""
+    """A spring and a damper in series: df/dt = series_stiffness v - (series_stiffness / series_damping) f (N/m, N s/m)."""
 
     series_stiffness: float
     series_damping: float
@@ -49,7 +49,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # RK4 in parts under a parabola of speeds.
+    # RK4 in sub-steps with parabolic velocity.
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     rate, f = p[0] / p[1], memory[0]
     parts = 1 + int(5.0 * rate * (high - low) * h)

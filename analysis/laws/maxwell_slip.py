@@ -1,4 +1,4 @@
-"""Friction of many small springs, each with a slider of its own."""
+"""Friction as many small springs, each with its own slider."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from isorig.analysis.laws.base import ContactLaw, Parameter
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import dragged, turning, way
 
-#: Springs that one contact may have.
+#: Maximum number of springs of a contact.
 MOST = 16
 
 
 class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
-    """Springs side by side, spring i of `stiffnesses` (N/m) slipping at force i of `slip_forces` (N).
+    """Parallel springs; spring i of `stiffnesses` (N/m) slips at force i of `slip_forces` (N).
 
-    It has a memory for every spring, and by that the loops within loops of rolling bearings (Iwan, J. Appl. Mech. 33, 1966;
-    Lampaert, Swevers, Al-Bender, IEEE Trans. Autom. Control 47, 2002).
+    It has a memory value for every spring, and therefore reproduces the nested hysteresis loops of rolling bearings (Iwan, J.
+    Appl. Mech. 33, 1966; Lampaert, Swevers, Al-Bender, IEEE Trans. Autom. Control 47, 2002).
     """
 
     stiffnesses: tuple[float, ...]
@@ -36,7 +36,7 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
         super().__post_init__()
         if not 1 <= len(self.stiffnesses) == len(self.slip_forces) <= MOST:
             raise ModelError(
-                f"there are {len(self.stiffnesses)} stiffnesses and {len(self.slip_forces)} slip forces; "
+                f"there are {len(self.stiffnesses)} stiffnesses but {len(self.slip_forces)} slip forces; "
                 f"give one of each for 1 to {MOST} springs"
             )
         lowest = min((*self.stiffnesses, *self.slip_forces))

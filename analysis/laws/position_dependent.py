@@ -1,4 +1,4 @@
-"""Dry friction whose level depends on the place."""
+"""Dry friction whose level depends on position."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from isorig.analysis.laws.elements import Element, Formula, levelled
 class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dependent"):
     """Sliding and breakaway at max(friction_force + gradient d + ripple cos(2 pi d / pitch), 0) N.
 
-    `gradient` (N/m) is a rail that tightens, `ripple` (N) every `pitch` (m) the balls of a bearing or a screw
+    `gradient` (N/m) describes a rail that tightens, `ripple` (N) with period `pitch` (m) the balls of a bearing or a screw
     (Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994).
     """
 

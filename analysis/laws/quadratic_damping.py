@@ -1,4 +1,4 @@
-"""Damping that grows with the square of the speed."""
+"""Damping proportional to the square of the velocity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several laws share: tabulated curves, a level that falls with the speed, and where the speed turns within a step."""
+"""Parts shared by laws: tabulated curves, a level that decreases with velocity, zeros of the velocity within a step."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 
-#: Points of a tabulated law: at least two for a line, and so many that a spline through them stays quick.
+#: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
 
 
 def table(at: tuple[float, ...], values: tuple[float, ...]) -> None:
-    """Raise ModelError where a curve's points do not make one."""
+    """Raise ModelError if a curve's points are not valid."""
     if len(at) != len(values):
         raise ModelError(f"a curve has {len(at)} points and {len(values)} values; give one value for each point")
     if not FEWEST_POINTS <= len(at) <= MOST_POINTS:
@@ -25,12 +25,12 @@ def table(at: tuple[float, ...], values: tuple[float, ...]) -> None:
     if not all(map(isfinite, (*at, *values))):
         raise ModelError("a curve has a point that is not finite; give finite numbers")
     if not all(a < b for a, b in pairwise(at)):
-        raise ModelError("a curve's points do not increase; sort them and leave repeated ones out")
+        raise ModelError("a curve's points do not increase; sort them and remove repeated ones")
 
 
 @lru_cache(maxsize=256)
 def spline(at: tuple[float, ...], values: tuple[float, ...]) -> tuple[tuple[float, ...], float]:
-    """Natural cubic spline as the kernel reads it (see `tabulated`), and its steepest slope between neighbours."""
+    """Natural cubic spline in the form for the kernel (see `tabulated`), and its steepest slope between neighbouring points."""
     from scipy.interpolate import CubicSpline
 
     pieces = CubicSpline(at, values, bc_type="natural").c[::-1].T
@@ -39,7 +39,7 @@ def spline(at: tuple[float, ...], values: tuple[float, ...]) -> tuple[tuple[floa
 
 
 def read(at: tuple[float, ...], values: tuple[float, ...], x: FloatArray, *, straight: bool) -> FloatArray:
-    """The same spline in plain numpy, going on `straight` beyond its ends or staying what it is there."""
+    """The same spline in plain numpy, `straight` or constant beyond its ends."""
     from scipy.interpolate import CubicSpline
 
     curve = CubicSpline(at, values, bc_type="natural")
@@ -49,15 +49,15 @@ def read(at: tuple[float, ...], values: tuple[float, ...], x: FloatArray, *, str
 
 
 def falling(v: FloatArray, sliding: float, static: float, speed: float, exponent: float) -> FloatArray:
-    """Level of dry friction in N that falls from `static` at rest to `sliding`: by 1 - 1/e at that speed in m/s (Stribeck)."""
+    """Level of dry friction in N, decreasing from `static` to `sliding`: by 1 - 1/e at that velocity in m/s (Stribeck)."""
     return np.asarray(sliding + (static - sliding) * np.exp(-((np.abs(v) / speed) ** exponent)))
 
 
 @kernel
 def tabulated(p: FloatArray, first: int, x: float, straight: bool) -> float:
-    """Spline through points from p[first] on: their number, their places, four coefficients an interval.
+    """Spline through points from p[first] on: their number, their positions, four coefficients for each interval.
 
-    Beyond the ends it goes on `straight`, or stays what it is there.
+    Beyond the ends it is linear (`straight`) or constant.
     """
     count = int(p[first])
     places, last = first + 1, first + count
@@ -77,7 +77,7 @@ def tabulated(p: FloatArray, first: int, x: float, straight: bool) -> float:
 
 @kernel
 def turning(v0: float, vm: float, v1: float, low: float, high: float) -> float:
-    """Where between `low` and `high` (shares of a step) the parabola through three speeds changes sign; -1 if nowhere."""
+    """Zero between `low` and `high` (fractions of a step) of the parabola through three velocities; -1 if there is none."""
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     at_low, at_high = v0 + low * (b + c * low), v0 + high * (b + c * high)
     if at_low * at_high >= 0.0:
@@ -93,12 +93,12 @@ def turning(v0: float, vm: float, v1: float, low: float, high: float) -> float:
 
 @kernel
 def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> float:
-    """Way in m from share `low` of a step of h seconds to share x under the parabola through three speeds."""
+    """Distance in m from fraction `low` of a step of h seconds to fraction x with the parabola through three velocities."""
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     return h * ((x - low) * v0 + b * (x * x - low * low) / 2.0 + c * (x**3 - low**3) / 3.0)
 
 
 @kernel
 def dragged(u: float, give: float, d: float) -> float:
-    """Position of a slider that is dragged once the elongation, gone straight to d, leads it by more than `give`."""
+    """Position of a slider that is dragged once the elongation, moving linearly to d, leads it by more than `give`."""
     return d - give if d - u > give else (d + give if u - d > give else u)

@@ -1,4 +1,4 @@
-"""Dry friction that falls with the speed."""
+"""Dry friction that decreases with velocity."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.analysis.laws.elements import Element, Formula, dry
 
 
 class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
-    """Falls from static_force Fs to friction_force Fc with speed.
+    """Decreases from static_force Fs to friction_force Fc with velocity.
 
     exponential: Fc + (Fs - Fc) exp(-|v / vs|^exponent); rational: Fc + (Fs - Fc) / (1 + |v / vs|^exponent).
     """
@@ -65,7 +65,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if gate == 0.0:
         return 0.0
-    # A trial step may run past the reversal that will cut it: go on smoothly there, or the parabola bends.
+    # A trial step may go beyond the reversal that will end it: continue smoothly there, otherwise the parabola is distorted.
     x = max(gate * v / p[1], -0.5)
     if p[2] != 1.0:
         x = abs(x) ** p[2]

@@ -1,4 +1,4 @@
-"""Friction in proportion to the speed."""
+"""Friction proportional to velocity."""
 
 from __future__ import annotations
 

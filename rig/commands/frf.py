@@ -53,16 +53,16 @@ def frf(
     resolution
         Frequency resolution, Hz.
     estimator
-        H1 has no bias from noise in the response, H2 none from noise in the reference; Hv (total least squares) allows for noise
-        in all channels.
+        H1 is unbiased by noise on the response, H2 by noise on the reference; Hv (total least squares) allows for noise on all
+        channels.
     window
-        The window of the segments. Hammer tests use a force window, and an exponential window where a response rings on.
+        The window of the segments. Hammer tests use a force window, and an exponential window if a response still rings.
     overlap
         Overlap of the segments, 0 to 0.95 of their length.
     view
-        Pictures: magnitude, phase and coherence (bode), real and imaginary part (parts), complex plane (nyquist). Repeatable.
+        Figures: magnitude, phase and coherence (bode), real and imaginary part (parts), complex plane (nyquist). Repeatable.
     band
-        Lowest and highest frequency of the pictures, Hz; the driven band where absent.
+        Lowest and highest frequency of the figures, Hz; by default the band of the drive.
     follow
         For a recording that is being written: estimate repeatedly from the available data until it is finished.
     """

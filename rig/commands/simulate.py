@@ -51,9 +51,9 @@ def simulate(
     drive
         A recording whose drive channel is used; the options of the synthetic drive are then ignored.
     excitation
-        What is made up: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s,
-        consecutive moves, or free (no drive: a mass that is released). The default is what the description says in usual, as
-        for level, band, seconds and sample_rate.
+        The synthetic drive: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s,
+        consecutive moves, or free (no drive: a mass that is released). The default is the description's entry usual, also for
+        level, band, seconds and sample_rate.
     configuration
         Configuration of the rig.
     gain

@@ -108,7 +108,7 @@ def test_the_force_within_karnopps_band_is_refused() -> None:
     law = laws.Karnopp(friction_force=5.0, static_force=6.0, band=0.01)
     outside, inside = np.array([0.02, -0.03]), np.array([0.02, 0.005])
     assert law.along(np.zeros(2), outside, RATE).tolist() == [5.0, -5.0]
-    with pytest.raises(SimulationError, match="1 of 2 samples lie within Karnopp's band"):
+    with pytest.raises(SimulationError, match="1 of 2 samples are within Karnopp's band"):
         law.along(np.zeros(2), inside, RATE)
 
 
