@@ -1,1 +1,1 @@
-"""The science: arrays in, frozen results out. No files, no devices, no plots, no clock."""
+"""The science: takes arrays, returns frozen results. No files, devices, plots or clock."""

@@ -1,4 +1,4 @@
-"""What was measured, in memory: channels, runs and the campaign they belong to."""
+"""A measurement in memory: channels, runs and their campaign."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ Quantity = Literal[
     "acceleration", "velocity", "displacement", "force", "voltage", "current", "gain", "angle", "angular_velocity",
     "angular_acceleration", "torque",
 ]  # fmt: skip
-#: The SI unit of each quantity, as recordings write it.
+#: The SI unit of each quantity, as written in recordings.
 SI_UNIT: Mapping[Quantity, str] = {
     "acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "force": "N", "voltage": "V", "current": "A", "gain": "1",
     "angle": "rad", "angular_velocity": "rad/s", "angular_acceleration": "rad/s^2", "torque": "N m",
 }  # fmt: skip
-#: Times that a motion was differentiated; other quantities are no motion.
+#: Number of time derivatives of a motion; other quantities are not motions.
 MOTION: Mapping[Quantity, int] = {
     "displacement": 0, "angle": 0, "velocity": 1, "angular_velocity": 1, "acceleration": 2, "angular_acceleration": 2,
 }  # fmt: skip
-#: Of a rotation, its torque included.
+#: For rotations, including torque.
 ROTARY: tuple[Quantity, ...] = ("angle", "angular_velocity", "angular_acceleration", "torque")
 Use = Literal["fit", "holdout"]
 
-#: Drives with power over a band: they show transfer functions line by line.
+#: Broad-band excitations: they determine transfer functions in every frequency bin.
 BROAD = ("random", "multisine", "sweep", "other")
 
 
 class Samples(Protocol):
-    """Anything that hands out raw samples by slice: an array in memory or a dataset on disk."""
+    """A sequence of raw samples, read by slice: an array in memory or a dataset on disk."""
 
     @property
     def shape(self) -> tuple[int, ...]: ...
@@ -48,22 +48,22 @@ class Samples(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """One sensor's record: raw samples and how they become physical values.
+    """One sensor's record: raw samples and their conversion to physical values.
 
     Parameters
     ----------
     name
-        Name of the channel: head, motor, table, heatblock, or as the rig's description names it.
+        Name of the channel: head, motor, table, heatblock, or as in the rig's description.
     samples
         Raw values, shape (n,).
     quantity, unit
-        What is measured and its SI unit.
+        The measured quantity and its SI unit.
     scale, offset
         Physical value = raw * scale + offset.
     full_scale
-        Largest magnitude of the input in `unit`; beyond it the channel clips. None where unknown.
+        Largest magnitude of the input in `unit`; larger values are clipped. None if unknown.
     about
-        What is told of the sensor, by "sensor", "place" and "direction"; empty where nothing is.
+        Description of the sensor, by "sensor", "place" and "direction"; empty if there is none.
 
     Examples
     --------
@@ -85,14 +85,14 @@ class Channel:
         return int(self.samples.shape[0])
 
     def read(self, start: int = 0, stop: int | None = None) -> FloatArray:
-        """Physical values from `start` up to `stop` (the end where None), shape (stop - start,)."""
+        """Physical values from `start` to `stop` (the end if None), shape (stop - start,)."""
         raw = np.asarray(self.samples[start:stop], dtype=np.float64)
         return raw * self.scale + self.offset
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """Ticks that the instrument took and nobody has: `count` of them missing before tick `first_tick` + `count`."""
+    """Ticks that the instrument counted but that were lost: `count` of them before tick `first_tick` + `count`."""
 
     first_tick: int
     count: int
@@ -100,7 +100,7 @@ class Gap:
 
 @dataclass(frozen=True, kw_only=True)
 class Spectrum:
-    """A spectrum that an instrument worked out itself.
+    """A spectrum computed by an instrument.
 
     Parameters
     ----------
@@ -109,15 +109,15 @@ class Spectrum:
     kind
         "transfer_function", "coherence", "auto_spectrum" or "cross_spectrum".
     response, reference
-        The channels it is of; `reference` is empty for an auto spectrum.
+        Its channels; `reference` is empty for an auto spectrum.
     frequency
         Hz, ascending, shape (n,).
     values
         Real or complex, shape (n,), in `unit`.
     averages
-        How many records were averaged.
+        Number of averages.
     window
-        Name of the window that the instrument used.
+        Name of the instrument's window.
     """
 
     name: str
@@ -133,24 +133,24 @@ class Spectrum:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """One uninterrupted measurement.
+    """One continuous measurement.
 
     Parameters
     ----------
     id
         Name of the run in its campaign.
     configuration
-        "locked", "unlocked", or as the rig's description names it.
+        "locked", "unlocked", or as in the rig's description.
     sample_rate
         Samples per second, Hz.
     gain
         Drive gain of the excitation.
     channels
-        The records by channel name, all of one length.
+        The records by channel name, of equal length.
     excitation, started, band, period, use, repeat_of, gaps
         As in the recording format; `band` in Hz, `period` in samples.
     spectra
-        What the instrument handed out beside the samples.
+        Spectra returned by the instrument.
 
     Examples
     --------
@@ -186,11 +186,11 @@ class Run:
 
     @property
     def sensors(self) -> dict[str, Channel]:
-        """The channels that a sensor recorded: all but the streamed gain."""
+        """The channels recorded by sensors: all except the streamed gain."""
         return {name: channel for name, channel in self.channels.items() if channel.quantity != "gain"}
 
     def channel(self, name: str) -> Channel:
-        """The channel of that name, or a DataError that says which there are."""
+        """The channel with that name; a DataError lists the available ones."""
         if name not in self.channels:
             raise DataError(
                 f"run {self.id!r} has no channel {name!r}, only {', '.join(sorted(self.channels))}; "
@@ -205,18 +205,18 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """All runs measured on one rig, and what was known of it beforehand.
+    """All runs measured on one rig, and known values of the rig.
 
     Parameters
     ----------
     runs
-        The runs, in the order in which they were measured where `started` tells.
+        The runs, in order of measurement if `started` is given.
     known
-        The numbers of the recording's `rig` group by name (SI), e.g. head_mass in kg.
+        The values of the recording's `rig` group by name (SI), e.g. head_mass in kg.
     description
-        Text of the rig's own description, for a rig other than the wire bonder.
+        Text of the rig's own description, if it is not the wire bonder.
     source
-        Where it came from, for messages and reports.
+        Its source, for messages and reports.
 
     Examples
     --------
@@ -234,7 +234,7 @@ class Campaign:
     source: str = ""
 
     def select(self, *, configuration: str | None = None, gain: float | None = None) -> tuple[Run, ...]:
-        """The runs of that configuration and gain (any where None)."""
+        """The runs with that configuration and gain (any if None)."""
         return tuple(
             run
             for run in self.runs
@@ -243,7 +243,7 @@ class Campaign:
         )
 
     def seconds_since_start(self, run: Run) -> float:
-        """Seconds from the campaign's first `started` to this run's; 0 where unknown."""
+        """Seconds from the campaign's first `started` to this run's; 0 if unknown."""
         times = [r.started for r in self.runs if r.started is not None]
         if run.started is None or not times:
             return 0.0
@@ -251,5 +251,5 @@ class Campaign:
 
 
 def broad(runs: Sequence[Run]) -> list[Run]:
-    """The runs whose drive has power over a band: noise, multisines, sweeps."""
+    """The runs with a broad-band drive: noise, multisines, sweeps."""
     return [run for run in runs if run.excitation in BROAD]

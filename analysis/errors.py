@@ -4,17 +4,17 @@
 
     AnalysisError
     ├── ModelError        (ValueError)    a rig's description contradicts itself or physics
-    ├── DataError         (ValueError)    measured data that cannot carry the question asked of it
+    ├── DataError         (ValueError)    measured data that are not suitable for the requested result
     ├── SimulationError   (ArithmeticError)  a simulation that grew without bound or lost its accuracy
-    ├── FitError          (ArithmeticError)  a fit that did not come to a usable end
-    └── OutOfTimeError    (TimeoutError)  the time that the caller gave is over
+    ├── FitError          (ArithmeticError)  a fit without a usable result
+    └── OutOfTimeError    (TimeoutError)  the caller's time limit has been reached
 
 Every message is one sentence: what was found, what is allowed, what to do.
 """
 
 
 class AnalysisError(Exception):
-    """Anything that the science layer refuses.
+    """Any error of the science layer.
 
     Examples
     --------
@@ -32,7 +32,7 @@ class ModelError(AnalysisError, ValueError):
 
 
 class DataError(AnalysisError, ValueError):
-    """Measured data that cannot carry the question asked of it."""
+    """Measured data that are not suitable for the requested result."""
 
 
 class SimulationError(AnalysisError, ArithmeticError):
@@ -40,8 +40,8 @@ class SimulationError(AnalysisError, ArithmeticError):
 
 
 class FitError(AnalysisError, ArithmeticError):
-    """A fit that did not come to a usable end."""
+    """A fit without a usable result."""
 
 
 class OutOfTimeError(AnalysisError, TimeoutError):
-    """The time that the caller gave is over; raised by the caller's own progress callback."""
+    """The caller's time limit has been reached; raised by the caller's own progress callback."""

@@ -1,4 +1,4 @@
-"""Standard deviations from what leaving out each part of the data does to a figure (Tukey 1958; Efron and Stein 1981)."""
+"""Standard deviations from the effect of leaving out each part of the data (Tukey 1958; Efron and Stein 1981)."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: Two-sided 95 % of the normal distribution: a deviation times this is half of a 95 % interval.
+#: Two-sided 95 % of the normal distribution: a standard deviation times this is half of a 95 % interval.
 NORMAL = 1.959964
 
 
 def deviation(moves: FloatArray, slope: FloatArray) -> float:
-    """Standard deviation of a figure that goes with some values by `slope`, in which few parts of the data are made up for.
+    """Standard uncertainty of a quantity with derivatives `slope`, allowing for few effective parts of the data.
 
-    Where few parts carry a value, its deviation is itself uncertain, and grows to what Student's distribution with that many
-    degrees of freedom needs (Satterthwaite 1946, as Bell and McCaffrey 2002).
+    If few parts determine a value, its standard deviation is itself uncertain, and is increased to Student's distribution with
+    that many degrees of freedom (Satterthwaite 1946, as Bell and McCaffrey 2002).
 
     Parameters
     ----------
     moves
-        How far leaving out each part of the data moves the values, shape (parts, values).
+        Change of the values when each part of the data is left out, shape (parts, values).
     slope
-        How the figure goes with the values, shape (values,).
+        Derivatives of the quantity with respect to the values, shape (values,).
     """
     from scipy.special import stdtrit
 
@@ -29,6 +29,6 @@ def deviation(moves: FloatArray, slope: FloatArray) -> float:
     whole = float(own.sum())
     if whole == 0.0:
         return 0.0
-    # Of a normal variable the fourth moment is three times the second one's square.
+    # For a normal variable the fourth moment is three times the square of the second.
     degrees = 3.0 * whole**2 / float((own**2).sum())
     return float(np.sqrt(whole) * stdtrit(max(degrees, 2.0), 0.975) / NORMAL)

@@ -1,6 +1,6 @@
-"""Work side by side: threads over kernels that drop the GIL, with the linear algebra library kept to one thread.
+"""Parallel work: threads for kernels that release the GIL, with the linear algebra library limited to one thread.
 
-A BLAS that starts threads of its own inside ours makes two workers slower than one.
+A BLAS with its own threads inside ours makes two workers slower than one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ R = TypeVar("R")
 
 
 def cores() -> int:
-    """Number of cores that this process may use."""
+    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -29,5 +29,5 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def side_by_side(function: Callable[[T], R], jobs: Iterable[T]) -> list[R]:
-    """The function of every job, in the jobs' order, on all cores that this process may use."""
+    """The function's results for all jobs, in their order, using all cores available to this process."""
     return list(_pool().map(function, jobs))

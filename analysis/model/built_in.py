@@ -1,4 +1,4 @@
-"""The built-in rigs: the wire bonder and the thesis's one-, two- and three-mass rigs, as values."""
+"""The built-in rigs: the wire bonder and the thesis's one-, two- and three-mass rigs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ THESIS: Mapping[str, float] = {
 
 
 def spring(name: str, a: str, b: str, *, mass: float, frequency: float, damping_ratio: float) -> Link:
-    """A link from the uncoupled figures: k = (2 pi f)^2 m, c = 2 zeta sqrt(k m) (thesis, Eq. 1-3)."""
+    """A link with given uncoupled values: k = (2 pi f)^2 m, c = 2 zeta sqrt(k m) (thesis, Eq. 1-3)."""
     if mass <= 0.0 or frequency < 0.0 or damping_ratio < 0.0:
         raise ModelError(
             f"link {name!r}: mass {mass:g} kg, frequency {frequency:g} Hz and damping ratio {damping_ratio:g} "
@@ -49,7 +49,7 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
     values
         The names of `THESIS`: masses in kg, uncoupled frequencies in Hz, damping ratios, friction force in N.
     friction
-        Whether the contact between motor and table is there at all.
+        Whether there is a contact between motor and table.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
 
 
 def one_mass(*, friction: float = 20.0, mass: float = 15.0) -> RigModel:
-    """The thesis's first step (Fig. 6-8): 5 Hz and 0.25 on rubbing ground; its mass is not given, 15 kg is that of the next."""
+    """The thesis's first step (Fig. 6-8): 5 Hz and 0.25 with friction to ground; the mass of 15 kg is from the next step."""
     return _early("one mass", {"motor": (mass, 5.0, 0.25)}, friction)
 
 
@@ -122,7 +122,7 @@ def _early(name: str, bodies: Mapping[str, tuple[float, float, float]], friction
     )
 
 
-#: The built-in rigs by the names that commands take.
+#: The built-in rigs by their names in commands.
 BUILT_IN: Mapping[str, Callable[[], RigModel]] = {
     "wire-bonder": wire_bonder, "one-mass": one_mass, "two-mass": two_mass, "three-mass": three_mass,
 }  # fmt: skip

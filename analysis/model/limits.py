@@ -1,4 +1,4 @@
-"""What a rig may be asked to do: limits as a description, a plan or a file of their own state them."""
+"""Limits of a rig, from a description, a plan or a separate file."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from isorig.analysis.errors import ModelError
 
 
 class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What no run may exceed; None or absent where nothing is stated.
+    """Limits of a run; None or absent if not given.
 
     Parameters
     ----------
     stroke
-        Largest deflection of a link either way, m (rad of a rotation), by link.
+        Largest deflection of a link in either direction, m (rad for a rotation), by link.
     drive
-        Largest magnitude of the drive's channel, in its unit: a head's acceleration in m/s^2.
+        Largest magnitude of the drive channel, in its unit: for a head the acceleration in m/s^2.
     force
         Largest magnitude of the drive's force, N.
     channels
-        Largest magnitude that a sensor may record, in the channel's unit, by channel.
+        Largest magnitude of a sensor's record, in the channel's unit, by channel.
     gains
         Lowest and highest drive gain.
     band
@@ -30,12 +30,12 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     seconds
         Longest run, s.
     lock_price
-        What a change of the configuration costs, in seconds of measuring.
+        Cost of a change of the configuration, in seconds of measuring.
 
     Raises
     ------
     ModelError
-        Where a limit allows nothing.
+        A limit allows nothing.
     """
 
     stroke: dict[str, float] = {}
@@ -61,7 +61,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ModelError(f"limits.lock_price is {self.lock_price:g}; give seconds, 0 or more")
 
     def within(self, other: Limits) -> Limits:
-        """The tighter of both, limit by limit; of two prices the other's."""
+        """The tighter of both limits, one by one; of two prices the other's."""
         return Limits(
             stroke=_tighter(self.stroke, other.stroke), drive=_least(self.drive, other.drive),
             force=_least(self.force, other.force), channels=_tighter(self.channels, other.channels),
@@ -87,5 +87,5 @@ def _inside(
         return other if one is None else one
     both = max(one[0], other[0]), min(one[1], other[1])
     if not both[0] < both[1]:
-        raise ModelError(f"limits.{key} is {list(one)} in one place and {list(other)} in another, which have nothing in common")
+        raise ModelError(f"limits.{key} is {list(one)} in one place and {list(other)} in another, which do not overlap")
     return both

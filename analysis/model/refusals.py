@@ -1,4 +1,4 @@
-"""Sentences about a rig's description that cannot be used: the key, the value that stands there, and what may."""
+"""Sentences about an invalid description of a rig: the key, the value found, and what is allowed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, get_args
 from isorig.analysis.campaign import Quantity
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 
-#: What the decoder calls a kind of value: what to write, and its type here.
+#: The decoder's names of types: what to write, and the Python type.
 KINDS: dict[str, tuple[str, type]] = {
     "float": ("a number", float), "int": ("a whole number", int), "str": ("a text in quotes", str),
     "bool": ("true or false", bool), "object": ("a table of keys", dict), "array": ("a list", list),
@@ -18,7 +18,7 @@ KINDS: dict[str, tuple[str, type]] = {
 
 
 def explained(text: str, tree: Mapping[str, Any]) -> str:
-    """One sentence of a decoder's message: the key, the value that stands there, and what may."""
+    """One sentence from a decoder's message: the key, the value found, and what is allowed."""
     text, _, path = text.partition(" - at `")
     steps = re.findall(r"[^.\[\]]+|(?<=\[)\.\.\.(?=\])", path.rstrip("`").removeprefix("$"))
     wrong = re.match(r"Expected `(.*?)`, got `(.*)`", text)
@@ -42,7 +42,8 @@ def explained(text: str, tree: Mapping[str, Any]) -> str:
 
 
 def _followed(tree: Any, steps: Sequence[str], kind: type | None) -> tuple[list[str], Any]:
-    # The decoder names a list's place, but of a table of any keys only that it was one of them: the first of that kind.
+    # The decoder gives the index in a list, but for a table with arbitrary keys only that it is one of them: use the first of
+    # that type.
     if not steps:
         return [], tree
     step, rest = steps[0], steps[1:]
@@ -50,7 +51,7 @@ def _followed(tree: Any, steps: Sequence[str], kind: type | None) -> tuple[list[
         choice = [(step, tree[step])]
     elif isinstance(tree, list) and step.isdigit() and int(step) < len(tree):
         part = tree[int(step)]
-        # As in the paths of parameters: by name where it has one.
+        # As in the paths of parameters: by name if there is one.
         called = part.get("name", part.get("channel")) if isinstance(part, Mapping) else None
         choice = [(called if isinstance(called, str) else step, part)]
     elif isinstance(tree, Mapping) and step == "...":

@@ -1,8 +1,8 @@
 """A lumped rig as data: bodies, links, contacts, a drive, sensors and configurations.
 
-The one-, two- and three-mass rigs of the thesis and the wire bonder are values of `RigModel`, not classes; see
-`built_in`. A coordinate is a body's displacement along the axis (m), or an angle (rad) where a body's `mass`
-is a moment of inertia; `arms` lets an element act on further coordinates, which is how a rocking motor is written.
+The one-, two- and three-mass rigs of the thesis and the wire bonder are instances of `RigModel`, not classes; see `built_in`. A
+coordinate is a body's displacement along the axis (m), or an angle (rad) if a body's `mass` is a moment of inertia; `arms` are
+lever arms by which an element acts on further coordinates, for example for a rocking motor.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Body(Part, frozen=True, kw_only=True):
-    """A coordinate with its mass in kg; of a rotation an angle in rad with its moment of inertia in kg m^2."""
+    """A coordinate with its mass in kg; for a rotation an angle in rad with its moment of inertia in kg m^2."""
 
     name: str
     mass: float
@@ -51,7 +51,7 @@ class Link(Part, frozen=True, kw_only=True):
 
 
 class Contact(Part, frozen=True, kw_only=True):
-    """A friction law between body `a` and body `b` or "ground", on the velocity of a relative to b."""
+    """A friction law between body `a` and body `b` or "ground", acting on the velocity of a relative to b."""
 
     name: str
     a: str
@@ -61,13 +61,12 @@ class Contact(Part, frozen=True, kw_only=True):
 
 
 class Chain(Part, frozen=True, kw_only=True):
-    """What the measurement chain does to a channel: its faults. A sound channel has the defaults.
+    """Faults of a channel's measurement chain. A chain without faults has the defaults.
 
-    recorded(t) = clip(gain * true(t - delay) + offset + sum of fraction * true of another channel + hum, limit); the hum is
-    at `mains_frequency` (Hz; None where there is none) and its multiples, of any phase. A sensor's `bend` is a static
-    curve that adds to what it records, as pairs of (true value, added value), straight beyond its ends; its `taps` are a
-    short filter, the weights of `gain` * true at as many samples around the present one (an odd number, later ones
-    first), applied before the bend.
+    recorded(t) = clip(gain * true(t - delay) + offset + sum of fraction * true of another channel + hum, limit); the hum has
+    `mains_frequency` (Hz; None for no hum) and its multiples, with any phase. A sensor's `bend` is a static curve added to its
+    record, as pairs of (true value, added value), linear beyond its ends; its `taps` are a short filter, the weights of `gain` *
+    true at samples around the present one (an odd number, later ones first), applied before the bend.
     """
 
     gain: float = 1.0
@@ -113,11 +112,11 @@ class Sensor(Part, frozen=True, kw_only=True):
 
 
 class Configuration(Part, frozen=True, kw_only=True):
-    """A way the rig is set up: the links in `rigid` are blocked, unless the lock yields.
+    """A configuration of the rig: the links in `rigid` are blocked, unless the lock is elastic.
 
-    `lock_stiffness` (N/m) and `lock_damping` (N s/m) put a spring in place of each rigid link; None is a perfect lock.
-    `initial_position` (m) and `initial_velocity` (m/s) of bodies are where a run begins, from rest at zero where absent: a mass
-    that is pulled and released.
+    `lock_stiffness` (N/m) and `lock_damping` (N s/m) replace each rigid link by a spring; None is a perfect lock.
+    `initial_position` (m) and `initial_velocity` (m/s) of bodies are the state at the start of a run, by default at rest at zero:
+    for example a mass that is pulled and released.
     """
 
     rigid: tuple[str, ...] = ()
@@ -128,14 +127,14 @@ class Configuration(Part, frozen=True, kw_only=True):
 
 
 class Usual(Part, frozen=True, kw_only=True):
-    """How the rig is usually measured; commands that make up a drive take it where nothing else is said.
+    """The usual measurement of the rig: defaults for commands with a synthetic drive.
 
     Parameters
     ----------
     excitation
         Kind of drive.
     level
-        rms of noise and multisines, peak of all else, in the SI unit of the drive's channel; None where it is not stated.
+        rms of noise and multisines, peak of all others, in the SI unit of the drive channel; None if not given.
     band
         Lowest and highest frequency of the drive, Hz.
     seconds
@@ -146,7 +145,7 @@ class Usual(Part, frozen=True, kw_only=True):
     Raises
     ------
     ModelError
-        Where a number cannot be used.
+        A number is not allowed.
     """
 
     excitation: Literal["random", "multisine", "sweep", "half-sine", "moves", "free"] = "random"
@@ -173,27 +172,27 @@ class RigModel(Part, frozen=True, kw_only=True):
     Parameters
     ----------
     name
-        What the rig is called.
+        Name of the rig.
     bodies, links, contacts, drive, sensors, configurations
         Its parts. Names are unique within a kind.
     more_drives
-        What drives at the same time.
+        Further simultaneous drives.
     free_free
-        Whether bodies may float: nothing joins them to the ground.
+        Whether bodies may be unconnected to the ground.
     free
-        Paths of the parameters that a fit may change, e.g. "bodies.table.mass",
-        "links.isolation.stiffness", "contacts.isolation.law.friction_force".
+        Paths of the parameters that a fit may change, e.g. "bodies.table.mass", "links.isolation.stiffness",
+        "contacts.isolation.law.friction_force".
     note
         Free text.
     limits
-        What no proposed run may exceed.
+        Limits for proposed runs.
     usual
-        How it is usually measured.
+        Its usual measurement.
 
     Raises
     ------
     ModelError
-        Where a part contradicts physics, or names a body that does not exist.
+        A part contradicts physics, or names a body that does not exist.
 
     Examples
     --------
@@ -238,19 +237,19 @@ class RigModel(Part, frozen=True, kw_only=True):
         return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
 
     def body(self, name: str) -> Body:
-        """The body of that name."""
+        """The body with that name."""
         return next((b for b in self.bodies if b.name == name), None) or _missing(self.bodies, name, "body")
 
     def link(self, name: str) -> Link:
-        """The link of that name."""
+        """The link with that name."""
         return next((b for b in self.links if b.name == name), None) or _missing(self.links, name, "link")
 
     def contact(self, name: str) -> Contact:
-        """The contact of that name."""
+        """The contact with that name."""
         return next((b for b in self.contacts if b.name == name), None) or _missing(self.contacts, name, "contact")
 
     def sensor(self, channel: str) -> Sensor:
-        """The sensor that records that channel."""
+        """The sensor with that channel."""
         for sensor in self.sensors:
             if sensor.channel == channel:
                 return sensor
@@ -266,7 +265,7 @@ class RigModel(Part, frozen=True, kw_only=True):
         return float(item)
 
     def replace(self, values: Mapping[str, float]) -> RigModel:
-        """The same rig with the parameters at these dotted paths set anew."""
+        """The same rig with new values of the parameters at these dotted paths."""
         tree = to_tree(self)
         for path, value in values.items():
             self.get(path)
@@ -290,14 +289,14 @@ def from_tree(tree: Mapping[str, Any]) -> RigModel:
     Raises
     ------
     ModelError
-        Naming the key, the value found and what is allowed.
+        With the key, the value found and what is allowed.
     """
     try:
         return msgspec.convert(tree, RigModel)
     except msgspec.ValidationError as error:
         raise ModelError(explained(str(error), tree)) from None
     except RecursionError:
-        raise ModelError("the rig's description is nested too deep; write its parts as flat tables") from None
+        raise ModelError("the rig's description is nested too deeply; write its parts as flat tables") from None
 
 
 def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
@@ -379,7 +378,7 @@ def matrices(model: RigModel) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def check(model: RigModel) -> None:
-    """Raise ModelError where the parts contradict each other or physics."""
+    """Raise ModelError if the parts contradict each other or physics."""
     names = [body.name for body in model.bodies]
     _unique(names, "body")
     _unique([link.name for link in model.links], "link")
@@ -388,7 +387,7 @@ def check(model: RigModel) -> None:
     if not names:
         raise ModelError("the rig has no bodies; give at least one")
     if GROUND in names:
-        raise ModelError('a body is called "ground", which stands for the fixed world; rename it')
+        raise ModelError('a body has the name "ground", which is reserved for the fixed reference; rename it')
     for body in model.bodies:
         if not (0.0 < body.mass < float("inf")):
             raise ModelError(f"body {body.name!r} has mass {body.mass:g}; give a finite mass above zero")
@@ -401,7 +400,9 @@ def check(model: RigModel) -> None:
     for part in joints:
         _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
         if part.a == part.b:
-            raise ModelError(f"{type(part).__name__.lower()} {part.name!r} joins {part.a!r} to itself; name two ends")
+            raise ModelError(
+                f"{type(part).__name__.lower()} {part.name!r} connects {part.a!r} to itself; give two different ends"
+            )
     if not model.free_free:
         _grounded(names, joints, model.imposed)
     for sensor in model.sensors:
@@ -498,9 +499,9 @@ def _finite(model: RigModel) -> None:
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
         if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
-            raise ModelError("a chain's bend is no curve; give at least two points with increasing true values")
+            raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
     if any(drive.chain.bend or drive.chain.taps for drive in model.drives):
-        raise ModelError("the drive's chain has a bend or taps, which only a sensor's may have; leave them out")
+        raise ModelError("the drive's chain has a bend or taps, which only a sensor's may have; remove them")
     for key, value in numbers.items():
         if not np.isfinite(value):
             raise ModelError(f"{key} is {value:g}; give a finite number")
@@ -524,7 +525,7 @@ def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Seque
 def _unique(names: list[str], kind: str) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise ModelError(f"the {kind} name {name!r} stands {names.count(name)} times; give each its own")
+            raise ModelError(f"the {kind} name {name!r} occurs {names.count(name)} times; give each a unique name")
 
 
 def _known(names: list[str], used: tuple[str, ...], where: str) -> None:
@@ -533,5 +534,5 @@ def _known(names: list[str], used: tuple[str, ...], where: str) -> None:
             raise ModelError(f"{where} names body {name!r}, which does not exist; the rig has {names}")
 
 
-# msgspec works out how to read a type when it is first read, which crashes where two threads do so at once: done here, by one.
+# msgspec compiles the decoder of a type at first use, which crashes if two threads do so at once: done here, by one thread.
 msgspec.json.Decoder(RigModel)

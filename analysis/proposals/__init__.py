@@ -1,1 +1,1 @@
-"""The next measurement: candidate runs, what every surviving cause predicts for them, and which of them parts the causes."""
+"""The next measurement: candidate runs, the predictions of every remaining cause, and which run distinguishes the causes."""

@@ -1,4 +1,4 @@
-"""Which run to take next: the one that gains most probability that one cause stands, for each second that it costs."""
+"""Selects the next run: the largest increase in the probability that one cause is identified, per cost."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, V
 
 
 def parted(distances: float | FloatArray) -> FloatArray:
-    """Probability that a run of this distance parts two causes: 0 up to `CANNOT`, 1 from `WILL` on, linear in the logarithm."""
+    """Probability that a run distinguishes two causes at this distance: 0 up to `CANNOT`, 1 from `WILL` on, logarithmic."""
     between = np.log(np.maximum(distances, 1e-12) / CANNOT) / np.log(WILL / CANNOT)
     return np.asarray(np.clip(between, 0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What is open: of causes that may be the truth, which could each be taken for others.
+    """The open question: causes that may be true, and the causes each could be mistaken for.
 
     Parameters
     ----------
     truths
-        The surviving causes, each with at least one model; or causes that are supposed.
+        The remaining causes, each with at least one model; or hypothetical causes.
     rivals
-        Fitted models that a truth may be taken for; a truth is compared with all but itself.
+        Fitted models that a true cause may be mistaken for; each is compared with all except itself.
     supposed
-        Whether the truths are only supposed. What the runs in hand would have shown of them then counts as known.
+        Whether the causes are only hypothetical. What the existing runs would have shown of them then counts as known.
     """
 
     truths: tuple[Variant, ...]
@@ -46,7 +46,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True)
 class Apart:
-    """How far a truth lies from a refitted rival after some runs: the mean over models drawn of the truth."""
+    """Distance of a true cause from a refitted rival after some runs: the mean over models drawn for the true cause."""
 
     truth: Variant
     rival: Variant
@@ -56,7 +56,7 @@ class Apart:
 
 @dataclass(frozen=True, kw_only=True)
 class Foreseen:
-    """What two causes predict for a run in the channel where they differ most, the rival refitted.
+    """Predictions of two causes for a run, in the channel where they differ most, with the rival refitted.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class Foreseen:
     of_truth, of_rival
         The records, shape (n,), in the channel's unit.
     allowed
-        What noise and the simulation's limit allow of a sample, in the channel's unit.
+        Allowed error of a sample (noise and accuracy of the simulation), in the channel's unit.
     distance
-        How far they lie apart there, in what is allowed.
+        Their distance there, in allowed errors.
     """
 
     truth: Variant
@@ -93,15 +93,16 @@ class Choice:
     prospect
         The run and its drive.
     probability
-        That one cause stands once it and the runs proposed before it are taken; of supposed causes: the share that would show.
+        That one cause is identified after it and the runs proposed before it; for hypothetical causes: the share that would be
+        revealed.
     gained
-        What this run adds to that.
+        Increase due to this run.
     apart
-        Distances with this run alone, of every truth and rival.
+        Distances with this run alone, for every true cause and rival.
     peaks
-        What the surviving models reach in it.
+        Peaks of the remaining models in it.
     foreseen
-        The predictions of causes that the run parts, the nearest pairs first.
+        The predictions for causes that the run distinguishes, the closest pairs first.
     """
 
     prospect: Prospect
@@ -119,13 +120,13 @@ class Chosen:
     Parameters
     ----------
     choices
-        The runs, best first; none where no allowed run gains anything.
+        The runs, best first; empty if no allowed run is informative.
     before
         Probability before any of them.
     best
-        Of every truth and rival the largest distance that any single allowed run reaches.
+        For every true cause and rival, the largest distance with a single allowed run.
     compared, refused
-        How many candidates were compared, and how many were refused for a limit, each with the reason.
+        Number of candidate runs compared, and number rejected for a limit, with the reasons.
     """
 
     choices: tuple[Choice, ...]
@@ -135,13 +136,13 @@ class Chosen:
     refused: Mapping[CandidateRun, str] = field(default_factory=dict)
 
 
-#: What a run says by truth (each model drawn of it) and rival.
+#: Result of a run by true cause (each model drawn for it) and rival.
 Pairs = dict[tuple[int, int], Moments]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """Candidates as a question sees them, and those that were refused for a limit, with the reason."""
+    """Candidate runs evaluated for a question, and those rejected for a limit, with the reasons."""
 
     pairs: Sequence[tuple[Prospect, Pairs]]
     refused: Mapping[CandidateRun, str]
@@ -153,11 +154,11 @@ class Comparison:
     Parameters
     ----------
     question
-        What is open.
+        The open question.
     noise
-        Standard deviation of the noise by channel, the drive's among them.
+        Standard deviation of the noise by channel, including the drive.
     in_hand
-        The runs taken so far.
+        The existing runs.
     """
 
     def __init__(self, question: Question, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
@@ -169,7 +170,7 @@ class Comparison:
             for truth in question.truths
         ]
         self._flat = [variant for group in self._drawn for variant in group]
-        # Of supposed causes every one weighs alike, at however many places it could be.
+        # All hypothetical causes have equal weight, independent of the number of their possible places.
         places = Counter(truth.cause for truth in question.truths)
         self._weights = [1.0 / places[truth.cause] if question.supposed else 1.0 for truth in question.truths]
         self._settled = 0.0
@@ -180,8 +181,8 @@ class Comparison:
             self._hand = [self._agreed(pairs) for pairs in self._hand]
 
     def _agreed(self, pairs: Pairs) -> Pairs:
-        # Surviving causes were fitted to the runs in hand, so they agree there as far as anyone can tell. A model drawn of the
-        # truth differs from it there, and the rival fitted to its data would have followed.
+        # Remaining causes were fitted to the existing runs, so they agree there. A model drawn for the true cause differs from it
+        # there, and the rival would have been fitted to its data.
         found: Pairs = {}
         for first, models in self._first_of_each():
             for i in range(first, first + len(models)):
@@ -193,7 +194,7 @@ class Comparison:
         return found
 
     def _settle(self) -> None:
-        # What the runs in hand would have shown needs no further run.
+        # What the existing runs would have shown needs no further run.
         known = [min(apart.probability for apart in group) >= 1.0 for group in self._apart([])]
         self._settled = sum(weight for weight, over in zip(self._weights, known, strict=True) if over)
         left_over = [i for i, over in enumerate(known) if not over]
@@ -219,9 +220,9 @@ class Comparison:
         return found
 
     def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> Seen:
-        """The candidates that stay within the limits by a first simulation, as the question sees them.
+        """The candidates within the limits by a first simulation, evaluated for the question.
 
-        `progress` is called before each; where it raises OutOfTimeError the candidates compared by then are the answer.
+        `progress` is called before each; if it raises OutOfTimeError, the candidates compared so far are the answer.
         """
         found: list[tuple[Prospect, Pairs]] = []
         refused: dict[CandidateRun, str] = {}
@@ -240,7 +241,7 @@ class Comparison:
         return Seen(pairs=found, refused=refused)
 
     def foreseen(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[Foreseen, ...]:
-        """What causes that a run parts predict for it, the nearest pairs first."""
+        """Predictions of causes that a run distinguishes, the closest pairs first."""
         seen = Predicted(prospect, self._noise, self._reference)
         found = []
         for k, rival in enumerate(self._question.rivals):
@@ -266,16 +267,16 @@ class Comparison:
     def with_sensors(
         self, prospect: Prospect, added: Callable[[RigModel], RigModel], noise: float
     ) -> dict[str, list[Apart]]:  # fmt: skip
-        """How far causes lie apart in a run by each of further sensors alone, by channel.
+        """Distances of causes in a run with each of several additional sensors alone, by channel.
 
         Parameters
         ----------
         prospect
             The run.
         added
-            Puts the further sensors on a model.
+            Adds the additional sensors to a model.
         noise
-            Standard deviation of a displacement sensor's noise, m; others have the drive channel's.
+            Standard deviation of a displacement sensor's noise, m; other sensors have that of the drive channel.
         """
         flat, fitted = ([replace(v, model=added(v.model)) for v in variants] for variants in (self._flat, self._question.rivals))
         reference = added(self._reference)
@@ -296,16 +297,16 @@ class Comparison:
         return found
 
     def _first_of_each(self) -> list[tuple[int, list[Variant]]]:
-        # The models drawn of every truth, the fitted one first, with its place among all.
+        # The models drawn for every true cause, the fitted one first, with their index among all.
         starts = np.cumsum([0, *(len(models) for models in self._drawn[:-1])]).tolist()
         return list(zip(starts, self._drawn, strict=True))
 
     def distances(self, pairs: Sequence[Pairs]) -> list[Apart]:
-        """How far every truth lies from every rival after some further runs."""
+        """Distance of every true cause from every rival after some further runs."""
         return [apart for group in self._apart(pairs) for apart in group]
 
     def probability(self, pairs: Sequence[Pairs]) -> float:
-        """That one cause stands after some further runs; of supposed causes the share that would show."""
+        """Probability that one cause is identified after some further runs; for hypothetical causes the revealed share."""
         chances = [min((apart.probability for apart in group), default=1.0) for group in self._apart(pairs)]
         whole = self._settled + sum(self._weights)
         return (self._settled + float(np.dot(chances, self._weights))) / whole if whole else 1.0
@@ -336,22 +337,22 @@ def choose(
     budget: float,
     most: int = MOST_RUNS,
 ) -> Chosen:
-    """The runs to take, one after another: the largest gain in probability for its cost, each given those before it.
+    """The runs to measure, in order: the largest increase in probability per cost, each in addition to those before it.
 
     Parameters
     ----------
     comparison, seen
-        The question, and the candidates as it sees them.
+        The question, and the evaluated candidates.
     limits
-        What no run may exceed.
+        Limits for a run.
     kept
-        What all surviving models and models drawn of them reach in a candidate, simulated in its whole length.
+        Peaks of all remaining models, and models drawn from their uncertainty, in a candidate simulated in full length.
     configuration
-        The one that the rig is in.
+        The present configuration of the rig.
     budget
-        Seconds of measuring that all runs may take together.
+        Maximum seconds of measuring for all runs together.
     most
-        Runs at most.
+        Maximum number of runs.
     """
     left = list(seen.pairs)
     refused = dict(seen.refused)

@@ -1,4 +1,4 @@
-"""Causes that nobody has seen yet, at the smallest size that is worth finding: what a run must be able to show."""
+"""Hypothetical causes at the smallest relevant size: what a run must be able to reveal."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Sized = Callable[[Candidate, RigModel, Evidence], Mapping[str, float]]
 
 
 def hypotheses(model: RigModel, peaks: Peaks, speed: Mapping[str, float], sample_rate: float) -> tuple[Variant, ...]:
-    """Every cause of the catalogue at every place, at its smallest size, laid on a model.
+    """Every cause of the catalogue at every place, at its smallest relevant size, added to a model.
 
     Parameters
     ----------
     model
-        What explains the runs so far.
+        The model that explains the runs so far.
     peaks, speed
-        Largest magnitudes, and largest speed by link (m/s), in the strongest runs that are allowed: sizes are counted in these.
+        Largest magnitudes, and largest velocity by link (m/s), in the strongest allowed runs: sizes are relative to these.
     sample_rate
         Hz.
     """
@@ -53,12 +53,12 @@ def hypotheses(model: RigModel, peaks: Peaks, speed: Mapping[str, float], sample
                     rig = start.replace(_by_path(candidate, sized(candidate, start, evidence)))
                     hum = (candidate.location, HUM, MAINS) if candidate.cause == "mains_hum" else None
                     found.append(Variant(cause=candidate.cause, location=candidate.location, model=rig, hum=hum))
-    # What leaves the motion as it is comes first: one simulation serves all of it.
+    # Causes that do not change the motion come first: one simulation serves all of them.
     return tuple(sorted(found, key=lambda variant: kind_of(variant.cause) != "sensor"))
 
 
 def _starts(candidate: Candidate) -> tuple[RigModel, ...]:
-    # Of an oscillator one at each frequency; of all else what is nearest to the rig without it.
+    # One attached resonator for each frequency; for all others the starting value closest to the rig without it.
     if candidate.cause != "extra_mode":
         return candidate.starts[:1]
     name = f"{candidate.location}_rider"
@@ -78,19 +78,19 @@ def _rider(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
 
 
 def _by_path(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
-    # A candidate's parameters by the ends of their paths.
+    # A candidate's parameters by the last part of their paths.
     paths = [free.path for free in candidate.free]
     return {next((p for p in paths if p.endswith(f".{end}")), end): value for end, value in values.items()}
 
 
 def _link(candidate: Candidate, model: RigModel, evidence: Evidence) -> tuple[float, float, float]:
-    # Stiffness of the candidate's link, its largest deflection and speed.
+    # Stiffness of the candidate's link, its largest deflection and velocity.
     name = candidate.location
     return model.link(name).stiffness, evidence.deflection[name], evidence.speed[name]
 
 
 def _force(candidate: Candidate, evidence: Evidence) -> float:
-    # The dry friction that the rig had before the candidate was laid on it.
+    # The dry friction of the rig before the candidate is added.
     return max(evidence.guess.get(f"contacts.{candidate.location}.law.friction_force"), TINY)
 
 
@@ -142,7 +142,7 @@ def _lock(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
     return {"lock_stiffness": SMALLEST.lock * m.link(m.configurations[name].rigid[0]).stiffness}
 
 
-#: Sizes by cause, as values by the ends of the candidate's paths; a cause that is not here is not supposed.
+#: Sizes by cause, as values by the last part of the candidate's paths; other causes are not assumed.
 SIZED: Mapping[str, Sized] = {
     "coulomb_friction": lambda c, m, e: {},
     "stribeck_friction": _stribeck,

@@ -1,4 +1,4 @@
-"""What a rig may be asked to do, and what a candidate run makes of it by simulation."""
+"""Limits of a rig, and the peaks of a candidate run by simulation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from isorig.analysis.parallel import side_by_side
 from isorig.analysis.proposals.policy import USABLE
 from isorig.analysis.simulate import Excitation, record, simulate, true_drive
 
-#: What the channel of a link's gauge begins with.
+#: Prefix of the channel of a link's displacement sensor.
 DEFLECTION = "deflection "
 
 
@@ -28,11 +28,11 @@ class Peaks:
     Parameters
     ----------
     stroke, speed
-        Deflection (m) and its rate (m/s) by link, of those that the configuration leaves free.
+        Deflection (m) and velocity (m/s) by link, for the links that are free in the configuration.
     drive, force
-        The drive's channel in its unit, and its force, N.
+        The drive channel in its unit, and its force, N.
     channels
-        Every sensor's record and the drive's by channel, in its unit.
+        Records of every sensor and of the drive by channel, in its unit.
     """
 
     stroke: Mapping[str, float]
@@ -42,7 +42,7 @@ class Peaks:
     channels: Mapping[str, float]
 
     def beyond(self, limits: Limits, usable: float = USABLE) -> str:
-        """What exceeds the usable share of its limit, in words; empty where nothing does."""
+        """What exceeds the usable share of its limit, in words; empty if nothing does."""
         pairs = [
             (f"the deflection of the {name}", self.stroke.get(name, 0.0), most, " m") for name, most in limits.stroke.items()
         ]
@@ -58,7 +58,7 @@ class Peaks:
 
 
 def largest(peaks: Sequence[Peaks]) -> Peaks:
-    """The largest of several models' peaks, each by itself."""
+    """The largest peaks of several models, one by one."""
     return Peaks(
         stroke=_most([p.stroke for p in peaks]), speed=_most([p.speed for p in peaks]), drive=max(p.drive for p in peaks),
         force=max(p.force for p in peaks), channels=_most([p.channels for p in peaks]),
@@ -71,7 +71,7 @@ def _most(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def gauged(model: RigModel, configuration: str) -> RigModel:
-    """The rig with a gauge of every link's deflection that the configuration leaves free, as channels `deflection <link>`."""
+    """The rig with a displacement sensor on every free link, as channels `deflection <link>`."""
     setup = model.configurations[configuration]
     free = [link for link in model.links if link.name not in setup.rigid or setup.lock_stiffness is not None]
     gauges = []
@@ -86,7 +86,7 @@ def gauged(model: RigModel, configuration: str) -> RigModel:
 
 
 def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArray, sample_rate: float) -> Peaks:
-    """The peaks of a simulated run of a `gauged` rig; `motion` holds recorded values by channel, `drive` the true drive."""
+    """Peaks of a simulated run of a `gauged` rig; `motion` has recorded values by channel, `drive` is the true drive."""
     sizes = {name: float(np.abs(values).max(initial=0.0)) for name, values in motion.items()}
     reached = float(np.abs(drive).max(initial=0.0))
     weight = max((abs(w) for w in model.drive.pushes.values()), default=0.0)
@@ -101,9 +101,9 @@ def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArra
 
 
 def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configuration: str, start_time: float) -> Peaks:
-    """The largest magnitudes that any of the models reaches in a run, its whole length simulated from rest.
+    """Largest peaks of any of the models in a run, simulated from rest in full length.
 
-    A model whose motion grows without bound reaches everything.
+    A model whose motion grows without bound counts as exceeding every limit.
     """
 
     def one(model: RigModel) -> Peaks:
@@ -121,10 +121,10 @@ def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configur
 
 
 def reached_so_far(limits: Limits, model: RigModel, peaks: Peaks) -> Limits:
-    """The limits, with what the runs so far reached in place of what nobody stated.
+    """The limits, with the peaks of the runs so far for limits that are not given.
 
-    That is the stroke of every link that some configuration blocks (of all where none does), for those are the ones with stops;
-    and the drive, where neither it nor a gain is limited.
+    These are the stroke of every link that some configuration blocks (of all if there is none), because those links have stops;
+    and the drive, if neither it nor a gain is limited.
     """
     blocked = {name for setup in model.configurations.values() for name in setup.rigid}
     moving = [link.name for link in model.links if link.name in blocked or not blocked]

@@ -1,4 +1,4 @@
-"""The candidate runs: which excitations, configurations, levels and bands are compared for a rig within its limits."""
+"""The candidate runs: excitations, configurations, levels and bands to be compared for a rig within its limits."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Excited = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "fre
 
 @dataclass(frozen=True, kw_only=True)
 class CandidateRun:
-    """A run that could be taken, named as in a plan.
+    """A possible run, with the terms of a plan.
 
     Parameters
     ----------
@@ -44,17 +44,17 @@ class CandidateRun:
     gain
         Drive gain.
     seconds
-        Length, s.
+        Duration, s.
     band
-        Hz, of a random drive, a multisine or a sweep.
+        Hz, for a random drive, a multisine or a sweep.
     frequency
-        Hz, of a sine.
+        Hz, for a sine.
     period
-        Seconds, of a multisine.
+        Seconds, for a multisine.
     seed
-        Of the drive's realisation.
+        Random seed of the drive.
     repeat_of
-        Name of an earlier run whose drive is played again.
+        Name of an earlier run whose drive is repeated.
     """
 
     configuration: str
@@ -69,12 +69,12 @@ class CandidateRun:
 
     @property
     def rests(self) -> bool:
-        """Whether nothing is played."""
+        """Whether there is no drive."""
         return self.excitation == "free"
 
 
 def natural_frequencies(model: RigModel, configuration: str) -> tuple[float, ...]:
-    """Natural frequencies of the linear part in a configuration, without damping, Hz, ascending; none of what no spring holds."""
+    """Natural frequencies of the linear part in a configuration, without damping, Hz, ascending; without rigid-body modes."""
     setup = model.configurations[configuration]
     rigid = [model.link(name) for name in setup.rigid] if setup.lock_stiffness is None else []
     basis = constraint_basis(model, rigid)
@@ -91,15 +91,15 @@ def menu(
     Parameters
     ----------
     model
-        The rig; its natural frequencies place the bands.
+        The rig; its natural frequencies determine the bands.
     limits
-        Gains and band must be stated.
+        Gains and band must be given.
     sample_rate
-        Hz; no drive reaches beyond `HIGHEST` of it.
+        Hz; no drive exceeds `HIGHEST` of it.
     seed
-        Of the drives' realisations; each candidate has another one.
+        Random seed of the drives; each candidate has another realization.
     repeatable
-        Earlier runs whose drive can be played again, by name.
+        Earlier runs whose drive can be repeated, by name.
     """
     assert limits.gains is not None
     assert limits.band is not None
@@ -136,20 +136,20 @@ def menu(
 
 
 def covers(model: RigModel, run: CandidateRun) -> bool:
-    """Whether a run drives all that a linear rig shows: random, over every natural frequency of its configuration."""
+    """Whether a run excites everything that a linear rig has: random, over all natural frequencies of its configuration."""
     if run.excitation != "random" or run.band is None:
         return False
     return all(run.band[0] <= f <= run.band[1] for f in natural_frequencies(model, run.configuration))
 
 
 def rest(model: RigModel, limits: Limits) -> CandidateRun:
-    """A run at rest, in the rig's first configuration: it shows the sensors' noise and their hum alone."""
+    """A run at rest, in the rig's first configuration: it shows only the sensors' noise and hum."""
     gain = 1.0 if limits.gains is None else limits.gains[1]
     return CandidateRun(configuration=next(iter(model.configurations)), excitation="free", gain=gain, seconds=REST)
 
 
 def _bands(modes: Sequence[float], low: float, high: float) -> list[tuple[float, float]]:
-    # All that is allowed, the low band, what lies below the slowest mode, and the neighbourhood of each mode.
+    # The whole allowed band, the low band, the band below the lowest mode, and the neighbourhood of each mode.
     found = [(low, high)]
     if modes:
         found += [(low, LOW * modes[0]), (low, BELOW * modes[0])]
@@ -159,5 +159,5 @@ def _bands(modes: Sequence[float], low: float, high: float) -> list[tuple[float,
 
 
 def _three(value: float) -> float:
-    # As it is written in a plan.
+    # As written in a plan.
     return float(f"{value:.3g}")

@@ -1,9 +1,9 @@
-"""The run that brings a figure's deviation below a wish: optimal design for precision.
+"""The run that reduces the uncertainty of a parameter to a required value: optimal design for precision.
 
-What a run says of the fitted values adds up over runs, and a figure's deviation follows from all of it (c-optimality, Atkinson,
-Donev and Tobias 2007, ch. 10). Of figures that masses, stiffness and damping alone make up a run says what its transfer
-functions say, weighted with their error bars: friction makes a drive and its response less coherent, and wide error bars tell of
-it. Of all others it says what its waveforms say. Either way it is scaled to the deviation that the runs in hand have given.
+The information of runs on the fitted values adds up, and the uncertainty of a parameter follows from the sum (c-optimality,
+Atkinson, Donev and Tobias 2007, ch. 10). For parameters determined by masses, stiffness and damping, the information is computed
+from the run's transfer functions, weighted with their error bars: friction reduces the coherence, which widens the error bars.
+For all others it is computed from the waveforms. In both cases it is scaled to the uncertainty obtained from the existing runs.
 """
 
 from __future__ import annotations
@@ -26,33 +26,33 @@ from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.compiled import linear_part
 from isorig.analysis.spectra.welch import estimate
 
-#: Excitations that have transfer functions.
+#: Excitations with transfer functions.
 BROAD = ("random", "multisine", "sweep")
 Figure = Callable[[RigModel], float]
 
 
 def figure_of(model: RigModel, name: str) -> Figure:
-    """A figure by its name in the parameter table, or by its path in the model.
+    """A parameter by its name in the parameter table, or by its path in the model.
 
     `<body>_mass` in kg; `<body>_frequency` = sqrt(k / m) / 2 pi in Hz and `<body>_damping` = c / (2 sqrt(k m)) of the link that
-    the body hangs on; `friction_force` of the rig's only contact, N.
+    supports the body; `friction_force` of the rig's only contact, N.
 
     Raises
     ------
     ModelError
-        Where the rig has no such figure, with those that it has.
+        The rig has no such parameter; the message lists the available ones.
     """
     if "." in name:
         model.get(name)
         return lambda rig: rig.get(name)
     figures = named_figures(model)
     if name not in figures:
-        raise ModelError(f"the rig has no figure {name!r}; it has {', '.join(figures)}, and {', '.join(model.free)} by path")
+        raise ModelError(f"the rig has no parameter {name!r}; it has {', '.join(figures)}, and {', '.join(model.free)} by path")
     return figures[name]
 
 
 def named_figures(model: RigModel) -> dict[str, Figure]:
-    """All figures of a rig by name."""
+    """All parameters of the parameter table by name."""
     found: dict[str, Figure] = {}
     for body in model.bodies:
         link = next((link.name for link in model.links if link.a == body.name and link.stiffness > 0.0), None)
@@ -72,16 +72,16 @@ def named_figures(model: RigModel) -> dict[str, Figure]:
 
 @dataclass(frozen=True, kw_only=True)
 class Precise:
-    """A run for a figure.
+    """A run for a parameter.
 
     Parameters
     ----------
     prospect
-        The run, no longer than the wish needs.
+        The run, no longer than necessary.
     std
-        The figure's relative deviation after it.
+        The parameter's relative standard uncertainty after it.
     peaks
-        What the model and others drawn of its covariance reach in it.
+        Peaks of the model, and of others drawn from its covariance, in it.
     """
 
     prospect: Prospect
@@ -91,18 +91,18 @@ class Precise:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """What was found for a wish.
+    """Result for a required uncertainty.
 
     Parameters
     ----------
     value, std
-        The figure and its relative deviation now.
+        The parameter and its present relative standard uncertainty.
     linear
-        Whether transfer functions tell of it.
+        Whether transfer functions determine it.
     runs
-        The runs, one after another.
+        The runs, in order.
     compared
-        How many candidates were compared.
+        Number of candidates compared.
     """
 
     value: float
@@ -113,18 +113,18 @@ class Design:
 
 
 class Known:
-    """What the runs say of a model's fitted values, and so of a figure.
+    """Information of the runs on a model's fitted values, and therefore on a parameter.
 
     Parameters
     ----------
     variant
         The fitted model with its covariance.
     figure
-        What is to be known.
+        The parameter of interest.
     noise
         Standard deviation of the noise by channel.
     in_hand
-        The runs taken so far.
+        The existing runs.
     """
 
     def __init__(self, variant: Variant, figure: Figure, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
@@ -133,20 +133,20 @@ class Known:
         slope = _slopes(variant, figure)
         touched = [f.path for f, s in zip(variant.free, slope, strict=True) if s != 0.0]
         if not touched:
-            raise DataError("no fitted parameter moves that figure: it is taken as known, so no run tells more of it")
+            raise DataError("the parameter does not depend on any fitted value: it is given, so no run can improve it")
         self.linear = all(path.startswith(("bodies.", "links.")) and ".laws." not in path for path in touched)
         self._slope = slope
         self.now = np.diag(beforehand(variant.free)) + sum((self.told(run) for run in in_hand), np.zeros((len(slope),) * 2))
         measured = std_of(variant, figure)
-        #: Measured over predicted deviation of the runs in hand.
+        #: Measured divided by predicted standard uncertainty for the existing runs.
         self._scale = measured / sqrt(self._variance(self.now)) if measured > 0.0 else 1.0
 
     def std(self, told: FloatArray) -> float:
-        """The figure's relative deviation where all runs together say so much of the fitted values."""
+        """The parameter's relative standard uncertainty with this total information on the fitted values."""
         return self._scale * sqrt(self._variance(told)) / abs(self.value)
 
     def told(self, prospect: Prospect) -> FloatArray:
-        """What a run says of the fitted values' search coordinates, the inverse of a covariance, shape (k, k)."""
+        """Information of a run on the search coordinates of the fitted values, the inverse of a covariance, shape (k, k)."""
         if self.linear and prospect.run.excitation in BROAD:
             return self._by_transfer(prospect)
         seen = Predicted(prospect, self._noise, self._variant.model)
@@ -156,7 +156,7 @@ class Known:
         return float(self._slope @ np.linalg.solve(told, self._slope))
 
     def _by_transfer(self, prospect: Prospect) -> FloatArray:
-        # Error bars of the transfer functions that this run would give, and how they go with the fitted values.
+        # Error bars of the run's predicted transfer functions, and their derivatives with respect to the fitted values.
         model, configuration = self._variant.model, prospect.run.configuration
         excitation, rate = prospect.excitation(), prospect.sample_rate
         seen = simulate(model, excitation, configuration=configuration, start_time=prospect.start_time).channels
@@ -188,9 +188,9 @@ class Known:
 
 
 def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
-    """Transfer functions of the linear part from the drive's channel to every sensor, shape (sensors, lines).
+    """Transfer functions of the linear part from the drive channel to every sensor, shape (sensors, bins).
 
-    Friction and curved forces are left out; the drive's force is its factor times its channel.
+    Friction and nonlinear forces are omitted; the drive's force is its factor times its channel.
     """
     single_drive(model, "a design of runs")
     basis, mass, damping, stiffness = linear_part(model, configuration)
@@ -210,26 +210,26 @@ def design(
     known: Known, prospects: Sequence[Prospect], limits: Limits, kept: Callable[[Prospect], Peaks], *, wish: float,
     configuration: str, budget: float, most: int, progress: Progress,
 ) -> Design:  # fmt: skip
-    """The runs, at least cost, after which a figure's relative deviation is below a wish; or the most precise ones.
+    """The cheapest runs that reduce a parameter's relative uncertainty to the required value; or the most precise ones.
 
     Parameters
     ----------
     known
-        What the runs in hand say.
+        Information of the existing runs.
     prospects
         The candidates, each with its longest drive.
     limits, kept
-        What no run may exceed, and what the surviving models reach in a candidate.
+        Limits for a run, and peaks of the remaining models in a candidate.
     wish
-        Relative deviation.
+        Required relative standard uncertainty.
     configuration
-        The one that the rig is in.
+        The present configuration of the rig.
     budget
-        Seconds of measuring that all runs may take together.
+        Maximum seconds of measuring for all runs together.
     most
-        Runs at most.
+        Maximum number of runs.
     progress
-        Called before every candidate; where it raises OutOfTimeError those compared by then are the answer.
+        Called before every candidate; if it raises OutOfTimeError, the candidates compared so far are the answer.
     """
     told: list[tuple[Prospect, FloatArray]] = []
     try:
@@ -261,7 +261,7 @@ def _ranked(
     known: Known, now: FloatArray, prospect: Prospect, own: FloatArray, wish: float, configuration: str, limits: Limits,
     budget: float,
 ) -> tuple[tuple[bool, float], Prospect, FloatArray]:  # fmt: skip
-    # Runs that reach the wish first, the cheapest of them; of the others the most precise. No longer than is needed.
+    # Runs that reach the required value first, the cheapest of them; then the most precise others. No longer than necessary.
     whole = prospect.run.seconds
     longest = min(whole, budget)
     price = LOCK_PRICE if limits.lock_price is None else limits.lock_price
@@ -269,7 +269,7 @@ def _ranked(
     seconds = longest
     reached = known.std(now + own * longest / whole) <= wish
     if reached and prospect.run.excitation != "sweep":
-        # The fewest whole seconds that reach it.
+        # The smallest number of whole seconds that reaches it.
         short, high = int(np.ceil(min(SHORTEST, longest))), int(np.ceil(longest))
         while short < high:
             middle = (short + high) // 2
@@ -282,14 +282,14 @@ def _ranked(
 
 
 def std_of(variant: Variant, figure: Figure) -> float:
-    """A figure's standard deviation by the model's own covariance, in its unit."""
+    """A parameter's standard uncertainty by the model's own covariance, in its unit."""
     slope = _slopes(variant, figure)
     values = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
     return sqrt(max(float(slope @ (variant.covariance / np.outer(values, values)) @ slope), 0.0))
 
 
 def _slopes(variant: Variant, figure: Figure) -> FloatArray:
-    # Of the figure with the search coordinates of the fitted values.
+    # Derivatives of the parameter with respect to the search coordinates of the fitted values.
     theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
     found = np.zeros(len(theta))
     for k, f in enumerate(variant.free):
@@ -300,5 +300,5 @@ def _slopes(variant: Variant, figure: Figure) -> FloatArray:
 
 
 def candidate_peaks(variants: Sequence[RigModel], prospect: Prospect) -> Peaks:
-    """What models reach in the whole length of a run."""
+    """Peaks of models in the full length of a run."""
     return simulated_peaks(variants, prospect.excitation(whole=True), prospect.run.configuration, prospect.start_time)

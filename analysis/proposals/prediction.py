@@ -1,9 +1,8 @@
-"""What models predict for a run that nobody has taken yet, and how far they lie apart once the fitted one is refitted.
+"""Predictions of models for a possible run, and their distance after the rival is refitted.
 
-A run's prediction is the weighted record of every sensor, its unit what noise and the simulation's own limit allow of one
-spectral line. Two models are not compared as they stand: the one that is fitted takes a linear step of all its parameters first,
-given all runs in hand and the new ones (the T-criterion of Atkinson and Fedorov 1975; without the step runs rank high whose
-differences the rival absorbs).
+A run's prediction is the weighted record of every sensor, in units of the allowed error of one frequency bin (noise and accuracy
+of the simulation). Before two models are compared, the fitted one takes a linear step of all its parameters, given all existing
+and new runs (T-criterion of Atkinson and Fedorov 1975; without the step, runs rank high whose differences the rival can absorb).
 """
 
 from __future__ import annotations
@@ -30,18 +29,18 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """A model that runs are to part from others: what a fit may change of it, and how well that is known.
+    """A model to be distinguished from others: its fitted parameters, and their uncertainty.
 
     Parameters
     ----------
     cause, location
-        Names of the findings; both empty of the rig as it is described.
+        Names in the findings; both empty for the rig as described.
     model, free
-        The rig and its fitted parameters; none of a cause that is only supposed.
+        The rig and its fitted parameters; none for a hypothetical cause.
     covariance
         Of the fitted values, in their units, shape (k, k).
     hum
-        What it adds to a channel: (channel, amplitude in its unit, frequency in Hz); None where nothing.
+        Hum on a channel: (channel, amplitude in its unit, frequency in Hz); None for no hum.
     """
 
     cause: str
@@ -64,9 +63,9 @@ class Prospect:
     Parameters
     ----------
     run
-        What is taken.
+        The run.
     drive
-        The drive's channel as it would be recorded, in its unit, shape (n,).
+        The recorded drive channel, in its unit, shape (n,).
     sample_rate
         Hz.
     start_time
@@ -79,22 +78,22 @@ class Prospect:
     start_time: float
 
     def shortened(self, seconds: float) -> Prospect:
-        """The same run for no longer than this."""
+        """The same run with at most this duration."""
         if seconds >= self.run.seconds:
             return self
         return replace(self, run=replace(self.run, seconds=seconds), drive=self.drive[: round(seconds * self.sample_rate)])
 
     def excitation(self, *, whole: bool = False, grid: int = GRID) -> Excitation:
-        """The drive made ready: as much of it as comparisons need, or the whole."""
+        """The prepared drive: the part needed for comparisons, or the whole."""
         n = len(self.drive) if whole or self.run.excitation == "sweep" else round(HORIZON * self.sample_rate)
         return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=grid)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Moments:
-    """What a run says of a difference between two models' predictions, and of the fitted one's parameters, by channel.
+    """Products of a difference between two models' predictions and the derivatives of the fitted one, by channel, for one run.
 
-    All are means over the spectral lines of the records, in what is allowed of a line.
+    All are means over the frequency bins of the records, in units of the allowed error.
 
     Parameters
     ----------
@@ -105,7 +104,7 @@ class Moments:
     normal
         Derivatives times derivatives, shape (channels, k, k).
     weight
-        Lines that a fit sees of the run.
+        Number of frequency bins of the run in a fit.
     """
 
     square: FloatArray
@@ -116,24 +115,24 @@ class Moments:
 
 @dataclass(frozen=True, kw_only=True)
 class Slopes:
-    """A fitted model's derivatives in a run, shape (channels, lines, k), and their products, shape (channels, k, k)."""
+    """A fitted model's derivatives in a run, shape (channels, bins, k), and their products, shape (channels, k, k)."""
 
     rows: FloatArray
     normal: FloatArray
 
 
 class Predicted:
-    """A prospective run as models see it.
+    """A possible run as simulated with models.
 
     Parameters
     ----------
     prospect
         The run.
     noise
-        Standard deviation of the noise by channel, the drive's among them, in the channel's unit.
+        Standard deviation of the noise by channel, including the drive, in the channel's unit.
     reference
-        The model whose response sets what is allowed: the sensors' noise, the noise of the drive as it comes through the rig, and
-        `SIMULATION_LIMIT` of the response.
+        The model whose response determines the allowed error: the sensors' noise, the noise of the drive propagated through the
+        rig, and `SIMULATION_LIMIT` of the response.
     """
 
     def __init__(self, prospect: Prospect, noise: Mapping[str, float], reference: RigModel) -> None:
@@ -148,19 +147,19 @@ class Predicted:
         )
         own = np.array([noise.get(name, 0.0) for name in self.channels])
         through = np.mean((clean - other) ** 2, axis=1)
-        #: What is allowed in each channel, in its unit, shape (channels,).
+        #: Allowed error in each channel, in its unit, shape (channels,).
         self.allowed = np.sqrt(own**2 + through + SIMULATION_LIMIT**2 * np.mean(clean**2, axis=1))
         self._whole = self._problem(excitation)
 
     @property
     def weight(self) -> float:
-        """Lines that a fit will see of the run's whole length."""
+        """Number of frequency bins of the run's full length in a fit."""
         return FIT_SHARE * self.prospect.run.seconds * self.prospect.sample_rate
 
     def records(self, variants: Sequence[Variant]) -> FloatArray:
-        """What the sensors would record, in what is allowed, as spectral lines, shape (variants, channels, lines).
+        """The sensors' records as frequency bins, in units of the allowed error, shape (variants, channels, bins).
 
-        NaN where a motion grows without bound.
+        NaN if a motion grows without bound.
         """
         found = self._records(self._whole, [variant.model for variant in variants]) / self.allowed[:, None]
         for k, variant in enumerate(variants):
@@ -184,7 +183,7 @@ class Predicted:
         return Slopes(rows=rows, normal=np.einsum("clk,clm->ckm", rows, rows, optimize=True) / rows.shape[1])
 
     def moments(self, truth: FloatArray, fitted: FloatArray, slopes: Slopes) -> Moments:
-        """What the run says of a truth's records, shape (channels, lines), where a fitted model predicts others."""
+        """The products for a true cause's records, shape (channels, bins), and a fitted model with other predictions."""
         difference = fitted - truth
         return Moments(
             square=np.mean(difference**2, axis=1), weight=self.weight, normal=slopes.normal,
@@ -192,7 +191,7 @@ class Predicted:
         )  # fmt: skip
 
     def record(self, lines: FloatArray, channel: str) -> FloatArray:
-        """A channel's record of spectral lines, shape (lines,), back in time and in its unit, shape (n,)."""
+        """A channel's record of frequency bins, shape (bins,), transformed to time in its unit, shape (n,)."""
         row = self.channels.index(channel)
         real, imaginary = np.split(lines * self.allowed[row], 2)
         return np.asarray(np.fft.irfft((real + 1j * imaginary) / np.sqrt(2.0 / self._n), self._n))
@@ -213,7 +212,7 @@ class Predicted:
         return self._by_channel(problem.residuals([_bare(model) for model in models]))
 
     def _by_channel(self, rows: FloatArray) -> FloatArray:
-        # Real parts of all channels come first, then imaginary ones: shape (models, channels, lines).
+        # Real parts of all channels come first, then imaginary ones: shape (models, channels, bins).
         parts = rows.reshape(len(rows), 2, len(self.channels), -1)
         return np.concatenate([parts[:, 0], parts[:, 1]], axis=2)
 
@@ -225,7 +224,7 @@ def _lines(values: FloatArray) -> FloatArray:
 
 
 def _bare(model: RigModel) -> RigModel:
-    # A hum has no phase before it is measured.
+    # The phase of a hum is unknown before it is measured.
     if all(sensor.chain.mains_frequency is None for sensor in model.sensors):
         return model
     chains = {s.channel: msgspec.structs.replace(s.chain, mains_frequency=None) for s in model.sensors}
@@ -235,9 +234,9 @@ def _bare(model: RigModel) -> RigModel:
 
 
 def refit(free: Sequence[Free], moments: Sequence[Moments]) -> FloatArray:
-    """The linear step of a model's search coordinates that brings it nearest to a truth in several runs together, shape (k,).
+    """The linear step of a model's search coordinates that minimizes its distance from a true cause in several runs, shape (k,).
 
-    NaN where a motion grows without bound.
+    NaN if a motion grows without bound.
     """
     normal, slope = np.diag(beforehand(free)), np.zeros(len(free))
     for run in moments:
@@ -249,23 +248,23 @@ def refit(free: Sequence[Free], moments: Sequence[Moments]) -> FloatArray:
 
 
 def left(run: Moments, step: FloatArray) -> FloatArray:
-    """How far a truth lies from a rival after that step of it, shape (channels,): root mean square over the lines of a run.
+    """Distance of a true cause from a rival after its linear step, shape (channels,): root mean square over a run's bins.
 
-    In what is allowed of a line: standard errors of one spectral line. Infinite where a motion grows without bound.
+    In units of the allowed error: standard errors of one frequency bin. Infinite if a motion grows without bound.
     """
     square = run.square + 2.0 * run.slope @ step + np.einsum("ckm,k,m->c", run.normal, step, step)
     return np.where(np.isfinite(square), np.sqrt(np.maximum(square, 0.0)), np.inf)
 
 
 def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence[bool]) -> float:
-    """How far a truth lies from a refitted rival, in its worst channel of the runs that count; see `left`.
+    """Distance of a true cause from a refitted rival, in the worst channel of the counted runs; see `left`.
 
     Parameters
     ----------
     free
-        What is refitted.
+        The refitted parameters.
     moments
-        Of all runs that the refit sees, those in hand and the new ones.
+        Of all runs in the refit, existing and new ones.
     counted
         Whether a run's distance counts.
     """
@@ -274,12 +273,12 @@ def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence
 
 
 def beforehand(free: Sequence[Free]) -> FloatArray:
-    """What is known of a model's search coordinates before any run: the inverse of their variances, shape (k,)."""
+    """Prior knowledge of a model's search coordinates: the inverse of their variances, shape (k,)."""
     return np.array([(1.0 if f.log else 100.0 * f.step) * TRUSTED for f in free], dtype=np.float64) ** -2
 
 
 def drawn(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
-    """The model and others that its covariance allows, `count` in all; a value's deviation is at most `TRUSTED`."""
+    """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is at most `TRUSTED`."""
     generator = np.random.default_rng(seed)
     slope = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
     covariance = variant.covariance / np.outer(slope, slope)
@@ -293,6 +292,6 @@ def drawn(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
         moved = theta + axes @ (np.sqrt(np.maximum(sizes, 0.0)) * generator.normal(size=len(theta)))
         try:
             found.append(variant.model.replace({f.path: f.decode(c) for f, c in zip(variant.free, moved, strict=True)}))
-        except ModelError:  # beyond what physics allows: the model itself stands in
+        except ModelError:  # beyond what physics allows: the model itself is used instead
             found.append(variant.model)
     return tuple(found)

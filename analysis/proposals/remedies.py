@@ -1,4 +1,4 @@
-"""What would part causes that no allowed run parts: more stroke and a higher gain, or another sensor."""
+"""What would distinguish causes that no allowed run distinguishes: more stroke and a higher gain, or another sensor."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from isorig.analysis.proposals.limits import Peaks, gauged
 from isorig.analysis.proposals.policy import HIGHER, RAISED, RESOLVES, TRIED, WILL
 from isorig.analysis.proposals.prediction import Key, Prospect
 
-#: What the channel of a second accelerometer begins with.
+#: Prefix of the channel of a second accelerometer.
 SECOND = "second "
 
 
 @dataclass(frozen=True, kw_only=True)
 class Remedy:
-    """What would part two causes.
+    """A change that would distinguish two causes.
 
     Parameters
     ----------
     prospect
-        The run in which they would lie apart.
+        The run with the required distance.
     distance
-        How far, in standard errors.
+        Distance in standard errors.
     peaks
-        What that run would reach, where it exceeds a limit.
+        Peaks of that run, if it exceeds a limit.
     channel
-        The sensor that would show it, where it needs another one: "deflection <link>" or "second <channel>".
+        The additional sensor, if one is needed: "deflection <link>" or "second <channel>".
     """
 
     prospect: Prospect
@@ -46,20 +46,20 @@ def further(
     comparison: Comparison, pair: tuple[Key, Key], beyond: Callable[[float], Sequence[Prospect]],
     peaks: Callable[[Prospect], Peaks], progress: Progress,
 ) -> Remedy | None:  # fmt: skip
-    """The run of least stroke beyond the limits that would part a pair of causes; None where none of `RAISED` does.
+    """The run with the smallest stroke beyond the limits that would distinguish a pair of causes; None if no `RAISED` gain does.
 
     Parameters
     ----------
     comparison
         The question.
     pair
-        Keys of the causes.
+        The two causes.
     beyond
-        Candidates whose gains are raised by a factor.
+        Candidates with gains raised by a factor.
     peaks
-        What the surviving models reach in a candidate.
+        Peaks of the remaining models in a candidate.
     progress
-        Called before every candidate; where it raises OutOfTimeError there is no answer.
+        Called before every candidate; if it raises OutOfTimeError there is no answer.
     """
     try:
         for factor in RAISED:
@@ -68,19 +68,19 @@ def further(
             enough = [Remedy(prospect=one, distance=size, peaks=peaks(one)) for size, one in found if size >= WILL]
             if enough:
                 return min(enough, key=_stroke)
-            progress("looking further")
+            progress("searching beyond the limits")
     except OutOfTimeError:
         pass
     return None
 
 
 def another_sensor(comparison: Comparison, seen: Seen, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
-    """The sensor that would part a pair of causes in an allowed run; None where none does."""
+    """The sensor that would distinguish a pair of causes in an allowed run; None if there is none."""
     ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
     found: list[Remedy] = []
     try:
         for prospect, _ in ranked[:TRIED]:
-            progress("looking for another sensor")
+            progress("searching for another sensor")
             for channel, apart in comparison.with_sensors(prospect, watched(prospect.run.configuration), RESOLVES).items():
                 if (size := farther(apart, pair)) >= WILL:
                     found.append(Remedy(prospect=prospect, distance=size, channel=channel))
@@ -95,14 +95,14 @@ def _stroke(remedy: Remedy) -> float:
 
 
 def farther(apart: Sequence[Apart], pair: tuple[Key, Key]) -> float:
-    """The larger of the distances of a pair: of two causes the more general one may fit all that the other does."""
+    """The larger of a pair's two distances: the more general of two causes may fit everything that the other does."""
     return max((a.distance for a in apart if {a.truth.key, a.rival.key} == set(pair)), default=0.0)
 
 
 def watched(configuration: str) -> Callable[[RigModel], RigModel]:
-    """Puts further sensors on a rig: a gauge across every free link, and above every accelerometer another one.
+    """Adds sensors to a rig: a displacement sensor on every free link, and an accelerometer above every existing one.
 
-    They differ from the present ones only where a body rocks.
+    They differ from the existing ones only if a body rocks.
     """
 
     def added(model: RigModel) -> RigModel:

@@ -140,7 +140,7 @@ def test_no_description_ends_in_a_traceback(data: st.DataObject) -> None:
     [
         ("bodies = [", "is not TOML"),
         ("[[[[[", "is not TOML"),
-        ("x = " + "[" * 3000 + "]" * 3000, "nested too deep"),
+        ("x = " + "[" * 3000 + "]" * 3000, "nested too deeply"),
         ("", "lacks"),
     ],
     ids=["open", "brackets", "deep", "empty"],

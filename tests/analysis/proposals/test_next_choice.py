@@ -140,7 +140,7 @@ def test_the_tightest_limit_holds() -> None:
     one = Limits(stroke={"a": 1.0, "b": 2.0}, gains=(0.0, 70.0), force=5.0)
     both = one.within(Limits(stroke={"b": 1.0}, gains=(5.0, 90.0), seconds=20.0, lock_price=10.0))
     assert both == Limits(stroke={"a": 1.0, "b": 1.0}, gains=(5.0, 70.0), force=5.0, seconds=20.0, lock_price=10.0)
-    with pytest.raises(ModelError, match="nothing in common"):
+    with pytest.raises(ModelError, match="do not overlap"):
         one.within(Limits(gains=(80.0, 90.0)))
     with pytest.raises(ModelError, match=r"limits\.force is -1"):
         Limits(force=-1.0)

@@ -210,7 +210,7 @@ def test_a_floating_rig_moves_as_its_momentum_says() -> None:
         ({"drive": {"channel": "f", "imposes": "l", "pushes": {"r": 1.0}}}, "has pushes or a factor as well"),
         ({"drive": {"channel": "f", "imposes": "l", "quantity": "force"}}, "its quantity is force"),
         ({"drive": {"channel": "f", "imposes": "q"}}, "which does not exist"),
-        ({"more_drives": [{"channel": "f1", "pushes": {"l": 1.0}}]}, "the channel name 'f1' stands 2 times"),
+        ({"more_drives": [{"channel": "f1", "pushes": {"l": 1.0}}]}, "the channel name 'f1' occurs 2 times"),
         ({"sensors": [{"channel": "s", "force_in": "links.q", "quantity": "force"}]}, "'links.q', which does not exist"),
         ({"sensors": [{"channel": "s", "force_in": "links.kl"}]}, 'give it force_in and quantity = "force"'),
         ({"sensors": [{"channel": "s"}]}, "names no body"),
