@@ -15,6 +15,7 @@ from isorig.analysis.diagnose.considered import Told, all_told
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, signs
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
+from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
 from isorig.analysis.diagnose.policy import (
     POLICY,
@@ -49,6 +50,8 @@ from isorig.analysis.spectra.quality import faults
 
 #: Steps at most.
 MOST_STEPS = 3
+#: Kinds whose forms at one place add up to one curve. Friction's laws refine each other instead: a later one replaces the former.
+ONE_CURVE: frozenset[Kind] = frozenset(("spring_shape", "damping_shape"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,11 +203,13 @@ def _lean(entry: Entry) -> Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class _Stage:
-    # A model on the way, the step that led to it (None of the baseline), and whether the next one belongs to it.
+    # A model on the way, the step that led to it (None of the baseline), whether the next one belongs to it, and the free shape
+    # of its form's kind and place.
     fit: Fit
     score: Score
     step: Step | None = None
     paired: bool = False
+    curve: Found | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,6 +265,9 @@ class _Search:
                 stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
                 quiet = np.maximum(quiet, self._floor(stages[-1].fit.model, judged))
+                continue
+            stages, merged = _with_one_curve(stages, found.step)
+            if merged:
                 continue
             step, better, best = found.step, found.entry.fit, found.entry.score
             # What the step is worth is measured against the model without it, from where the step has led the rest.
@@ -335,7 +343,16 @@ class _Search:
 def _stage(before: Score, found: Found) -> _Stage:
     entry = found.entry
     step = replace(found.step, before=before.figure, after=entry.score.figure)
-    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
+    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None, curve=found.curve)
+
+
+def _with_one_curve(stages: list[_Stage], step: Step) -> tuple[list[_Stage], bool]:
+    # Two forms of one kind at one place are an attempt at a curve that the catalogue does not have: the free shape that was
+    # fitted there replaces the earlier one and what followed. Second value: whether that is so.
+    for k, stage in enumerate(stages):
+        if step.kind in ONE_CURVE and stage.step and stage.curve and stage.step.place == step.place:
+            return [*stages[:k], _stage(stages[k - 1].score, stage.curve)], True
+    return stages, False
 
 
 def _allowed(quiet: FloatArray) -> FloatArray:

@@ -124,6 +124,11 @@ class Step:
     reported: tuple[Reported, ...]
     curve: Curve | None = None
 
+    @property
+    def place(self) -> tuple[Kind, str]:
+        """Kind and place."""
+        return self.kind, self.location
+
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
@@ -154,13 +159,15 @@ class Entry:
 class Found:
     """What a search for one step came to: the step, the entry that it carries, all entries, and the step that belongs to it.
 
-    Two causes that explain the data together only are found at once: the second one is `then`.
+    Two causes that explain the data together only are found at once: the second one is `then`. Where the step is a form, `curve`
+    is the free shape of its kind and place, if one was fitted: it replaces the step where one form is not enough there.
     """
 
     step: Step
     entry: Entry
     entries: tuple[Entry, ...]
     then: Found | None = None
+    curve: Found | None = None
 
 
 def next_step(
@@ -420,7 +427,13 @@ def _by_kind(forms: Sequence[Entry], shapes: Sequence[Entry], now: Score, floors
             (e for e in standing if ratio(e.score.error, standing[0].score.error, floors) < POLICY.matters),
             key=lambda entry: (len(entry.candidate.free), entry.candidate.rank),
         )
-        return _found(carried, entries, now, twins, sureness, None, None)
+        form = _found(carried, entries, now, twins, sureness, None, None)
+        free = next((e for e in entries if e.place == carried.place and e.candidate.shape is not None), None)
+        if free is None:
+            return form
+        near = (carried.candidate.cause, share_removed(now.error, carried.score.error, floors))
+        curve = _found(free, entries, now, twins, sureness, near, curve_of(free.candidate, free.fit, evidence))
+        return replace(form, curve=curve)
     closest = (mates[0].candidate.cause, share_removed(now.error, mates[0].score.error, floors)) if mates else None
     return _found(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
 
