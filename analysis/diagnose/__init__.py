@@ -1,1 +1,1 @@
-"""Diagnosis: what the simulation gets wrong, which cause is behind it, and how much naming it improves the prediction."""
+"""Diagnosis: what the simulation gets wrong, its cause, and how much the prediction improves with it."""

@@ -1,7 +1,8 @@
-"""What is not explained, and by what it could be: the held-out error's power split by its nature.
+"""Composition of the held-out error: its power split into noise, disturbance, linear, amplitude, time and unassigned.
 
-A model's error in each run and channel is compared with the drive, with other gains, and with the same drive played again. What
-repeats is the model's; what follows the drive by one transfer function at all gains a linear model could take away.
+A model's error in each run and channel is compared with the drive, with other gains, and with repetitions of the same drive. The
+repeatable part is due to the model; the part related to the drive by one transfer function at all gains could be removed by a
+linear model.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
 NATURES = ("noise", "disturbance", "linear", "amplitude", "time", "unassigned")
-#: Longest segment in s, how many a record is cut into at least, and the fewest samples of one that says anything.
+#: Longest segment in s, minimum number of segments of a record, and minimum samples of a segment.
 SEGMENT, SEGMENTS, FEWEST = 4.0, 7, 64
-#: Draws of runs for the intervals.
+#: Number of bootstrap draws of runs for the intervals.
 DRAWS = 400
 
 
@@ -35,7 +36,7 @@ class Budget:
     by_channel, by_configuration
         Values alone.
     how
-        How each was measured, in a sentence.
+        How each was determined, in a sentence.
     """
 
     shares: Mapping[str, tuple[float, float, float]]
@@ -69,16 +70,17 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
             name: _shares(parts[[trial.run.configuration == name for trial in trials]].reshape(-1, len(NATURES)))
             for name in dict.fromkeys(trial.run.configuration for trial in trials)
         },
-        how="Noise: the sensors' own, and the drive channel's through the model. Disturbance: "
+        how="Noise: of the sensors, and of the drive channel propagated through the model. Disturbance: "
         + (
-            f"what runs of one drive ({played}) do not share beyond the noise; in other runs as much as "
-            "there, as far as it does not follow the drive. "
+            f"the difference between runs with one drive ({played}) beyond the noise; the same amount is assumed in other "
+            "runs, as far as it is not related to the drive. "
             if pairs
-            else "not measured, for no drive was played twice; at most what is unassigned. "
+            else "not measured, because no drive was repeated; at most the unassigned part. "
         )
-        + "Linear: what one transfer function from the drive, the same at every gain of a configuration, takes away (resonances "
-        "narrower than a segment's resolution, a quarter of a hertz at best, count as amplitude). "
-        "Amplitude: what repeats or follows the drive beyond that. Time: transfer functions that differ between equal runs.",
+        + "Linear: the part removed by one transfer function from the drive, the same at all gains of a configuration (modes "
+        "narrower than a segment's resolution, 0.25 Hz at best, count as amplitude). "
+        "Amplitude: the further repeatable or drive-related part. Time: due to transfer functions that differ between equal "
+        "runs.",
     )  # fmt: skip
 
 

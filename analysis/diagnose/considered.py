@@ -1,4 +1,4 @@
-"""Every cause that was considered, whatever the verdict: what it removes, how it stands, and what these runs could not show."""
+"""All considered causes: the share of the error they remove, their status, and which are not identifiable."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from isorig.analysis.model.rig_model import RigModel
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
-    """A cause that was considered.
+    """A considered cause.
 
     Parameters
     ----------
     cause, kind, location
         Names of the findings.
     holdout_error
-        The campaign's figure with it; None where it was not fitted.
+        Held-out error with it; None if it was not fitted.
     share
-        Share of the baseline's excess that it removes; None where it was not fitted.
+        Share of the baseline's excess error that it removes; None if it was not fitted.
     standing
         "established", "main contributor", "one of several", "ruled out" or "not tested".
     why
@@ -50,7 +50,7 @@ def all_told(
     searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], first: Score, floors: FloatArray,
     model: RigModel, trials: Sequence[Trial],
 ) -> tuple[Told, ...]:  # fmt: skip
-    """All candidates of all searches, the largest contribution first, and then what was not tested."""
+    """All candidates of all searches, the largest contribution first, followed by the untested causes."""
     named = {(step.cause, step.location) for step in steps}
     sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
     whole = max(excess(first.error, floors), 1e-300)
@@ -70,19 +70,23 @@ def _told(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bo
     behind = ratio(entry.score.error, best.score.error, floors)
     percent = f"{100 * max(share, 0.0):.3g} % of the baseline's reproducible excess"
     if together:
-        standing, why = "one of several", f"It removes {percent}; the data cannot tell it from others."
+        standing, why = "one of several", f"It removes {percent}; the data cannot distinguish it from others."
     elif named:
         standing = "established" if share >= POLICY.explained else "main contributor"
-        why = f"It removes {percent} on data that no fit saw."
+        why = f"It removes {percent} on held-out data."
     elif share >= POLICY.main and behind < POLICY.form_close:
         standing = "one of several"
-        why = f"It removes {percent}; the best candidate errs {behind:.3g} times less, which is too little to rule this one out."
+        why = f"It removes {percent}; the best candidate's error is {behind:.3g} times smaller, which does not rule this one out."
     elif share >= POLICY.main and entry is best:
-        standing, why = "main contributor", f"It removes {percent}, less than a name needs."
+        standing, why = "main contributor", f"It removes {percent}, not enough to be named."
     else:
         standing = "ruled out"
         rival = f"{best.candidate.cause} at {best.candidate.location}"
-        why = f"It removes {percent}; {rival} errs {behind:.3g} times less." if entry is not best else f"It removes {percent}."
+        why = (
+            f"It removes {percent}; the error of {rival} is {behind:.3g} times smaller."
+            if entry is not best
+            else f"It removes {percent}."
+        )
     return Told(
         cause=entry.candidate.cause, kind=entry.kind, location=entry.candidate.location,
         holdout_error=entry.score.figure, share=share, standing=standing, why=why,
@@ -90,7 +94,7 @@ def _told(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bo
 
 
 def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[Told]:
-    """Causes that these runs could not have shown."""
+    """Causes that are not identifiable from these runs."""
     deflection, _ = swings(model, trials)
     configurations = {trial.run.configuration for trial in trials}
     blocked = {name for setup in model.configurations.values() for name in setup.rigid}
@@ -98,17 +102,17 @@ def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[Told]:
     for link in model.links:
         if link.name in blocked or not blocked:
             reach = deflection.get(link.name, 0.0)
-            why = f"The runs deflect it by at most {1e3 * reach:.3g} mm; a stop beyond that does not show."
+            why = f"The runs deflect it by at most {1e3 * reach:.3g} mm; a stop beyond that is not identifiable."
             found.append(_untested("end_stop", link.name, why))
             free = [trial for trial in trials if link.name not in model.configurations[trial.run.configuration].rigid]
             if not free:
-                why = "No run leaves it free to move; record one in a configuration that does not block it."
+                why = "It is blocked in all runs; record one in a configuration that does not block it."
                 found += [_untested(form, link.name, why) for kind in ("spring_shape", "friction_shape") for form in FORMS[kind]]
     if blocked and not any(model.configurations[name].rigid for name in configurations):
-        found.append(_untested("imperfect_lock", "lock", "No run was recorded with the lock closed; record one."))
+        found.append(_untested("imperfect_lock", "lock", "No run was recorded in the locked configuration; record one."))
     spans = [trial.start_time for trial in trials]
     if len(spans) < 2 or np.ptp(spans) == 0.0:
-        why = "The runs do not say when they were recorded, or there is only one; record several, minutes apart."
+        why = "The runs have no start times, or there is only one; record several, minutes apart."
         found += [_untested("stiffness_drift", link.name, why) for link in model.links if link.stiffness > 0.0]
     return found
 

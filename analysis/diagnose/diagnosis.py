@@ -1,4 +1,4 @@
-"""The whole diagnosis of a campaign: baseline, misfit, candidates, judgement, verdict."""
+"""The whole diagnosis of a campaign: baseline, misfit, candidates, selection, verdict."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from isorig.analysis.diagnose.considered import Told, all_told
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, signs
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
-from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
 from isorig.analysis.diagnose.policy import (
     POLICY,
@@ -48,15 +47,13 @@ from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
 
-#: Steps at most.
+#: Maximum number of steps.
 MOST_STEPS = 3
-#: Kinds whose forms at one place add up to one curve. Friction's laws refine each other instead: a later one replaces the former.
-ONE_CURVE: frozenset[Kind] = frozenset(("spring_shape", "damping_shape"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """What was found.
+    """The result of a diagnosis.
 
     Parameters
     ----------
@@ -73,33 +70,32 @@ class Diagnosis:
     scores
         The held-out errors of both behind these, run by run and channel by channel.
     signs
-        What the records say beside the baseline before any cause is fitted.
+        Evidence from the records compared with the baseline, before any cause is fitted.
     worst, enough, calibration
-        The baseline's largest error over what is allowed, up to which it would be adequate, and what a rig that is the baseline
-        itself would get (None where the answer was plain without).
+        The baseline's largest ratio of error to allowed error, its adequacy threshold, and the ratio of simulated data of the
+        baseline itself (None if not needed).
     improvement
-        How much smaller the extension makes the error, with intervals.
+        Reduction of the error by the extension, with intervals.
     trials
-        The runs it rests on.
+        The runs.
     beside
-        The same beside the baseline's.
+        The same runs compared with the baseline's simulation.
     division
-        What fits saw of them, and what judged the fits.
+        The division into fitted and held-out data.
     shares
-        Of each step: share of the baseline's excess that it removes (value, low, high).
+        For each step: share of the baseline's excess error that it removes (value, low, high).
     budgets
-        Of baseline and extended model: what their errors consist of.
+        For baseline and extended model: composition of their errors.
     told
-        Every candidate with its standing.
+        Every candidate with its status.
     searched
-        Every search for a step: the score that it began with, and the candidates that were fitted in full, without the
-        derivatives of their fits.
+        Every search for a step: the score before it, and the fully fitted candidates, without the derivatives of their fits.
     tolerance
-        Error that the user does not mind, as a share of the signal.
+        Error that counts as adequate, as a share of the signal.
     cut_short
-        Whether the search for causes was ended by the time limit.
+        Whether the time limit ended the search for causes.
     doubts
-        Fitted values that hardly any rig has: units, or what was given, are to be checked before anything else is believed.
+        Implausible fitted values: check units and given values first.
     """
 
     verdict: str
@@ -129,24 +125,24 @@ class Diagnosis:
 
 
 def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
-    """Fit the baseline, show its misfit, and name what explains it.
+    """Fit the baseline, show its misfit, and identify the cause.
 
     Parameters
     ----------
     campaign
-        What was measured.
+        The measurement.
     model
-        The baseline with first guesses; its `free` parameters are fitted.
+        The baseline with starting values; its `free` parameters are fitted.
     tolerance
-        Error, as a share of the signal, that is not worth a cause.
+        Error, as a share of the signal, that counts as adequate.
     progress
-        Called with one line per stage, and before every fit of a candidate; it may raise OutOfTimeError, which ends the search
-        for causes: what was found by then is the answer, and `cut_short` says so.
+        Called with a line for each stage, and before every fit of a candidate; it may raise OutOfTimeError, which ends the search
+        for causes: the answer is then what was found so far, and `cut_short` states this.
 
     Raises
     ------
     OutOfTimeError
-        Where the time was over before the baseline was fitted.
+        The time ended before the baseline was fitted.
 
     Examples
     --------
@@ -162,7 +158,9 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     search = _Search(campaign, guesses[0], trials, progress, tolerance)
     found = search.causes(baseline, ends)
     if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
-        search.out_of_time("the runs' ends fit, but not their beginnings: those of some are kept from the fits")
+        search.out_of_time(
+            "the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits"
+        )
         again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
         found = again if again.verdict != "adequate" else found
     with suppress(OutOfTimeError):
@@ -203,18 +201,16 @@ def _lean(entry: Entry) -> Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class _Stage:
-    # A model on the way, the step that led to it (None of the baseline), whether the next one belongs to it, and the free shape
-    # of its form's kind and place.
+    # An intermediate model, the step that led to it (None for the baseline), and whether the next one belongs to it.
     fit: Fit
     score: Score
     step: Step | None = None
     paired: bool = False
-    curve: Found | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Found:
-    # What a search came to: how runs were divided, the models on the way and how many of them count, and their allowance.
+    # Result of a search: division of the runs, intermediate models, how many of them count, and their allowed errors.
     division: Division
     stages: Sequence[_Stage]
     verdict: str
@@ -225,7 +221,7 @@ class _Found:
 
 
 class _Search:
-    # The way from a fitted baseline to causes.
+    # The search for causes, from a fitted baseline.
 
     def __init__(
         self, campaign: Campaign, guess: RigModel, trials: Sequence[Trial], progress: Progress, tolerance: float
@@ -247,7 +243,7 @@ class _Search:
         while len(stages) <= MOST_STEPS and not self._adequate(stages[-1].score, _allowed(quiet), enough):
             now, floors = stages[-1], _allowed(quiet)
             told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
-            if self.out_of_time(f"{told}; looking for a cause"):
+            if self.out_of_time(f"{told}; searching for a cause"):
                 break
             left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
             try:
@@ -266,11 +262,8 @@ class _Search:
                 self.entries.append((found.entry.score, found.then.entries))
                 quiet = np.maximum(quiet, self._floor(stages[-1].fit.model, judged))
                 continue
-            stages, merged = _with_one_curve(stages, found.step)
-            if merged:
-                continue
             step, better, best = found.step, found.entry.fit, found.entry.score
-            # What the step is worth is measured against the model without it, from where the step has led the rest.
+            # The step is compared with the model without it, refitted from the parameters after the step.
             bare = without(better, now.fit, trials)
             plain = score(bare.model, judged)
             moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
@@ -279,7 +272,7 @@ class _Search:
                 now = stages[-1] = replace(now, fit=widened(bare), score=plain)
             fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
             if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
-                # The way there did more than the cause: it is looked for again from the better fit.
+                # The refit improved more than the cause: search for it again from the better fit.
                 tries, repeated = tries + 1, step.form is not None
                 continue
             repeated = False
@@ -289,7 +282,7 @@ class _Search:
                 and explains_own_channel(now.score.error, best.error, floors, _of_sensors(step, judged[0].channels))
             ):
                 break
-            # A cause may make the rig sensitive: then noise on the drive alone does more.
+            # A cause may make the rig sensitive: then noise on the drive has a larger effect.
             quiet = np.maximum(quiet, self._floor(better.model, judged))
             stages.append(stage)
             left = 1.0 - share_removed(stages[0].score.error, best.error, _allowed(quiet))
@@ -301,7 +294,7 @@ class _Search:
         )
 
     def out_of_time(self, text: str) -> bool:
-        """Tell a line; whether the time for the search was over by then."""
+        """Report a line; returns whether the time for the search has ended."""
         if not self.cut_short:
             try:
                 self._progress(text)
@@ -322,20 +315,20 @@ class _Search:
         floors = _allowed(self._floor(fitted.model, judged))
         if self._adequate(score(fitted.model, judged), floors, enough):
             return False
-        # A rig that moved before its record began says nothing by beginning otherwise.
+        # A rig that moved before its record started may differ at the beginning for that reason.
         bad = {f.run for f in faults(self._campaign, reference=fitted.model.drive.channel) if f.kind == "not at rest"}
         return all(trial.run.id not in bad for trial in judged)
 
     def budget(self, model: RigModel, division: Division) -> Budget:
-        """What a model's error consists of."""
+        """Composition of a model's error."""
         return budget(model, division.judged, noise_floor(model, division.judged, self._drive_noise))
 
     def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
-        # Only near the noise is it worth asking; a rig judged by its drive has no motion of its own to ask.
+        # Only needed near the noise; a rig judged by its drive has no simulated motion.
         floors = _allowed(quiet)
         if not may_be_noise(worst(stage.score, floors)) or any(trial.motion for trial in self._trials):
             return None
-        if self.out_of_time("not far above the noise; asking what the baseline's own rig would get"):
+        if self.out_of_time("not far above the noise; determining the error of simulated data of the baseline itself"):
             return None
         return calibrated(stage.fit, self._trials, divide, floors, self._drive_noise)
 
@@ -343,16 +336,7 @@ class _Search:
 def _stage(before: Score, found: Found) -> _Stage:
     entry = found.entry
     step = replace(found.step, before=before.figure, after=entry.score.figure)
-    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None, curve=found.curve)
-
-
-def _with_one_curve(stages: list[_Stage], step: Step) -> tuple[list[_Stage], bool]:
-    # Two forms of one kind at one place are an attempt at a curve that the catalogue does not have: the free shape that was
-    # fitted there replaces the earlier one and what followed. Second value: whether that is so.
-    for k, stage in enumerate(stages):
-        if step.kind in ONE_CURVE and stage.step and stage.curve and stage.step.place == step.place:
-            return [*stages[:k], _stage(stages[k - 1].score, stage.curve)], True
-    return stages, False
+    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
 
 
 def _allowed(quiet: FloatArray) -> FloatArray:
@@ -367,7 +351,7 @@ def _seen(stages: Sequence[_Stage]) -> list[Stage]:
         if step is None:
             seen.append(Stage(error=stage.score.error))
             continue
-        # A contact has one friction law: a further one there is a more general one.
+        # A contact has one friction law: a further one there is a generalization.
         refines = step.kind == "friction_shape" and step.location in rubbing
         seen.append(
             Stage(error=stage.score.error, place=step.location, certain=is_certain(step), refines=refines, paired=stage.paired)
@@ -384,5 +368,5 @@ def is_certain(step: Step) -> bool:
 
 
 def _of_sensors(step: Step, channels: Sequence[str]) -> list[int]:
-    # Columns of the channels whose sensors the step changes; none where it changes anything else.
+    # Columns of the channels whose sensors the step changes; none if it changes anything else.
     return [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]

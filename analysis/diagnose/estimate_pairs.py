@@ -1,4 +1,4 @@
-"""The same estimate from data and from simulation: every run beside its double, driven by the same record."""
+"""Measured/simulated pairs: every run and its simulation with the same drive, estimated in the same way."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.welch import Spectra, estimate
 
-#: Distance of lines in Hz (short runs have fewer, of at least this many segments), and the coherence from which a line speaks.
+#: Frequency resolution in Hz (coarser for short runs, with at least this many segments), and minimum coherence of a usable bin.
 RESOLUTION, SEGMENTS = 0.5, 10
 SPEAKS = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Double:
-    """A run as measured and as simulated.
+    """A measured/simulated pair of a run.
 
     Parameters
     ----------
     trial
-        Where it comes from.
+        Its origin.
     measured, simulated
         Two runs with the same drive.
     drive
-        The drive's channel.
+        The drive channel.
     """
 
     trial: Trial
@@ -40,18 +40,18 @@ class Double:
 
 @dataclass(frozen=True, kw_only=True)
 class Lines:
-    """Transfer functions of a response, measured and simulated, over the drive's band.
+    """Transfer functions of a response, measured and simulated, within the drive's band.
 
     Parameters
     ----------
     frequency
-        Hz, shape (lines,).
+        Hz, shape (bins,).
     measured, simulated
-        Complex, shape (lines,).
+        Complex, shape (bins,).
     std
-        Relative standard deviation of the measured one's magnitude, shape (lines,).
+        Relative standard deviation of the measured one's magnitude, shape (bins,).
     coherence, simulated_coherence
-        Shape (lines,); the simulated one with the sensor's noise.
+        Shape (bins,); the simulated one with the sensor's noise.
     averages
         Effective number of averages.
     """
@@ -66,19 +66,19 @@ class Lines:
 
     @property
     def ratio(self) -> ComplexArray:
-        """Measured over simulated, shape (lines,)."""
+        """Measured divided by simulated, shape (bins,)."""
         return np.asarray(self.measured / self.simulated)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Runs of one configuration and gain, in the order in which they were measured; their spectra are estimated once."""
+    """Runs of one configuration and gain, in order of measurement; their spectra are estimated once."""
 
     pairs: tuple[Double, ...]
 
     @cached_property
     def spectra(self) -> tuple[Spectra, Spectra]:
-        """Measured and simulated, of all channels, averaged over the runs."""
+        """Measured and simulated spectra of all channels, averaged over the runs."""
         reference = [self.pairs[0].drive]
         return (
             estimate([p.measured for p in self.pairs], references=reference, resolution=self.resolution),
@@ -87,11 +87,11 @@ class Group:
 
     @property
     def resolution(self) -> float:
-        """Distance of lines, Hz."""
+        """Frequency resolution, Hz."""
         return max(RESOLUTION, *(SEGMENTS / p.measured.duration for p in self.pairs))
 
     def lines(self, response: str, *, coherence: float = SPEAKS) -> Lines | None:
-        """The response's transfer functions to the drive; None where no line has that much coherence."""
+        """The response's transfer functions from the drive; None if no frequency bin has the required coherence."""
         measured, simulated = (spectra.frf(response, self.pairs[0].drive) for spectra in self.spectra)
         bands = [p.trial.run.band for p in self.pairs if p.trial.run.band is not None]
         top = self.pairs[0].trial.sample_rate / 2.56
@@ -107,7 +107,7 @@ class Group:
         )  # fmt: skip
 
     def _clean_share(self, response: str) -> FloatArray:
-        # What of a recorded power would be the simulated motion's: the sensor's noise lowers the coherence by as much.
+        # Share of a recorded power due to the simulated motion: the sensor's noise lowers the coherence by it.
         trial = self.pairs[0].trial
         density = 2.0 * trial.noise[trial.channels.index(response)] ** 2 / trial.sample_rate
         power = self.spectra[1].density(response)
@@ -115,7 +115,7 @@ class Group:
 
     @cached_property
     def halves(self) -> tuple[Group, Group]:
-        """The first and the second halves of the runs: how far they disagree tells what chance does to an estimate."""
+        """The first and the second halves of the runs: their difference shows the random error of an estimate."""
 
         def cut(pair: Double, second: bool) -> Double:
             middle = len(pair.measured) // 2
@@ -132,13 +132,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Doubles:
-    """Every run beside its double; none of a trial that is judged by its drive."""
+    """All measured/simulated pairs; none for a trial that is judged by its drive."""
 
     pairs: tuple[Double, ...]
 
     @cached_property
     def groups(self) -> dict[tuple[str, float], Group]:
-        """Broad-band runs by configuration and gain, in the order in which they were measured."""
+        """Broad-band runs by configuration and gain, in order of measurement."""
         found: dict[tuple[str, float], list[Double]] = {}
         for pair in self.pairs:
             run = pair.trial.run
@@ -148,7 +148,7 @@ class Doubles:
 
 
 def doubles(model: RigModel, trials: Sequence[Trial]) -> Doubles:
-    """Every run beside its simulation."""
+    """Every run with its simulation."""
     return Doubles(tuple(_double(model, trial) for trial in trials if trial.motion is None))
 
 

@@ -1,7 +1,7 @@
-"""What the records say before any cause is fitted: over frequency, gain and time, and in the shape of the isolation's force.
+"""Evidence from the records before any cause is fitted: over frequency, gain and time, and in the force of the isolation.
 
-Every figure is measured twice, on the record and on the fitted baseline's simulation under the same drive: what estimation itself
-does to it cancels, and only a difference is a sign.
+Every quantity is determined twice, from the record and from the fitted baseline's simulation with the same drive: estimation
+errors cancel, and only a difference is a sign.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from isorig.analysis.spectra.periodic import periodic
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
 
-#: Standard errors from which a figure is a sign, and the share below which it is too small to be one.
+#: Standard errors above which a quantity is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
-#: How many times further apart than chance puts them two transfer functions must lie.
+#: Required difference of two transfer functions in multiples of the random error.
 APART = 2.0
-#: How many times larger than elsewhere a difference at one frequency is that a mode may explain. Chosen.
+#: Factor by which a difference at one frequency must exceed that elsewhere to indicate a mode. Chosen.
 NARROW = 5.0
-#: Difference of two transfer functions, as a share, that is worth a word: three times what is too small to be a sign.
+#: Relative difference of two transfer functions that is reported: three times the smallest sign.
 LEAST = 3 * SMALL
-#: Agreement says something only where a difference of this size would have shown. Chosen: nonlinear causes that matter change
-#: measured over simulated by more.
+#: Agreement is only meaningful if a difference of this size would be detected. Chosen: relevant nonlinear causes change the ratio
+#: measured/simulated by more.
 RESOLVED = 0.1
-#: How many times the part of the misfit that follows the drive the whole misfit is where most of it is nonlinear or noise.
+#: Ratio of the whole misfit to its drive-related part above which most of it is nonlinear or noise.
 MOSTLY = 2.0
 #: Shortest delay that is a sign, s: a hundredth of a sample at 1 kHz. Chosen.
 BRIEFEST = 1e-5
-#: Coherence above which two channels move as one rigid body, and lines that such a comparison needs. Chosen.
+#: Coherence above which two channels move as one rigid body, and frequency bins needed for such a comparison. Chosen.
 RIGID, FEW_LINES = 0.9, 5
-#: A flat ratio may vary by this share of its distance from 1; a phase line explains at least this share of the phase's power.
-#: Chosen: a wrong sensitivity or a delay does the same at every frequency, a wrong mass or spring does not.
+#: Allowed variation of a constant ratio, as a share of its distance from 1; share of the phase's power that a linear phase must
+#: explain. Chosen: a wrong sensitivity or a delay has the same effect at every frequency, a wrong mass or spring does not.
 UNEVEN, STRAIGHT = 0.3, 0.7
-#: Lines in which a narrow difference can be seen. Chosen.
+#: Frequency bins needed to detect a narrow difference. Chosen.
 MANY_LINES = 20
-#: How many times larger one configuration's error is than the other's where the cause sits in what only it moves. Chosen.
+#: Ratio of the errors of two configurations above which the cause is in what only one of them moves. Chosen.
 ONE_SIDED = 3.0
-#: Change of stiffness over the swing, and of friction as a share of the sliding force, that is worth a word. Chosen.
+#: Change of stiffness over the swing, and of friction as a share of the sliding force, that is reported. Chosen.
 RISE, UNLIKE = 0.02, 0.03
-#: Distortion over noise from which it is a sign of a nonlinearity. Chosen.
+#: Ratio of distortion to noise that is a sign of a nonlinearity. Chosen.
 DISTORTED = 3.0
-#: Causes that change with the amplitude at a link.
+#: Causes that depend on the amplitude at a link.
 CURVED = ("hardening_stiffness", "softening_stiffness", "backlash", "end_stop", "quadratic_damping")
 RUBBING = ("coulomb_friction", "stribeck_friction", "presliding_friction", "asymmetric_friction")
 STIFFER = ("hardening_stiffness", "end_stop", "backlash")
@@ -64,35 +64,35 @@ Groups = Mapping[tuple[str, float], Group]
 
 @dataclass(frozen=True, kw_only=True)
 class Sign:
-    """One thing the records say.
+    """One sign in the records.
 
     Parameters
     ----------
     text
-        A sentence with its figures.
+        A sentence with numbers.
     speaks_for
-        Causes, each at a place ("" where the sign does not tell the place).
+        Causes, each at a place ("" if the sign does not determine the place).
     """
 
     text: str
     speaks_for: tuple[tuple[str, str], ...] = ()
 
     def supports(self, cause: str, location: str) -> bool:
-        """Whether it speaks for this cause at this place."""
+        """Whether it supports this cause at this place."""
         return any(name == cause and place in ("", location) for name, place in self.speaks_for)
 
 
 def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: Doubles) -> tuple[Sign, ...]:
-    """All signs of a campaign beside a fitted model of it; of a rig that is judged by its drive, those of the records alone.
+    """All signs of a campaign compared with a fitted model; for a rig that is judged by its drive, those of the records alone.
 
     Parameters
     ----------
     campaign, trials
-        What was measured, and its runs made ready.
+        The measurement, and its prepared runs.
     model
         The fitted model.
     beside
-        The same runs beside the model's.
+        The measured/simulated pairs.
     """
     pairs, groups = beside.pairs, beside.groups
     return (
@@ -105,14 +105,14 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: 
 def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> list[Sign]:
     flat = [
         Sign(
-            text=f"Flat tops: the {name} stays at its largest magnitude, {limit:.4g}, as a clipped record does.",
+            text=f"Flat tops: the {name} remains at its largest magnitude, {limit:.4g}, like a clipped record.",
             speaks_for=(("clipping", name),),
         )
         for name, limit in flat_tops(campaign, peaks_of(campaign)).items()
     ]
     hums = [
         Sign(
-            text=f"Lines: what the simulation leaves of the {name} has lines at {frequency:g} Hz and its multiples in most runs.",
+            text=f"Spectral lines: the residual of the {name} has lines at {frequency:g} Hz and its multiples in most runs.",
             speaks_for=(("mains_hum", name),),
         )
         for name, frequency in mains(model, trials).items()
@@ -122,7 +122,7 @@ def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> li
 
 
 def _mean(values: FloatArray, std: FloatArray) -> tuple[float, float]:
-    # Weighted mean with a deviation that grows where the values disagree by more than their own.
+    # Weighted mean with a standard deviation that increases if the values disagree by more than their own.
     weight = 1.0 / np.maximum(std, 1e-6) ** 2
     mean = float(np.average(values, weights=weight))
     chi = float(np.average((values - mean) ** 2, weights=weight) * weight.mean())
@@ -130,7 +130,7 @@ def _mean(values: FloatArray, std: FloatArray) -> tuple[float, float]:
 
 
 def _slope(f: FloatArray, phase: FloatArray, std: FloatArray) -> tuple[float, float, float]:
-    # Delay in s of a phase that falls with frequency, its deviation, and the share of the phase's power it explains.
+    # Delay in s from a phase proportional to frequency, its standard deviation, and the share of the phase's power it explains.
     omega = 2 * np.pi * f
     weight = 1.0 / np.maximum(std, 1e-6) ** 2
     power = float((weight * omega**2).sum())
@@ -142,7 +142,7 @@ def _slope(f: FloatArray, phase: FloatArray, std: FloatArray) -> tuple[float, fl
 
 
 def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
-    # Bodies that a lock joins must agree in amplitude and in time, whatever the model.
+    # Bodies connected by a lock must agree in amplitude and phase, for any model.
     found = []
     at = {s.body: s.channel for s in model.sensors if s.relative_to == GROUND and s.quantity == "acceleration"}
     for name, setup in model.configurations.items():
@@ -168,8 +168,8 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             share = np.abs(value - ratio).mean()
             off, shifted = abs(ratio - 1.0) > max(SURE * error, SMALL), abs(delay) > max(SURE * late, BRIEFEST)
             text = (
-                f"Rigid bodies: {name}, {one} and {other} must move as one; their records stand as {ratio:.4f} ± {error:.1g} "
-                f"to 1, {one} {delay * 1e3:+.3g} ± {late * 1e3:.1g} ms late"
+                f"Rigid bodies: {name}, {one} and {other} must move as one; amplitude ratio {ratio:.4f} ± {error:.1g}, "
+                f"{one} {delay * 1e3:+.3g} ± {late * 1e3:.1g} ms late"
             )
             if not off and not shifted and share < LEAST:
                 found.append(Sign(text=text + ": they agree."))
@@ -177,14 +177,12 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             speaks = [("imperfect_lock", "lock")]
             speaks += [(c, p) for p in (one, other) for c in ("sensor_gain", "crosstalk", "clipping")] if off else []
             speaks += [("channel_delay", one), ("channel_delay", other)] if shifted else []
-            found.append(
-                Sign(text=text + ": one of the sensors, or the lock, does not tell the truth.", speaks_for=tuple(speaks))
-            )
+            found.append(Sign(text=text + ": one of the sensors, or the lock, is faulty.", speaks_for=tuple(speaks)))
     return found
 
 
 def _chains(model: RigModel, groups: Groups) -> list[Sign]:
-    # A sensor's own fault is the same in every run: a flat ratio, or a phase that is a straight line.
+    # A sensor fault is the same in every run: a constant ratio, or a linear phase.
     found = []
     for sensor in model.sensors:
         each = [x for group in groups.values() if (x := group.lines(sensor.channel))]
@@ -196,7 +194,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         if abs(level - 1.0) > max(SURE * error, SMALL) and bent < UNEVEN * abs(level - 1.0):
             found.append(
                 Sign(
-                    text=f"Flat ratio: the {sensor.channel} is recorded {level:.4f} ± {error:.1g} times as large as simulated, "
+                    text=f"Constant ratio: the recorded {sensor.channel} is {level:.4f} ± {error:.1g} times the simulated one, "
                     "the same at every frequency, gain and configuration.",
                     speaks_for=(("sensor_gain", sensor.channel),),
                 )
@@ -208,7 +206,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         if abs(delay) > max(SURE * late, BRIEFEST) and explained > STRAIGHT:
             found.append(
                 Sign(
-                    text=f"Phase line: the {sensor.channel}'s phase beside the simulation is a straight line over frequency, "
+                    text=f"Linear phase: the {sensor.channel}'s phase relative to the simulation is proportional to frequency, "
                     f"{delay * 1e3:.4g} ± {late * 1e3:.1g} ms late.",
                     speaks_for=(("channel_delay", sensor.channel), ("channel_delay", model.drive.channel)),
                 )
@@ -217,7 +215,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
 
 
 def poles(model: RigModel, groups: Groups) -> list[Sign]:
-    """A further mode shows where measured and simulated differ near one frequency and little elsewhere."""
+    """A further mode appears as a difference between measured and simulated near one frequency and little elsewhere."""
     found = []
     bodies = {s.channel: s.body for s in model.sensors}
     for sensor in model.sensors:
@@ -226,7 +224,7 @@ def poles(model: RigModel, groups: Groups) -> list[Sign]:
             seen = group.lines(sensor.channel)
             if seen is None or len(seen.frequency) < MANY_LINES:
                 continue
-            # As a share of the larger of the two: the simulated one may be close to zero between two modes.
+            # Relative to the larger of the two: the simulated one may be close to zero between two modes.
             share = np.abs(seen.measured - seen.simulated) / np.maximum(np.abs(seen.measured), np.abs(seen.simulated))
             off = share / np.hypot(seen.std, SMALL)
             k = int(np.argmax(np.convolve(off, np.ones(3) / 3.0, mode="same")))
@@ -239,7 +237,7 @@ def poles(model: RigModel, groups: Groups) -> list[Sign]:
                 Sign(
                     text=f"Poles: near {best[0]:.4g} Hz the measured and simulated transfer functions of the {sensor.channel} "
                     f"differ by {100 * best[1]:.0f} % of the larger one, elsewhere by {100 * best[2]:.2g} %: a mode that the "
-                    "model lacks or has elsewhere.",
+                    "model lacks or has at another frequency.",
                     speaks_for=(("extra_mode", place), ("moment_coupling", place)),
                 )
             )
@@ -262,20 +260,20 @@ def _configurations(pairs: Sequence[Double]) -> list[Sign]:
         return []
     error = {name: _misfit([p for p in pairs if p.trial.run.configuration == name]) for name in names}
     told = ", ".join(f"{name} by {100 * e:.2g} %" for name, e in error.items())
-    text = f"Configurations: the fitted baseline errs {told} of the signal"
+    text = f"Configurations: the error of the fitted baseline is {told} of the signal"
     unlocked, locked = error.get("unlocked"), error.get("locked")
     if unlocked is None or locked is None or max(unlocked, locked) < LEAST:
         return [Sign(text=text + ".")]
     if unlocked > ONE_SIDED * locked:
         speaks = tuple((cause, "isolation") for cause in (*CURVED, *RUBBING, "stiffness_drift"))
-        return [Sign(text=text + ": what is wrong moves only where the motor is free.", speaks_for=speaks)]
+        return [Sign(text=text + ": the error is in what moves only when the motor is free.", speaks_for=speaks)]
     if locked > ONE_SIDED * unlocked:
-        return [Sign(text=text + ": what is wrong shows where the motor is locked.", speaks_for=(("imperfect_lock", "lock"),))]
-    return [Sign(text=text + ": what is wrong is there in both.")]
+        return [Sign(text=text + ": the error appears when the motor is locked.", speaks_for=(("imperfect_lock", "lock"),))]
+    return [Sign(text=text + ": the error is present in both.")]
 
 
 def _apart(one: Lines | None, other: Lines | None) -> float:
-    # How far two ratios to the simulation lie apart, rms over their common lines; NaN where they have none.
+    # Distance of two ratios to the simulation, rms over their common frequency bins; NaN if they have none.
     if one is None or other is None:
         return np.nan
     f, i, j = np.intersect1d(np.round(one.frequency, 6), np.round(other.frequency, 6), return_indices=True)
@@ -286,7 +284,7 @@ def _apart(one: Lines | None, other: Lines | None) -> float:
 
 
 def _compared(one: Group, other: Group, response: str) -> tuple[float, float] | None:
-    # How far two groups of runs lie apart compared with the simulation, and what chance makes of it; None where that is unknown.
+    # Distance of two groups of runs relative to the simulation, and its random error; None if that is unknown.
     apart = _apart(one.lines(response), other.lines(response))
     by_half = ([half.lines(response) for half in group.halves] for group in (one, other))
     noise = float(np.linalg.norm([_apart(first, second) / 2.0 for first, second in by_half]))
@@ -312,12 +310,12 @@ def _gains(model: RigModel, groups: Groups) -> list[Sign]:
         own = [group for (c, _), group in groups.items() if c == name]
         found.append(homogeneity(name, gains, seen, _misfit([p for group in own for p in group.pairs]), _linear(model, own)))
     changes = any(sign.speaks_for and sign.speaks_for[0][0] in CURVED for sign in found)
-    # What changes with the amplitude in one configuration is nonlinear, whatever the others do.
+    # An amplitude dependence within one configuration is nonlinear, whatever the others do.
     return [Sign(text=sign.text) if changes and sign.speaks_for == _anywhere(LINEAR) else sign for sign in found]
 
 
 def _linear(model: RigModel, groups: Sequence[Group]) -> float:
-    # The part of the misfit that follows the drive, as a share of the signal: the median over groups and channels.
+    # The drive-related part of the misfit, as a share of the signal: the median over groups and channels.
     seen = [lines for group in groups for sensor in model.sensors if (lines := group.lines(sensor.channel)) is not None]
     shares = [float(np.linalg.norm(x.simulated - x.measured) / np.linalg.norm(x.measured)) for x in seen]
     return float(np.median(shares)) if shares else 0.0
@@ -330,7 +328,7 @@ def _anywhere(causes: Sequence[str]) -> tuple[tuple[str, str], ...]:
 def homogeneity(
     name: str, gains: Sequence[float], seen: Sequence[tuple[str, float, float]], misfit: float, linear: float
 ) -> Sign:
-    """What a comparison of transfer functions at several gains says about a configuration.
+    """Conclusion from the comparison of transfer functions at several gains in a configuration.
 
     Parameters
     ----------
@@ -339,27 +337,29 @@ def homogeneity(
     gains
         Its drive gains.
     seen
-        Of each channel and pair of gains that could be compared: the difference in words, its size (measured over simulated, as a
-        share), and the size that chance gives it.
+        For each channel and pair of gains that could be compared: the difference in words, its size (measured/simulated, as a
+        share), and its random error.
     misfit, linear
-        The simulation's whole error, and the part of it that follows the drive, as shares of the signal.
+        The simulation's whole error, and its drive-related part, as shares of the signal.
     """
     levels = ", ".join(f"{gain:g}" for gain in gains)
     moved = [words for words, apart, noise in seen if _differ(apart, noise)]
     if moved:
-        text = f"measured over simulated changes with the drive gain ({'; '.join(moved[:3])}): the misfit depends on amplitude."
+        text = (
+            f"the ratio measured/simulated changes with the drive gain ({'; '.join(moved[:3])}): the misfit depends on amplitude."
+        )
         return Sign(text=f"Homogeneity: {name}, {text}", speaks_for=_anywhere((*CURVED, *RUBBING, "clipping")))
     within = max((max(apart, APART * noise) for _, apart, noise in seen), default=np.inf)
     if not within <= RESOLVED:
-        known = "no lines in common" if not seen else f"a difference below {100 * within:.2g} % would not show"
+        known = "no common frequency bins" if not seen else f"a difference below {100 * within:.2g} % would not be detected"
         text = f"gains {levels} cannot be compared ({known}), so whether the misfit depends on the amplitude is not known."
         return Sign(text=f"Homogeneity: {name}, {text}")
     text = (
-        f"measured over simulated agrees at gains {levels} to within {100 * within:.2g} %: on the lines that follow the drive "
-        "the misfit does not depend on the amplitude"
+        f"the ratio measured/simulated agrees at gains {levels} to within {100 * within:.2g} %: in the drive-related frequency "
+        "bins the misfit does not depend on the amplitude"
     )
     if misfit > MOSTLY * max(linear, LEAST):
-        return Sign(text=f"Homogeneity: {name}, {text}; but most of the misfit does not follow the drive, so it is not linear.")
+        return Sign(text=f"Homogeneity: {name}, {text}; but most of the misfit is not related to the drive, so it is not linear.")
     text += "."
     return Sign(text=f"Homogeneity: {name}, {text}", speaks_for=_anywhere(LINEAR))
 
@@ -376,10 +376,10 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
             off = _compared(Group((first,)), Group((last,)), sensor.channel)
             compared = compared or off is not None
             if off is not None and _differ(*off):
-                told.append(f"{sensor.channel} {100 * off[0]:.2g} % (chance {100 * off[1]:.2g} %)")
+                told.append(f"{sensor.channel} {100 * off[0]:.2g} % (random error {100 * off[1]:.2g} %)")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
         if told:
-            text = f"{where} disagree by more than chance: {', '.join(told)}: the rig has changed in between."
+            text = f"{where} differ by more than the random error: {', '.join(told)}: the rig has changed in between."
             found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
         elif compared:
             found.append(Sign(text=f"{where} agree: the rig has not changed."))
@@ -391,7 +391,7 @@ def _surfaces(model: RigModel, beside: Doubles) -> list[Sign]:
 
 
 def surfaces(model: RigModel, beside: Doubles) -> tuple[Surface, ...]:
-    """The surface of every link that can be seen: in the run at the highest gain that swings it about its own frequency."""
+    """The restoring-force surface of every observable link: from its run at the highest gain with motion near its frequency."""
     found = []
     for link in model.links:
         mass = min(model.body(end).mass for end in (link.a, link.b) if end != GROUND)
@@ -429,8 +429,8 @@ def _rubs(surface: Surface) -> list[Sign]:
     if abs(ways) > max(SURE * ways_std, least):
         found.append(
             Sign(
-                text=f"Friction force: at the {surface.link} fast sliding one way takes {abs(ways):.2g} ± {ways_std:.1g} N more "
-                "than the other way, beyond the baseline.",
+                text=f"Friction force: at the {surface.link} fast sliding one way needs {abs(ways):.2g} ± {ways_std:.1g} N more "
+                "than the other way, in addition to the baseline.",
                 speaks_for=(("asymmetric_friction", surface.link),),
             )
         )
@@ -439,7 +439,7 @@ def _rubs(surface: Surface) -> list[Sign]:
         found.append(
             Sign(
                 text=f"Friction force: at the {surface.link} slow and fast sliding have {abs(bend):.2g} ± {bend_std:.1g} N "
-                f"{more} of it than the speeds between, beyond the baseline.",
+                f"{more} friction than medium velocities, in addition to the baseline.",
                 speaks_for=tuple(
                     (cause, surface.link)
                     for cause in (("stribeck_friction", "quadratic_damping") if bend > 0.0 else ("presliding_friction",))
@@ -454,8 +454,8 @@ def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     if not runs:
         return [
             Sign(
-                text="Periods: no run has a periodic drive, so distortion cannot be told from noise line by line; a name rests "
-                "on gains, configurations and held-out segments alone."
+                text="Periods: no run has a periodic drive, so distortion cannot be separated from noise; the cause is "
+                "identified from gains, configurations and held-out segments only."
             )
         ]
     found = []
@@ -468,13 +468,13 @@ def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
                 continue
             size = float(np.median(np.abs(frf.value)))
             noise, known = float(np.median(frf.noise)) / size, frf.distortion[np.isfinite(frf.distortion)]
-            if len(known):  # one realisation alone does not tell it
+            if len(known):  # needs more than one realization
                 bent = float(np.median(known)) / size
                 speaks = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > DISTORTED * noise else ()
                 found.append(
                     Sign(
-                        text=f"Periods: {group[0].configuration} at gain {gain:g} the {sensor.channel} is distorted by "
-                        f"{100 * bent:.2g} % of the signal, noise is {100 * noise:.2g} %.",
+                        text=f"Periods: {group[0].configuration} at gain {gain:g} the distortion of the {sensor.channel} is "
+                        f"{100 * bent:.2g} % of the signal, its noise {100 * noise:.2g} %.",
                         speaks_for=speaks,
                     )
                 )

@@ -1,4 +1,4 @@
-"""What the baseline gets wrong, against noise: by channel, configuration, gain and band, each in one sentence."""
+"""Discrepancies of the baseline compared with noise: by channel, configuration, gain and band, each in one sentence."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
 
-#: A band counts where the misfit's power exceeds the noise's by this factor, other figures by these standard errors.
+#: A band counts if the misfit's power exceeds the noise's by this factor, other quantities by this many standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
-#: Standard errors of a peak's place: leakage counts in them, which measured and simulated peaks have in common.
+#: Standard errors for a peak's frequency: leakage, which measured and simulated peaks have in common, is included in them.
 MOVED = 2.0
-#: Differences of a coherence, and of the isolation ratio and a peak's frequency as a share, that are worth a word.
+#: Reported differences of a coherence, and relative differences of the isolation ratio and of a peak's frequency.
 COHERENCE, SHARE = 0.02, 0.002
-#: Error as a share of a band's signal that is worth a word; lines that such a band needs; bands from 1 Hz to the filter's corner.
+#: Reported error as a share of a band's signal; frequency bins needed in such a band; bands from 1 Hz to the filter's corner.
 BAND_SHARE, BAND_LINES, BANDS = 0.02, 3, 39
-#: The middle part of a misfit's power that says where it lies.
+#: Middle part of a misfit's power that determines its band.
 MIDDLE = (0.05, 0.95)
-#: How far around its frequency a peak is compared, as a share of it, and lines that takes: a third of an octave.
+#: Range around a peak's frequency for the comparison, as a share of it, and frequency bins needed: a third of an octave.
 AROUND, PEAK_LINES = 0.25, 5
-#: Share of the isolation ratio by which it must be off on a line, and such lines that are worth a word. Chosen.
+#: Relative error of the isolation ratio in a frequency bin, and number of such bins, that are reported. Chosen.
 RATIO_SHARE, RATIO_LINES = 10 * SHARE, 3
-#: Neighbouring lines of a coherence that are taken together.
+#: Neighbouring frequency bins of a coherence that are averaged.
 SMOOTHED = 5
-#: Of the figures of each kind, those that are told.
+#: Number of reported discrepancies of each kind.
 TOLD = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Discrepancy:
-    """A misfit: where it shows, how large it is, and how large noise alone would be.
+    """A discrepancy: where it appears, its size, and the size of noise alone.
 
     Parameters
     ----------
     size, noise
-        rms of the misfit and of the noise over the rms of the signal, in the band.
+        rms of the misfit and of the noise divided by the rms of the signal, in the band.
     """
 
     channel: str
@@ -58,7 +58,7 @@ class Discrepancy:
 def discrepancies(
     campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: Doubles, *, most: int = 8
 ) -> tuple[Discrepancy, ...]:
-    """Where the model's error stands above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
+    """Discrepancies above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
     kinds = (
         _peaks(model, beside), _bands(model, trials)[:most], _coherences(model, beside)[:TOLD], _ratios(campaign, beside.pairs),
     )  # fmt: skip
@@ -68,14 +68,14 @@ def discrepancies(
 
 
 def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> tuple[Discrepancy, ...]:
-    """Where the beginnings of runs err whose ends fit, largest first.
+    """Discrepancies at the beginning of runs whose ends fit, largest first.
 
     Parameters
     ----------
     judged
-        The beginnings.
+        The beginnings of the runs.
     error, quiet
-        rms of the misfit and of the noise over that of the signal, shape (runs, channels).
+        rms of the misfit and of the noise divided by that of the signal, shape (runs, channels).
     """
     found = []
     for trial, errors, noises in zip(judged, error, quiet, strict=True):
@@ -120,7 +120,7 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             low, high = (int(np.searchsorted(order, q)) for q in MIDDLE)
             inside = slice(low, high + 1)
             heard = float(s[inside].sum())
-            if heard <= 0.0:  # a body that stood still
+            if heard <= 0.0:  # a body at rest
                 continue
             size, noise = (float(np.sqrt(power[inside].sum() / heard)) for power in (e, quiet))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
@@ -137,13 +137,13 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
                 )
             )  # fmt: skip
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
-    # A run that repeats another says the same again.
+    # A repeated run gives the same result again.
     kinds = {(d.channel, d.configuration, d.gain, d.what): d for d in reversed(found)}
     return sorted(kinds.values(), key=lambda d: -d.size / max(d.noise, 1e-6))
 
 
 def _top(frequency: FloatArray, values: ComplexArray) -> tuple[int, float, float]:
-    # Line, frequency and height of the highest peak inside the band, by a parabola through three lines of the logarithm.
+    # Bin, frequency and height of the highest peak within the band, by a parabola through three bins of the logarithm.
     size = np.log(np.abs(values))
     inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
     if not len(inner):
@@ -157,7 +157,7 @@ def _top(frequency: FloatArray, values: ComplexArray) -> tuple[int, float, float
 
 
 def _shift(seen: Lines, around: float | None = None) -> tuple[float, float, float, float]:
-    # How far the measured peak lies above the simulated one (Hz), its deviation, its frequency, its height over the simulated.
+    # Measured minus simulated peak frequency (Hz), its standard deviation, the frequency, and the ratio of the heights.
     if around is not None:
         kept = np.abs(seen.frequency - around) <= AROUND * around
         if kept.sum() < PEAK_LINES:
@@ -203,7 +203,7 @@ def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if not any(k[0] == c for k in clear)]
         text = (
-            f"{configuration.capitalize()} at gain {gain:g} the {sensor.channel}'s peak lies {abs(by):.2g} ± {std:.1g} Hz "
+            f"{configuration.capitalize()} at gain {gain:g} the {sensor.channel}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
             f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and is {height:.3g} times as high"
         )
         if same:
@@ -220,7 +220,7 @@ def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
 
 
 def _error_in(pair: Double, channel: str, band: tuple[float, float]) -> tuple[float, float]:
-    # rms of misfit, and of noise, over rms of the signal in a band.
+    # rms of misfit, and of noise, divided by rms of the signal in a band.
     n, rate = len(pair.measured), pair.measured.sample_rate
     frequency = np.fft.rfftfreq(n, 1.0 / rate)
     inside = (frequency >= band[0]) & (frequency <= band[1])
@@ -249,7 +249,7 @@ def _coherences(model: RigModel, beside: Doubles) -> list[Discrepancy]:
             size, noise = float(np.sqrt(np.mean(off[bad] ** 2))) / whole, float(np.sqrt(np.mean(std[bad] ** 2))) / whole
             text = (
                 f"{configuration.capitalize()} at gain {gain:g} the coherence of the {sensor.channel} with the drive is "
-                f"{seen.coherence[bad].mean():.3f} on {int(bad.sum())} lines between {low:g} and {high:g} Hz, "
+                f"{seen.coherence[bad].mean():.3f} in {int(bad.sum())} frequency bins between {low:g} and {high:g} Hz, "
                 f"where the simulation has {seen.simulated_coherence[bad].mean():.3f}."
             )
             found.append(
@@ -274,7 +274,7 @@ def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
     bad = (np.abs(off) > SURE * measured.std) & (np.abs(off) > RATIO_SHARE * measured.ratio)
     if bad.sum() < RATIO_LINES:
         return []
-    # The middle nine tenths of the misfit tell where it is.
+    # The middle nine tenths of the misfit determine its band.
     order = np.cumsum(np.where(bad, (off / measured.ratio) ** 2, 0.0))
     low, high = (int(np.searchsorted(order, q * order[-1])) for q in MIDDLE)
     inside = slice(low, high + 1)
@@ -289,6 +289,7 @@ def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
             size=float(np.sqrt(np.mean(off[inside] ** 2))) / whole,
             noise=float(np.sqrt(np.mean(measured.std[inside] ** 2))) / whole,
             text=f"Between {band[0]:g} and {band[1]:g} Hz the isolation ratio (unlocked over locked) is simulated {median:.3g} "
-            f"times as large as measured in the middle, and off on {int(bad.sum())} lines by more than {SURE:g} deviations.",
+            f"times as large as measured in the middle, and differs in {int(bad.sum())} frequency bins by more than {SURE:g} "
+            "standard deviations.",
         )
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Evidence before any candidate is fitted: how far the links swing, what the records look like, where the misfit lies."""
+"""Data for the proposal of candidates: swings of the links, properties of the records, frequencies of the misfit."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import mains_in
 from isorig.analysis.spectra.motion import motion_of
 
-#: A record that stays within this share of its largest magnitude for this many samples in all is cut flat.
+#: A record within this share of its largest magnitude for this many samples in total has flat tops.
 FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
-#: A measured swing is a link's own where it is this many times what noise alone integrates to, and more than this share of its
-#: ends' motion: calibration errors of two sensors that move together make some hundredths of it. Chosen.
+#: A measured swing is a link's own if it exceeds integrated noise by this factor, and this share of its ends' motion: calibration
+#: errors of two sensors that move together cause a few per cent of it. Chosen.
 CLEAR_OF_NOISE, OWN = 10.0, 0.2
-#: Points at which a spring's bend is read from a record.
+#: Points for a spring's nonlinear force from a record.
 SKETCHED = 49
-#: Share of a band's signal that counts as noise where the misfit's peaks are looked for; lines that a band needs; octaves that
-#: lie between two of them at least. Chosen.
+#: Share of a band's signal that counts as noise in the search for peaks of the misfit; frequency bins needed in a band; minimum
+#: distance of two peaks in octaves. Chosen.
 PEAK_NOISE, PEAK_LINES, PEAKS_APART = 0.02, 4, 0.3
-#: How far the mains frequency wanders within a session, Hz: the largest steady deviation that the European grid allows.
+#: Variation of the mains frequency within a session, Hz: the largest steady deviation in the European grid.
 WANDERS = 0.2
 
 
 def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
-    """What the data say beside the fitted baseline, and beside the rig as it was before the fit."""
+    """Evidence from the data, compared with the fitted baseline and with the rig before the fit."""
     deflection, speed = swings(model, trials)
     rate = trials[0].sample_rate
     last = session_end(trials)
@@ -48,7 +48,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
 
 
 def session_end(trials: Sequence[Trial]) -> float:
-    """Seconds from the campaign's first sample to its end: that of the last run, and the usual pause after it."""
+    """Seconds from the campaign's first sample to its end: that of the last run, plus the usual pause."""
     spans = sorted((t.start_time, t.start_time + t.samples / t.sample_rate) for t in trials)
     pauses = [start - end for (_, end), (start, _) in pairwise(spans) if start >= end]
     return spans[-1][1] + (float(np.median(pauses)) if pauses else 0.0)
@@ -64,7 +64,7 @@ def peaks_of(campaign: Campaign) -> dict[str, float]:
 
 
 def bends(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """What the record of the largest motion says of each link's spring beyond its straight part: deflections (m), forces (N)."""
+    """Nonlinear part of each link's spring force from the record with the largest motion: deflections (m), forces (N)."""
     found: dict[str, tuple[FloatArray, FloatArray]] = {}
     for link in model.links:
         free = [t for t in trials if link.name not in model.configurations[t.run.configuration].rigid and t.motion is None]
@@ -79,7 +79,7 @@ def bends(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float]) 
 
 
 def push_of(model: RigModel, peaks: Mapping[str, float]) -> float:
-    """Largest force in N that the drive puts on a body."""
+    """Largest force in N of the drive on a body."""
     drive = model.drive
     shares = [abs(share) for share in drive.pushes.values()]
     return abs(drive.factor) * max(shares, default=0.0) * peaks.get(drive.channel, 0.0)
@@ -88,9 +88,9 @@ def push_of(model: RigModel, peaks: Mapping[str, float]) -> float:
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
     """Largest relative displacement (m) and velocity (m/s) of each link.
 
-    What its ends' sensors measured, integrated in the frequency domain above the drive's lowest frequency, where it is clear of
-    integrated noise and of the sensors' calibration errors. Elsewhere the smaller of that and what the model does: integrated
-    noise is large compared with a stiff link's swing, and a model may swing too far.
+    Measured by the sensors at its ends, integrated in the frequency domain above the drive's lowest frequency, if it clearly
+    exceeds integrated noise and the sensors' calibration errors. Otherwise the smaller of that and the model's: integrated noise
+    is large compared with a stiff link's swing, and a model may swing too far.
     """
     deflection: dict[str, float] = {}
     speed: dict[str, float] = {}
@@ -108,7 +108,7 @@ def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], 
 
 
 def _simulated_swings(model: RigModel, trial: Trial) -> dict[str, tuple[float, float]]:
-    # Largest velocity and displacement of each link that is free in this run; unbounded where the body's motion was measured.
+    # Largest velocity and displacement of each link that is free in this run; unbounded if the body's motion was measured.
     free = [link for link in model.links if link.name not in model.configurations[trial.run.configuration].rigid]
     if trial.motion is not None:
         return {link.name: (np.inf, np.inf) for link in free}
@@ -135,7 +135,7 @@ class _Measured:
 
 
 def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | None:
-    # By the sensors of the link's ends; None where an end has none.
+    # From the sensors at the link's ends; None if an end has none.
     ends = [end for end in (link.a, link.b) if end != GROUND]
     noise = 0.0
     if trial.motion is not None:
@@ -156,7 +156,7 @@ def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | No
 
 
 def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
-    """Channels that stay at their largest magnitude, as a clipped record does, with that magnitude."""
+    """Channels that remain at their largest magnitude, like a clipped record, with that magnitude."""
     found: dict[str, float] = {}
     for name, peak in peaks.items():
         if peak <= 0.0:
@@ -183,7 +183,7 @@ def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
 
 
 def agreeing(frequencies: Sequence[float]) -> list[float]:
-    """Those of several runs' line frequencies that lie within `WANDERS` of their median, Hz."""
+    """The line frequencies of several runs within `WANDERS` of their median, Hz."""
     middle = float(np.median(frequencies)) if frequencies else 0.0
     return [frequency for frequency in frequencies if abs(frequency - middle) <= WANDERS]
 
@@ -205,9 +205,9 @@ def misfit_frequencies(model: RigModel, trials: Sequence[Trial], most: int = 6) 
                 inside = (frequency >= edges[k]) & (frequency < edges[k + 1])
                 if inside.sum() >= PEAK_LINES:
                     allowed = trial.noise[row] ** 2 + PEAK_NOISE**2 * signal[inside].mean()
-                    if allowed > 0.0:  # a body that stood still says nothing
+                    if allowed > 0.0:  # not for a body at rest
                         excess[row, k] = max(excess[row, k], float(error[inside].mean() / allowed))
-    # What a channel misses most it misses over octaves; a mode elsewhere is a peak beside it, in that channel or in another.
+    # A channel's largest misfit extends over octaves; a mode at another frequency is a separate peak, in any channel.
     padded = np.pad(excess, ((0, 0), (1, 1)))
     peaks = np.where((excess >= padded[:, :-2]) & (excess >= padded[:, 2:]), excess, 0.0)
     highest = np.argsort(-peaks, axis=1)

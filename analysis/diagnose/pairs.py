@@ -1,7 +1,7 @@
-"""Two causes at once: where no form explains the data alone, second forms are fitted on top of the promising first ones.
+"""Two simultaneous causes: if no form explains the data alone, second forms are added to the promising first ones.
 
-One cause may hide another: alone neither fits well, and the better of the two may be a wrong one. Over a run's first moments a
-fit takes a fraction of a second, and only a model that lacks nothing agrees with the data there, so many pairs can be tried.
+One cause may mask another: alone neither fits well, and the better of the two may be wrong. On the first moments of a run a fit
+takes a fraction of a second, and only a complete model agrees with the data there, so many pairs can be tried.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from isorig.analysis.fitting.screen import Progress, Screen
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.rig_model import RigModel
 
-#: First causes that second ones are tried on, second ones that are fitted on each, and pairs that are fitted to the end.
+#: Number of first causes with added second ones, of second ones fitted for each, and of pairs fitted to the end.
 FIRSTS, SECONDS, FINISHED = 4, 4, 3
-#: A pair whose misfit, in allowances, is below this lacks nothing on a rung: no further first causes are tried.
+#: A pair whose misfit, in allowed errors, is below this is complete on a rung: no further first causes are tried.
 AGREES = 1.0
-#: Share of the first cause's misfit that a second one must not promise to leave more than: otherwise it is not fitted.
+#: Maximum predicted share of the first cause's misfit that a second one leaves: otherwise it is not fitted.
 PROMISED = 0.5
 
 
@@ -37,7 +37,7 @@ class Pair:
     first, second
         The causes; the second extends the model that the first has extended.
     alone, fit
-        The fits with the first one alone, over a short stretch, and with both.
+        The fits with the first one alone, on a short interval, and with both.
     """
 
     first: Candidate
@@ -52,18 +52,18 @@ class Pair:
 
 
 def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence], progress: Progress) -> list[Pair]:
-    """Pairs of forms that agree with the data on every rung from the first that tells candidates apart, best first.
+    """Pairs of forms that agree with the data on every rung from the first that distinguishes candidates, best first.
 
     Parameters
     ----------
     run
-        The race of the single forms.
+        The elimination of the single forms.
     rungs
-        Its ladder.
+        Its rungs.
     seen
-        The evidence on a model.
+        The evidence for a model.
     progress
-        Called with one line per fit.
+        Called with one line for each fit.
     """
     if run.telling is None:
         return []
@@ -86,7 +86,7 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
                 found.append(Pair(first=first, second=second, alone=alone, fit=both))
         best = min(found, key=lambda pair: pair.fit.cost, default=None)
         if best is not None and best.fit.cost < AGREES:
-            # What may stand in the first one's place is seen from the second one.
+            # Alternatives to the first cause are found from the second one.
             queue = [single for single in singles if single[0].key == best.second.key and first.key == best.first.key]
     for rung in rungs[at + 1 :]:
         climbed = [(pair, tried(pair.fit.model, pair.fit.free, rung)) for pair in _distinct(found)]
@@ -99,7 +99,7 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
 
 
 def _apart(second: Candidate, first: Candidate) -> bool:
-    # Two forms at one place are an attempt at a form that the catalogue does not have, but for friction and a spring or damper.
+    # Two forms at one place imitate a form outside the catalogue, except friction with a spring or damper.
     kinds = {kind_of(first.cause), kind_of(second.cause)}
     return first.location != second.location or kinds in ({"friction_shape", "spring_shape"}, {"friction_shape", "damping_shape"})
 

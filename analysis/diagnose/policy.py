@@ -1,7 +1,7 @@
 """The verdict's rules: every threshold with its meaning and source, and the decisions as functions of errors alone.
 
-Errors are held-out errors by run and channel, rms(predicted - measured) / rms(measured); floors are what nobody could explain,
-of the same shape. The excess is the mean square of an error beyond its floor.
+Errors are held-out errors by run and channel, rms(predicted - measured) / rms(measured); floors are the errors of a perfect
+model, of the same shape. The excess is the mean square of an error above its floor.
 """
 
 from __future__ import annotations
@@ -22,56 +22,59 @@ class Policy:
     Parameters
     ----------
     enough
-        Adequacy threshold: a model whose largest error of any run and channel stays below this multiple of its floor is
-        adequate. Chosen by the study: 406 campaigns without an effect stayed below it.
+        Adequacy threshold: a model is adequate if its largest ratio of error to floor, over runs and channels, is below this.
+        Chosen by the study: 406 campaigns without an effect stayed below it.
     explained
         Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
     contributes
-        Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then
-        remove as much. (Findings, version 2, call a cause a main contributor from 0.3 on; that is told as its standing.)
+        Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove
+        as much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)
     main
         Share from which a candidate is a main contributor (findings, version 2).
     certain
         Share of resampled runs in which a cause must beat its rivals: 1.96 standard errors.
     matters
-        Ratio of rms errors from which a difference between rivals matters: nearer ones stand together, whatever its
-        significance. Chosen: a few per cent of error are what another starting value or grid of a fit makes.
+        Ratio of rms errors above which a difference between rivals is relevant: rivals with a smaller ratio are
+        indistinguishable, whatever its significance. Chosen: other starting values or time steps of a fit change the error by a
+        few per cent.
     worth
-        Share of the remaining excess, or fall of the errors' mean logarithm, from which a step is tried further. Chosen by
+        Share of the remaining excess, or decrease of the errors' mean logarithm, above which a step is tried further. Chosen by
         the study.
     rest
-        Share of the baseline's excess below which nothing more is looked for behind a free shape: what a curve of finite
-        many points leaves.
+        Share of the baseline's excess below which the search ends after a free shape: the error of a curve with finitely many
+        points.
     later
         Share of the baseline's excess that a further step must remove unless it makes the model adequate.
     of_rest, of_rest_here
-        Share of the remaining excess that it must remove then; at a place that has a step already.
+        Share of the remaining excess that it must remove then; at a place that already has a step.
     form_share
         Share of what the free shape removes that a form must remove too (findings, version 2).
     form_errors
         Standard errors over runs by which a form's error may exceed the free shape's (findings, version 2).
     settled
-        Share of the excess below which what a form leaves is another matter: neither pairs of causes nor free shapes of other
-        kinds and places are fitted then. Chosen: a tenth of the error; forms of the wrong kind leave several per cent.
+        Share of the excess below which the error remaining after a form has another cause: then neither pairs of causes nor free
+        shapes of other kinds and places are fitted. Chosen: a tenth of the error; forms of the wrong kind leave several per cent.
     form_alike
         Ratio of rms errors up to which a form counts as within those standard errors, however small they are. Chosen as
-        `matters`, a few per cent, and twice that for what a curve of many points fits of a soiled rig's dirt in every run.
+        `matters`, a few per cent, and twice that because a curve with many points also fits small imperfections in every run.
     form_close
-        Ratio of rms errors up to which a form is as good as the free shape. Chosen: a free shape fits a soiled rig's dirt
-        along and so errs up to a third less than the true form; forms that are merely the nearest err by twice and more.
+        Ratio of rms errors up to which a form is as good as the free shape. Chosen: a free shape also fits small imperfections
+        and its error is up to a third smaller than that of the true form; the error of forms that are merely the closest is twice
+        as large and more.
     form_apart
-        Standard errors over blocks by which a form's rival must lie behind it to be another answer: 95 % of a normal variable.
+        Difference in standard errors over blocks above which a form's rival is worse: 95 % of a normal variable.
     distinguishable
-        Multiple of the adequacy threshold from which a form's rival is another answer than an adequate form, however few blocks
-        show it. Chosen: what shows for a moment only raises the largest error, and leaves most blocks alike.
+        Rivals above this multiple of the adequacy threshold are distinguishable from an adequate form, even if only few blocks
+        show the difference. Chosen: a short event raises only the largest error and leaves most blocks unchanged.
     doubtful
-        Multiple of the adequacy threshold up to which the baseline's largest error may be the floor's own scatter, so that data
-        simulated with the baseline are fitted and scored for comparison. Chosen: that costs a fit, so only near the threshold.
+        Multiple of the adequacy threshold up to which the baseline's largest error may be due to the scatter of the floor, so
+        that data simulated with the baseline are fitted and scored for comparison. Chosen: this takes a fit, so only near the
+        threshold.
     beyond_calibration
-        How many times the error of such simulated data the measured error must be. Chosen: one draw of such data scatters.
+        Required ratio of the measured error to that of such simulated data. Chosen: one draw of such data scatters.
     refitted
-        Fall of the errors' mean logarithm from which a model fitted anew from where a step led it is another model. Chosen:
-        a tenth, about twice what `matters` takes for the same.
+        Decrease of the errors' mean logarithm above which a model refitted from the parameters after a step is a different model.
+        Chosen: a tenth, about twice the value of `matters`.
     """
 
     enough: float = ADEQUATE
@@ -106,7 +109,7 @@ def wins(best: FloatArray, rivals: Sequence[FloatArray], *, draws: int = 1000) -
     Parameters
     ----------
     best, rivals
-        Square errors by independent unit (run, or block of time where there are few runs), shape (units,).
+        Square errors by independent unit (run, or block of time if there are few runs), shape (units,).
     """
     if not rivals:
         return 1.0
@@ -116,7 +119,7 @@ def wins(best: FloatArray, rivals: Sequence[FloatArray], *, draws: int = 1000) -
 
 
 def form_stands(before: FloatArray, shape: FloatArray, form: FloatArray, floors: FloatArray, policy: Policy = POLICY) -> bool:
-    """Whether a form comes within the data's reach of the free shape of its kind at its place.
+    """Whether the error of a form is within the uncertainty of that of the free shape of its kind at its place.
 
     Parameters
     ----------
@@ -136,14 +139,14 @@ def form_stands(before: FloatArray, shape: FloatArray, form: FloatArray, floors:
 
 
 def rivals_alike(best: FloatArray, rival: FloatArray, floors: FloatArray, behind: float, policy: Policy = POLICY) -> bool:
-    """Whether the data cannot tell a form's rival from it.
+    """Whether the data cannot distinguish a form's rival from it.
 
     Parameters
     ----------
     best, rival, floors
         Shape (runs, channels).
     behind
-        Standard errors over blocks by which the rival lies behind.
+        Difference in standard errors over blocks by which the rival is worse.
     """
     adequate = is_adequate(best, floors, policy.enough)
     if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):
@@ -154,14 +157,14 @@ def rivals_alike(best: FloatArray, rival: FloatArray, floors: FloatArray, behind
 def explains_own_channel(
     before: FloatArray, after: FloatArray, floors: FloatArray, own: Sequence[int], policy: Policy = POLICY
 ) -> bool:
-    """Whether a fault of sensors explains their own channels, not only what a spoilt channel did to the rest of a fit.
+    """Whether a sensor fault explains its own channels, not only the effect of a faulty channel on the rest of a fit.
 
     Parameters
     ----------
     before, after, floors
         Errors without and with the fault, shape (runs, channels).
     own
-        Columns of the faulty sensors' channels; empty for a cause that is no sensor's fault.
+        Columns of the faulty sensors' channels; empty for a cause that is not a sensor fault.
     """
     if not own:
         return True
@@ -170,30 +173,30 @@ def explains_own_channel(
 
 
 def may_be_noise(worst: float, policy: Policy = POLICY) -> bool:
-    """Whether a model's largest error over its floor may be the floor's own scatter, so that it is worth a calibration."""
+    """Whether a model's largest error relative to its floor may be due to the floor's scatter: a calibration is needed."""
     return policy.enough <= worst < policy.doubtful * policy.enough
 
 
 def adequacy_threshold(calibration: float | None, policy: Policy = POLICY) -> float:
-    """The threshold for these data: the policy's, or above what data simulated with the model itself reach (None: not asked)."""
+    """The threshold for these data: the policy's, or higher after data simulated with the model itself (None: not needed)."""
     return max(policy.enough, policy.beyond_calibration * (calibration or 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """A model on the way of a diagnosis as the verdict sees it.
+    """An intermediate model of a diagnosis, as needed for the verdict.
 
     Parameters
     ----------
     error
         Its held-out errors, shape (runs, channels).
     place
-        Where the step that led to it sits; empty for the baseline.
+        Place of the step that led to it; empty for the baseline.
     certain
-        Whether that step beats every rival of another kind or place, and a free shape says how far any law of its kind could
-        get: without one the nearest of few guesses may remove much and still be the wrong one.
+        Whether that step beats every rival of another kind or place, and a free shape bounds what any law of its kind can
+        explain: without a bound, the closest of few guesses may remove much and still be wrong.
     refines
-        Whether that step replaces the law that an earlier one put there by a more general one of its kind.
+        Whether that step replaces the law of an earlier step there by a more general one of its kind.
     paired
         Whether that step and the next one belong together: neither makes the model adequate without the other.
     """
@@ -206,7 +209,7 @@ class Stage:
 
 
 def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: float, policy: Policy = POLICY) -> bool:
-    """Whether the step to stage k says something that the stages before it do not."""
+    """Whether the step to stage k adds something to the stages before it."""
     if k == 0:
         return True
     if is_adequate(stages[k].error, floors, enough):
@@ -226,7 +229,7 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
 def verdict(
     stages: Sequence[Stage], floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
 ) -> tuple[str, int]:
-    """The verdict's word, and how many steps it keeps.
+    """The verdict, and the number of steps that it keeps.
 
     Parameters
     ----------
@@ -237,7 +240,7 @@ def verdict(
     enough
         The adequacy threshold for these data.
     tolerance
-        Error that the user does not mind.
+        Error that counts as adequate.
     """
     first = stages[0].error
     if is_adequate(first, floors, enough, tolerance):

@@ -1,4 +1,4 @@
-"""What runs of one drive do not share: motion that the drive did not cause, measured and not assumed."""
+"""Disturbance: the difference between runs with the same drive, measured and not assumed."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
-#: Two drives are one, played twice, where they differ by less than this share of their rms.
+#: Two drives are the same if they differ by less than this share of their rms.
 SAME_DRIVE = 0.03
 
 
 def repeated(trials: Sequence[Trial]) -> list[tuple[int, int]]:
-    """Pairs of trials in which the same drive was played: said so by the recording, or alike to `SAME_DRIVE`."""
+    """Pairs of trials with the same drive: according to the recording, or equal to `SAME_DRIVE`."""
     index = {trial.run.id: k for k, trial in enumerate(trials)}
     pairs = []
     for k, trial in enumerate(trials):
@@ -41,17 +41,17 @@ def _alike(one: Trial, other: Trial) -> bool:
 
 
 def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = True) -> FloatArray:
-    """Error of every run and channel that repeated runs of one drive do not share, beyond the sensors' noise, (runs, channels).
+    """Error of every run and channel that repeated runs do not share, beyond the sensors' noise, (runs, channels).
 
-    Half the power of the difference of two residuals of one drive, less the noise. Zero where no drive was played twice.
+    Half the power of the difference of two residuals with one drive, minus the noise. Zero if no drive was repeated.
 
     Parameters
     ----------
     model, trials
-        The model whose residuals are compared, and what judges it.
+        The model whose residuals are compared, and the held-out data.
     at_most
-        Whether a run that was not repeated gets the smaller (else the larger) of the same power and the same share of the
-        signal: an allowance must not hide what the model lacks.
+        Whether a run that was not repeated gets the smaller (otherwise the larger) of the same power and the same share of the
+        signal: an allowance must not hide deficiencies of the model.
     """
     pairs = repeated(trials)
     shape = len(trials), trials[0].measured.shape[0]

@@ -1,4 +1,4 @@
-"""One step of a diagnosis: candidates race on short data, the best are finished, and one is chosen or none."""
+"""One step of a diagnosis: elimination of candidates on short data, full fits of the best, and selection of one or none."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.rig_model import RigModel
 
-#: Candidates that get a full fit, and free shapes.
+#: Number of candidates with a full fit, and of free shapes.
 FINALISTS, CURVES = 4, 3
 
 
@@ -58,16 +58,16 @@ class Rival:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """The free shape that a step carries.
+    """The free shape of a step.
 
     Parameters
     ----------
     over, unit, value_unit
-        What it runs over, that quantity's unit and the values'.
+        Its abscissa, the units of abscissa and values.
     points
-        (place, value, standard deviation), ascending; speeds below zero are those of the backward way.
+        (position, value, standard deviation), ascending; negative velocities are those of the backward direction.
     reached
-        Lowest and highest place that the runs reached.
+        Lowest and highest position covered by the runs.
     """
 
     over: str
@@ -79,26 +79,26 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A named cause with what speaks for it.
+    """An identified cause with its evidence.
 
     Parameters
     ----------
     cause, location
-        Names of the findings' catalogue; the kind's own word where no form fits.
+        Names of the findings' catalogue; the kind's name if no form fits.
     kind
-        What kind of thing it is.
+        Its kind.
     form
-        The catalogued cause, or None where none comes within reach of the free shape.
+        The catalogued cause, or None if none comes close to the free shape.
     closest
-        The nearest form and the share of the excess that it removes, where none is named.
+        The closest form and its share of the excess, if none is named.
     parameters
         (value, standard deviation, unit) by name.
     confidence
         Share of resampled held-out data in which it beats every rival.
     rivals
-        The others that were fitted in full, best first.
+        The other fully fitted candidates, best first.
     indistinguishable
-        Cause and location of rivals that the data cannot tell apart from it.
+        Cause and location of rivals that the data cannot distinguish from it.
     evidence
         Sentences.
     before, after
@@ -106,7 +106,7 @@ class Step:
     reported
         How its parameters follow from a model.
     curve
-        The free shape, where no form is named.
+        The free shape, if no form is named.
     """
 
     cause: str
@@ -124,15 +124,10 @@ class Step:
     reported: tuple[Reported, ...]
     curve: Curve | None = None
 
-    @property
-    def place(self) -> tuple[Kind, str]:
-        """Kind and place."""
-        return self.kind, self.location
-
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A candidate that was fitted in full, its fit and its score."""
+    """A fully fitted candidate, its fit and its score."""
 
     candidate: Candidate
     fit: Fit
@@ -140,12 +135,12 @@ class Entry:
 
     @property
     def kind(self) -> Kind:
-        """What kind of thing it is."""
+        """Its kind."""
         return kind_of(self.candidate.cause)
 
     @property
     def level(self) -> float:
-        """Typical sliding force of a fitted friction curve in N; 0 of anything else."""
+        """Typical sliding force of a fitted friction curve in N; 0 for others."""
         law = next((c.law for c in self.fit.model.contacts if c.name == self.candidate.location), None)
         return float(np.median(law.levels)) if isinstance(law, FrictionCurve) else 0.0
 
@@ -157,17 +152,15 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What a search for one step came to: the step, the entry that it carries, all entries, and the step that belongs to it.
+    """Result of a search for one step: the step, its entry, all entries, and the step that belongs to it.
 
-    Two causes that explain the data together only are found at once: the second one is `then`. Where the step is a form, `curve`
-    is the free shape of its kind and place, if one was fitted: it replaces the step where one form is not enough there.
+    Two causes that only together explain the data are found at once: the second one is `then`.
     """
 
     step: Step
     entry: Entry
     entries: tuple[Entry, ...]
     then: Found | None = None
-    curve: Found | None = None
 
 
 def next_step(
@@ -183,30 +176,30 @@ def next_step(
     steps: int = 1,
     forms_only: bool = False,
 ) -> Found | None:
-    """The best cause for what the current model leaves; None where no candidate could be fitted.
+    """The best cause for the remaining error of the current model; None if no candidate could be fitted.
 
-    Catalogued forms are fitted first, then pairs of them. Where neither makes the model adequate, free shapes are fitted at
-    every place and say what kind of thing sits where; a form is then named only where it comes within reach of the free shape.
+    Catalogued forms are fitted first, then pairs of them. If neither makes the model adequate, free shapes are fitted at every
+    place to determine place and kind; a form is then named only if it comes close to the free shape.
 
     Parameters
     ----------
     campaign, guess
-        What was measured, and the rig before any fit.
+        The measurement, and the rig before any fit.
     current, now
-        The model that is to be extended and its score.
+        The model to be extended and its score.
     trials, fine
-        What fits may see, and what judges them.
+        The fit data, and the held-out data.
     floors
-        The error allowed in each run and channel that judges, shape (runs, channels).
+        The error allowed in each held-out run and channel, shape (runs, channels).
     progress
-        Called with one line per stage.
+        Called with one line for each stage.
     left
-        Share of the baseline's excess that the current model leaves. Where it is small a linear step foretells what a
-        candidate can do, and only one that promises much is fitted.
+        Share of the baseline's excess that the current model leaves. If it is small, a linear step predicts the effect of a
+        candidate, and only promising ones are fitted.
     steps
-        How many further steps there may be.
+        Maximum number of further steps.
     forms_only
-        Whether neither pairs nor free shapes are fitted: they were, from a fit of the same model that was further off.
+        Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
     """
     seconds = horizon(current.model, trials)
     problem = Problem(glanced(trials, seconds))
@@ -217,12 +210,12 @@ def next_step(
         progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
     if left < POLICY.rest and not (looks and looks[0].cost < (1.0 - POLICY.worth) * glance.cost):
         return None
-    # Where a shorter stretch shows it too, fits may come near on that.
+    # If a shorter interval shows it too, fits may approach on that.
     rungs = ladder(trials, 0.0 if seconds < SCREENS[-1] else seconds)
     run = race(starts_of(diverse(looks), current, guess, rungs[0]), rungs, current, progress)
     forms = _entries(run.ranked[:FINALISTS], trials, fine, progress)
-    # What a form leaves that removes nearly all is no further place's or kind's; whether another law of its own kind does better
-    # there is asked all the same.
+    # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
+    # tested anyway.
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
     alone = any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     if left >= POLICY.rest and not forms_only and not alone:
@@ -256,10 +249,10 @@ def _entries(
         lost = bool(entries) and rough.cost > BEHIND * ranked[0][1].cost
         if lost and len(entries) > 1:
             break
-        # One that is far behind is no contender: its rough fit serves to say by how much.
+        # One with a much larger error is no contender: its rough fit serves to show by how much.
         try:
             done = rough if lost else unrolled(rough, trials) if candidate.shape else finished(rough, trials)
-        except FitError:  # it holds out for the first seconds only
+        except FitError:  # it fits the first seconds only
             continue
         entries.append(Entry(candidate=candidate, fit=done, score=score(done.model, fine)))
         progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
@@ -277,7 +270,7 @@ def _shapes(
             continue
         free = shape.parameters(current.model, current.free)
         begun += [(shape, free, start) for start in shape.starts]
-        # A shape goes on where the best form of its kind ended.
+        # A shape continues from the best form of its kind.
         for entry in forms:
             if entry.place == (kind_of(shape.cause), shape.location):
                 begun += [
@@ -301,9 +294,9 @@ def _shapes(
 def _again(
     looks: Sequence[Look], shapes: Sequence[Entry], current: Fit, floors: FloatArray, rungs: Sequence[Rung], progress: Progress
 ) -> list[tuple[Candidate, Fit]]:
-    """Forms of the best free shape's kind and place once more, from where it has led all other parameters.
+    """Forms of the best free shape's kind and place again, starting from the other parameters of its fit.
 
-    Where what is missing has bent the whole fit, a form may not find its way; a curve does, for it is straight in its values.
+    If the missing effect has biased the whole fit, a form may not converge; a curve does, because it is linear in its values.
     """
     best = min(shapes, key=lambda entry: excess(entry.score.error, floors), default=None)
     if best is None:
@@ -327,7 +320,7 @@ def _extended(
     place: tuple[Kind, str] | None, forms: Sequence[Entry], looks: Sequence[Look], current: Fit, evidence: Evidence,
     rungs: Sequence[Rung], progress: Progress,
 ) -> list[tuple[Candidate, Fit]]:  # fmt: skip
-    """Forms of a kind and place that extend one of the `forms` there; none where no place is given.
+    """Forms of a kind and place that extend one of the `forms` there; none if no place is given.
 
     A rig whose baseline has no friction has no Stribeck friction to try before it has some.
     """
@@ -346,7 +339,7 @@ def _together(
     found: Sequence[Pair], forms: Sequence[Entry], now: Score, trials: Sequence[Trial], fine: Sequence[Trial],
     floors: FloatArray, progress: Progress,
 ) -> Found | None:  # fmt: skip
-    """The best pair of forms that makes the model adequate, as two steps; None where none does."""
+    """The best pair of forms that makes the model adequate, as two steps; None if there is none."""
     done: list[tuple[Pair, Entry]] = []
     for pair in found:
         with suppress(FitError):
@@ -383,7 +376,7 @@ def _by_form(entries: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
         return rivals_alike(best.score.error, rival.score.error, floors, behind)
 
     close = [entry for entry in entries if entry is best or alike(entry)]
-    # Of those that the data cannot tell apart, the simplest is carried.
+    # Of indistinguishable candidates, the simplest is used.
     carried = simplest(close)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
     twins = {entry.candidate.key for entry in close if entry is not carried}
@@ -391,7 +384,7 @@ def _by_form(entries: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
 
 
 def simplest(entries: Sequence[Entry]) -> Entry:
-    """Of entries that the data cannot tell apart the one of lowest rank, then of fewest parameters."""
+    """Of indistinguishable entries the one of lowest rank, then with fewest parameters."""
     return min(entries, key=lambda entry: (entry.candidate.rank, len(entry.candidate.free)))
 
 
@@ -427,13 +420,7 @@ def _by_kind(forms: Sequence[Entry], shapes: Sequence[Entry], now: Score, floors
             (e for e in standing if ratio(e.score.error, standing[0].score.error, floors) < POLICY.matters),
             key=lambda entry: (len(entry.candidate.free), entry.candidate.rank),
         )
-        form = _found(carried, entries, now, twins, sureness, None, None)
-        free = next((e for e in entries if e.place == carried.place and e.candidate.shape is not None), None)
-        if free is None:
-            return form
-        near = (carried.candidate.cause, share_removed(now.error, carried.score.error, floors))
-        curve = _found(free, entries, now, twins, sureness, near, curve_of(free.candidate, free.fit, evidence))
-        return replace(form, curve=curve)
+        return _found(carried, entries, now, twins, sureness, None, None)
     closest = (mates[0].candidate.cause, share_removed(now.error, mates[0].score.error, floors)) if mates else None
     return _found(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
 
@@ -466,7 +453,7 @@ def _found(
 
 
 def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | None:
-    """The curve of a fitted free shape, the link's straight part in it; None where the shape is no single curve."""
+    """The curve of a fitted free shape including the link's linear part; None if the shape is not a single curve."""
     shape = candidate.shape
     if shape is None or not shape.tables:
         return None
@@ -484,7 +471,7 @@ def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | N
 
 
 def updated(step: Step, extended: Fit) -> Step:
-    """The step with what later ones made of its parameters; a later step may have replaced them altogether."""
+    """The step with its parameters after later steps; a later step may have replaced them altogether."""
     try:
         return replace(step, parameters=_values(step.reported, extended))
     except ModelError:
@@ -496,13 +483,13 @@ def _values(reported: Sequence[Reported], fitted: Fit) -> dict[str, tuple[float,
 
 
 def _deviation(reported: Reported, fitted: Fit) -> float:
-    # First-order propagation through whatever the reported figure is made of.
+    # First-order propagation through the formula of the reported value.
     middle = reported.of(fitted.model)
     slope = np.zeros(len(fitted.free))
     for k, free in enumerate(fitted.free):
         value = fitted.model.get(free.path)
         step = 1e-5 * abs(value) or 1e-9
-        for way in (step, -step):  # on the other side where this one leaves what physics allows
+        for way in (step, -step):  # on the other side if this one exceeds what physics allows
             with suppress(ModelError):
                 slope[k] = (reported.of(fitted.model.replace({free.path: value + way})) - middle) / way
                 break
@@ -510,6 +497,6 @@ def _deviation(reported: Reported, fitted: Fit) -> float:
 
 
 def with_evidence(step: Step, said: Sequence[Sign]) -> Step:
-    """The step with what the records said for it before it was fitted."""
+    """The step with the evidence found in the records before it was fitted."""
     speaking = tuple(sign.text for sign in said if sign.supports(step.cause, step.location))
     return replace(step, evidence=(*step.evidence, *speaking))

@@ -1,7 +1,6 @@
-"""The restoring-force surface of a link: what force it passed, over how far and how fast its ends moved.
+"""The restoring-force surface of a link: transmitted force over relative displacement and velocity.
 
-Masri and Caughey (1979). The force is what its free body's inertia and the drive leave: F = push - m a, for a body that hangs on
-this link alone.
+Masri and Caughey (1979). The force follows from the free body: F = push - m a, for a body connected by this link only.
 """
 
 from __future__ import annotations
@@ -15,30 +14,30 @@ from isorig.analysis.diagnose.estimate_pairs import Double
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
 from isorig.analysis.spectra.motion import motion_of
 
-#: Bins of the swing, and stretches of a run whose spread gives the deviations.
+#: Bins of the swing, and intervals of a run whose spread gives the standard deviations.
 BINS, STRETCHES = 6, 8
-#: Samples that a bin needs.
+#: Minimum samples of a bin.
 FEWEST = 30
-#: Share of the force that a spring, a damper, curved ones and friction must explain for the record to be clear enough of noise.
+#: Share of the force that a spring, a damper, nonlinear ones and friction must explain; otherwise noise dominates.
 CLEAR = 0.8
-#: Slow sliding, what lies between, and fast: shares of the largest speed.
+#: Limits of slow, medium and fast sliding: shares of the largest velocity.
 PACES = ((0.05, 0.15), (0.25, 0.45), (0.6, 0.9))
-#: Points kept for a picture.
+#: Points stored for a plot.
 SHOWN = 1200
 
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """A link's force, measured beside simulated.
+    """A link's force, measured and simulated.
 
     Parameters
     ----------
     link, run
         Names.
     displacement, velocity, force
-        Samples of the measured record for a picture, m, m/s, N, shape (points,).
+        Samples of the measured record for a plot, m, m/s, N, shape (points,).
     simulated
-        The force of the simulated record at the same moments, N, shape (points,).
+        The force of the simulated record at the same times, N, shape (points,).
     swing
         Deflection at the outermost bin, m.
     stiffness
@@ -46,9 +45,9 @@ class Surface:
     friction
         Mean of the force that reverses with the velocity, N.
     stiffening, direction, bending
-        (value, deviation) beyond the simulated record's: growth of the stiffness from the middle to the ends as a share;
-        difference of the damping between the two ways at full speed, N; what slow and fast sliding have more of friction
-        than the speeds between, N.
+        (value, standard deviation) in addition to the simulated record's: relative increase of the stiffness from the middle to
+        the ends; difference of the damping between the two directions at full velocity, N; additional friction of slow and fast
+        sliding relative to medium velocities, N.
     """
 
     link: str
@@ -66,9 +65,9 @@ class Surface:
 
 
 def passed(model: RigModel, link: Link, run: Run) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Deflection (m), speed (m/s) and force (N) of a link in a run, each of shape (samples,), without the record's edges.
+    """Deflection (m), velocity (m/s) and force (N) of a link in a run, each of shape (samples,), without the record's edges.
 
-    None where no body with an accelerometer hangs on this link alone.
+    None if no body with an accelerometer is connected by this link only.
     """
     sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND and s.quantity == "acceleration"}
     ends = [end for end in (link.a, link.b) if end != GROUND]
@@ -86,11 +85,11 @@ def passed(model: RigModel, link: Link, run: Run) -> tuple[FloatArray, FloatArra
 
 
 def bent_by(model: RigModel, link: Link, run: Run, at: FloatArray) -> FloatArray | None:
-    """What the record says of the force that a link's spring has beyond its straight part, N, at deflections `at` in m.
+    """Nonlinear part of a link's spring force from the record, N, at deflections `at` in m.
 
-    Least squares on the force that the link passed: a spring, a damper and friction, and a line from point to point on top,
-    held to its neighbours where few samples lie. It is a start for a fit, no result: noise and drift of integrated motion are
-    in it. None where the force is not known.
+    Least squares fit of the transmitted force: a spring, a damper and friction, plus a piecewise linear function, regularized
+    where there are few samples. It is a starting value for a fit, not a result: it contains noise and drift of the integrated
+    motion. None if the force is unknown.
     """
     parts = passed(model, link, run)
     if parts is None or len(parts[0]) < FEWEST * len(at):
@@ -110,7 +109,7 @@ def bent_by(model: RigModel, link: Link, run: Run, at: FloatArray) -> FloatArray
 
 
 def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
-    """The surface of a link in a run; None where no body with an accelerometer hangs on this link alone, or noise hides it."""
+    """The surface of a link in a run; None if no body with an accelerometer has this link only, or noise dominates."""
     measured, simulated = (passed(model, link, run) for run in (pair.measured, pair.simulated))
     if measured is None or simulated is None:
         return None
@@ -127,7 +126,7 @@ def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
         told, said = ((d[part], v[part], force[part]) for d, v, force in (measured, simulated))
         stretches.append(_figures(*told, swing, speed).signs - _figures(*said, swing, speed).signs)
     value = whole[0].signs - whole[1].signs
-    # A stretch that never reaches the ends of the swing has no say about them.
+    # An interval that never reaches the ends of the swing is not used for them.
     said = np.isfinite(stretches).sum(axis=0)
     error = np.nanstd(stretches, axis=0, ddof=1) / np.sqrt(said) if said.min() > 1 else np.full(len(value), np.inf)
     pairs = [(float(v), float(e)) for v, e in zip(value, error, strict=True)]
@@ -163,14 +162,15 @@ def _figures(d: FloatArray, v: FloatArray, force: FloatArray, swing: float, spee
     pace = np.abs(v) / speed
     slow, between, fast = (along[(pace > low) & (pace <= high)] for low, high in PACES)
     enough = min(len(slow), len(between), len(fast)) > 0
-    # An accelerometer does not see a constant force: of what differs between the two ways only what grows with the speed.
+    # An accelerometer does not measure constant forces: of the difference between directions, use only the velocity-dependent
+    # part.
     even = pace - pace.mean()
     direction = float((force - basis @ weights) @ even / (even @ even))
-    # Viscous damping lies on a straight line through the three.
+    # Viscous damping is a straight line through the three.
     at = [np.mean([low, high]) for low, high in PACES]
     share = (at[1] - at[0]) / (at[2] - at[0])
     bending = float((1 - share) * slow.mean() + share * fast.mean() - between.mean()) if enough else np.nan
-    # The innermost bin divides by next to nothing.
+    # The innermost bin would divide by nearly zero.
     enough = np.bincount(place, minlength=BINS)[[1, -1]].min() >= FEWEST
     growth = float(stiffness[-1] / stiffness[1] - 1.0) if enough else np.nan
     return _Figures(

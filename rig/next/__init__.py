@@ -1,1 +1,1 @@
-"""The next run: what diagnoses leave open becomes a plan, and an investigation goes from plan to plan until one cause stands."""
+"""The next run: open questions of diagnoses become a plan, and an investigation repeats this until one cause is identified."""

@@ -1,4 +1,4 @@
-"""An investigation: measure, diagnose, propose, measure again, until one cause stands; kept on disk stage by stage."""
+"""An investigation: measure, diagnose, propose, and repeat until one cause is identified; saved on disk after each stage."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from isorig.rig.report.sections import words
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 
 STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"
-#: Noise of a sensor that nobody has measured yet, as a share of what the strongest allowed drive records.
+#: Noise of a sensor before it is measured, as a share of its signal with the strongest allowed drive.
 NOISE_GUESS = 3e-4
-#: Relative deviation of a parameter of which only the description's first guess is known.
+#: Relative uncertainty of a parameter known only as a starting value in the description.
 FIRST_GUESS = 0.3
-#: Added to the answer of a diagnosis that its time limit ended.
-CUT_SHORT = "The search for causes was ended by its time limit and may have missed causes."
-#: Stages in a row that may leave verdict and names as they were before an undecided remainder is left as it is.
+#: Added to the answer of a diagnosis that reached its time limit.
+CUT_SHORT = "The time limit ended the search for causes, which may have missed some."
+#: Consecutive stages without a change of verdict and causes after which an unexplained remainder is left as it is.
 WITHOUT_NEWS = 2
 
 
 class StageRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run of a stage: as the plan has it, and why it was taken."""
+    """A run of a stage: its plan, and the reason for it."""
 
     plan: RunPlan
     told: str
@@ -53,9 +53,9 @@ class StageRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Stage(msgspec.Struct, frozen=True, kw_only=True):
-    """A stage: its question, its runs, and what is known after them.
+    """A stage: its question, its runs, and the result.
 
-    `step` says how far it has come; `verdict`, `named`, `open` and `answer` are of the diagnosis after its runs.
+    `step` is its progress; `verdict`, `named`, `open` and `answer` are from the diagnosis after its runs.
     """
 
     number: int
@@ -70,7 +70,7 @@ class Stage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Course(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole investigation; `ended` says why it is over, and is empty while it is not."""
+    """The whole investigation; `ended` is the reason for its end, empty while it continues."""
 
     plan: str
     baseline: Baseline
@@ -94,40 +94,40 @@ class Course(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """The runs that a recording holds now, and whether the operator ended the session."""
+    """The runs in the recording, and whether the operator ended the session."""
 
     names: Sequence[str]
     stopped: bool = False
 
 
-#: Takes the runs of a plan that the recording does not hold yet.
+#: Measures the runs of a plan that are not in the recording yet.
 Measure = Callable[[Plan, Path], Measured]
-#: Chooses the next runs as `propose` does.
+#: Selects the next runs, like `propose`.
 Choose = Callable[..., Proposal]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Terms:
-    """What an investigation may use, and who is told.
+    """Resources of an investigation, and its callbacks.
 
     Parameters
     ----------
     most_runs, seconds
-        Runs, and seconds of measuring, that it may take in all.
+        Maximum number of runs, and maximum seconds of measuring, in total.
     limits
-        What no run may exceed, as stated.
+        The given limits for runs.
     work
-        Seconds that a proposal may take.
+        Maximum seconds for a proposal.
     measure
-        Takes the runs.
+        Measures the runs.
     choose
-        Chooses the next runs.
+        Selects the next runs.
     limit
-        Seconds after which the search for causes of a diagnosis ends; None for no limit.
+        Time limit in seconds for the search for causes in a diagnosis; None for no limit.
     tell
-        Called with a line for whoever watches.
+        Called with lines for the operator.
     status
-        Called with what is going on.
+        Called with the present activity.
     """
 
     most_runs: int
@@ -142,25 +142,25 @@ class Terms:
 
 
 def investigate(plan: Plan, folder: Path, begun: Course, terms: Terms) -> Course:
-    """Go on with an investigation until one cause stands, nothing allowed gains anything, or its means are spent.
+    """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
 
-    Every step is on disk before the next one begins, so that it goes on where it was whatever breaks it off.
+    Every step is saved before the next one starts, so an interrupted investigation can be continued.
 
     Parameters
     ----------
     plan
-        Instrument, channels, what is known of the rig; its runs are the first stage.
+        Instrument, channels, known values of the rig; its runs are the first stage.
     folder
-        Where recording, plans, diagnoses, state and page are.
+        Folder of recording, plans, diagnoses, state and page.
     begun
-        A new course, or the one that was broken off.
+        A new investigation, or an interrupted one.
     terms
-        Means and listeners.
+        Resources and callbacks.
 
     Raises
     ------
     RigError, AnalysisError, DriverError
-        Where measuring or diagnosing fails; what was done until then is kept.
+        Measuring or diagnosing fails; the results until then are kept.
     """
     course, stopped = begun, False
     while not (course.ended or stopped):
@@ -176,12 +176,12 @@ def investigate(plan: Plan, folder: Path, begun: Course, terms: Terms) -> Course
 
 
 def read_course(folder: Path) -> Course | None:
-    """The state of an investigation in a folder; None where there is none.
+    """The state of an investigation in a folder; None if there is none.
 
     Raises
     ------
     PlanError
-        Where it is damaged.
+        It is damaged.
     """
     path = folder / STATE
     if not path.exists():
@@ -189,7 +189,7 @@ def read_course(folder: Path) -> Course | None:
     try:
         return msgspec.json.decode(content_of(path), type=Course)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        raise PlanError(f"{path} is damaged; begin again in another folder, the recording in this one stays as it is") from None
+        raise PlanError(f"{path} is damaged; start again in another folder, the recording in this one is not changed") from None
 
 
 def _keep(folder: Path, course: Course) -> None:
@@ -200,11 +200,11 @@ def _keep(folder: Path, course: Course) -> None:
 
 
 def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Course:
-    # The next question and its runs, or why there is none.
+    # The next question and its runs, or the reason why there is none.
     number = len(course.stages) + 1
     if not course.stages and plan.runs:
-        first = [StageRun(plan=run, told=described_plan(run), why=["The plan asks for it."]) for run in plan.runs]
-        stage = Stage(number=number, kind="plan", asked=["What do the planned runs say?"], runs=first)
+        first = [StageRun(plan=run, told=described_plan(run), why=["It is part of the plan."]) for run in plan.runs]
+        stage = Stage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
         return _with(folder, plan, course, stage, terms)
     if over := _over(course, terms):
         return msgspec.structs.replace(course, ended=over)
@@ -250,7 +250,7 @@ def _measured(plan: Plan, folder: Path, course: Course, terms: Terms) -> tuple[C
         return course, True
     declined = [*course.declined, *(run.told for run in stage.runs if run not in taken)]
     if not taken:
-        ended = "None of the planned runs was taken." if stage.kind == "plan" else ""
+        ended = "None of the planned runs was measured." if stage.kind == "plan" else ""
         return msgspec.structs.replace(course, stages=course.stages[:-1], declined=declined, ended=ended), False
     stage = msgspec.structs.replace(stage, runs=taken, step="measured")
     return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage], declined=declined), False
@@ -259,7 +259,7 @@ def _measured(plan: Plan, folder: Path, course: Course, terms: Terms) -> tuple[C
 def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
     stage = course.stages[-1]
     if all(run.plan.excitation == "free" for each in course.stages for run in each.runs):
-        # Rest alone has nothing to diagnose.
+        # A run at rest alone cannot be diagnosed.
         answer = ["The sensors' noise is known now."]
         stage = msgspec.structs.replace(stage, step="diagnosed", answer=answer)
         return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
@@ -290,15 +290,15 @@ def described_plan(run: RunPlan) -> str:
 
 
 def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
-    """What there is to go on before the first run: the rig as it is described, with first guesses.
+    """The knowledge before the first run: the rig as described, with starting values.
 
     Raises
     ------
     PlanError
-        Where no limits say what the first run may be.
+        No limits determine the first run.
     """
     if limits.gains is None or limits.band is None:
-        raise PlanError("a plan without runs needs limits.gains and limits.band; state which gains and which band are allowed")
+        raise PlanError("a plan without runs needs limits.gains and limits.band; give the allowed gains and the allowed band")
     model = described_rig(plan, baseline)
     free = base_parameters(model)
     spread = np.array([FIRST_GUESS * model.get(f.path) if f.log else 100.0 * f.step for f in free])
@@ -312,23 +312,23 @@ def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
 
 
 def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
-    """The rig that a plan describes, with first guesses."""
+    """The rig described by a plan, with starting values."""
     known = {name: value for name, value in plan.rig.items() if not isinstance(value, str)}
     return plan.model() or wire_bonder({**THESIS, **known}, friction=baseline == "coulomb")
 
 
 def _over(course: Course, terms: Terms) -> str:
-    """Why an investigation is over before the next run is chosen; empty where it is not."""
+    """The reason to end an investigation before the next run is selected; empty if it continues."""
     known = [stage for stage in course.stages if stage.verdict]
     if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
-        return f"{'One cause stands' if len(known[-1].named) == 1 else 'These causes stand'}: {_names(known[-1].named)}."
+        return f"{'Identified cause' if len(known[-1].named) == 1 else 'Identified causes'}: {_names(known[-1].named)}."
     undecided = [stage for stage in known if stage.kind in ("undecided", "reproducible")]
     if len(undecided) >= WITHOUT_NEWS and len({(s.verdict, tuple(s.named)) for s in known[-WITHOUT_NEWS - 1 :]}) == 1:
-        return "What remains has no name in the catalogue: further runs brought nothing new."
+        return "The remaining error has no cause in the catalogue: further runs brought nothing new."
     if len(course.runs) >= terms.most_runs:
-        return f"The {terms.most_runs} runs that it may take are taken."
+        return f"The limit of {terms.most_runs} runs is reached."
     if course.seconds + SHORTEST > terms.seconds:
-        return f"The {terms.seconds:g} s of measuring that it may take are spent."
+        return f"The limit of {terms.seconds:g} s of measuring is reached."
     return ""
 
 
@@ -338,25 +338,25 @@ def _nothing_left(course: Course, proposal: Proposal) -> str:
         return " ".join(pairs)
     known = next((stage.verdict for stage in reversed(course.stages) if stage.verdict), "")
     if known in UNNAMED:
-        return "The model errs, no cause of the catalogue explains it, and no allowed run is left that would be likely to."
+        return "The model misfits, no cause of the catalogue explains it, and no remaining allowed run is likely to."
     if proposal.kind == "untested":
-        return "No cause of the catalogue is left that a further allowed run would be likely to show."
-    return "No allowed run gains anything."
+        return "No further allowed run is likely to reveal a cause of the catalogue."
+    return "No allowed run is informative."
 
 
 def answered(found: Rivals) -> list[str]:
-    """What is known after a diagnosis, in sentences."""
+    """The result of a diagnosis, in sentences."""
     verdict = {
-        "adequate": "The model explains all runs to the noise: no cause is needed so far.",
-        "explained": "What is named explains the runs.", "partly explained": "Part of the error has a name.",
-        "unexplained": "The model errs, and no cause is certain enough to be named.",
+        "adequate": "The model explains all runs down to the noise: no cause is needed so far.",
+        "explained": "The named causes explain the runs.", "partly explained": "Part of the error is explained.",
+        "unexplained": "The model misfits, and no cause is certain enough to be named.",
     }  # fmt: skip
     told = [verdict[found.verdict]]
     if found.named:
         told.append(f"Named: {_names(found.named)}.")
     for one in found.open:
         together = [(model.cause, model.location) for model in one.models] + one.twins
-        why = "The data cannot tell apart" if one.why == "indistinguishable" else "Nearest, but not certain"
+        why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
         told.append(f"{why}: {_names(together)}.")
     if found.ruled_out:
         told.append(f"Ruled out: {_names(found.ruled_out[:6])}{' and others' if len(found.ruled_out) > 6 else ''}.")
@@ -370,7 +370,7 @@ def _figures(found: Rivals) -> str:
         std = std_of(variant, figure)
         if std > 0.0:
             shown.append(f"{words(name)} {figure(variant.model):.4g} ± {std:.1g}")
-    return f"Known by now: {', '.join(shown)}."
+    return f"Parameters: {', '.join(shown)}."
 
 
 def _names(keys: Sequence[tuple[str, str]]) -> str:

@@ -1,4 +1,4 @@
-"""The page of an investigation: which question each run answered, and what is known now."""
+"""The page of an investigation: the question that each run answered, and the present knowledge."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from isorig.rig.report.sections import words
 def course_page(course: Course) -> str:
     """The page as HTML."""
     known = [stage for stage in course.stages if stage.answer]
-    verdict = course.ended or (f"Stage {course.stages[-1].number} is under way." if course.stages else "Nothing is measured yet.")
+    verdict = course.ended or (
+        f"Stage {course.stages[-1].number} is in progress." if course.stages else "Nothing is measured yet."
+    )
     return build_report(
         Report(
             title="Investigation", verdict=verdict, summary=known[-1].answer if known else [],
@@ -31,10 +33,10 @@ def _overview(course: Course) -> Section:
         for stage in course.stages
         for run in stage.runs
     ]  # fmt: skip
-    columns = ("stage", "run", "what was played", "s", "question", "answer", "named")
+    columns = ("stage", "run", "drive", "s", "question", "answer", "named")
     text = [f"{course.seconds:g} s were measured in {len(course.runs)} runs."]
     if course.declined:
-        text.append(f"The operator did not want: {'; '.join(course.declined)}.")
+        text.append(f"Declined by the operator: {'; '.join(course.declined)}.")
     return Section(title="Course", text=text, tables=[Table(columns=columns, rows=rows)] if rows else [])
 
 

@@ -1,4 +1,4 @@
-"""An investigation without hardware: a virtual rig with an effect hidden in it, from the first run to the name of a cause."""
+"""An investigation without hardware: a virtual rig with a hidden effect, from the first run to the identified cause."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from isorig.rig.report.sections import words
 from isorig.rig.terminal import show_table
 from isorig.rig.virtual.effects import hidden_in
 
-#: What is hidden, and its size.
+#: The hidden effect, and its size.
 HIDDEN, SIZE = "end_stop", 1.0
-#: Runs and seconds of measuring that the demo may use, and seconds for each proposal, so that it takes about a minute.
+#: Runs and seconds of measuring for the demo, and seconds for each proposal, so that it takes about a minute.
 RUNS, SECONDS, WORK = 6, 120.0, 6.0
 
 
 def show(folder: Path, seed: int) -> None:
-    """Investigate a virtual rig behind a real port, and open the envelope at the end.
+    """Investigate a virtual rig through a real port, and disclose the hidden effect at the end.
 
     Raises
     ------
     OutputError
-        Where the folder holds an investigation that is not a demo's.
+        The folder contains an investigation that is not a demo's.
     """
     clock = Clock()
     place = folder / "investigation"
     if place.exists() and not (place / STATE).exists():
-        raise OutputError(f"{place} exists and is no investigation; give another folder with -o")
+        raise OutputError(f"{place} exists and is not an investigation; give another folder with -o")
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
     plan = as_virtual(with_runs(read_plan(PLAN), ()))
     with virtual_instrument(seed, "--hide", HIDDEN, "--size", str(SIZE)) as port:
-        clock.tell(f"a virtual rig with something hidden in it stands behind {port}; nothing is measured yet")
+        clock.tell(f"a virtual rig with a hidden effect is connected to {port}; nothing is measured yet")
 
         def took(item: Taken) -> None:
             clock.tell(f"  {item.id}: {item.tally.stored} samples, {item.tally.lost} lost")
@@ -57,7 +57,7 @@ def show(folder: Path, seed: int) -> None:
         ("outcome", course.ended),
         ("hidden in the rig", ", ".join(f"{words(cause)} at {where}" for cause, where in truth)),
         ("runs, and seconds of measuring", f"{len(course.runs)}, {course.seconds:g}"),
-        ("page of the whole course", str(place / PAGE)),
+        ("page of the investigation", str(place / PAGE)),
         ("seconds", f"{clock.seconds:.0f}"),
     ]
     show_table("Investigation", ("what", "result"), rows)

@@ -1,4 +1,4 @@
-"""Limits of a rig: from its description, the plan and a file of their own; where several state one, the tightest holds."""
+"""Limits of a rig: from its description, the plan and a separate file; if several give the same limit, the tightest applies."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def read_limits(path: Path) -> Limits:
 
 
 def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
-    """All that is stated of a rig's limits.
+    """All given limits of a rig.
 
     Raises
     ------
     PlanError
-        Where two statements exclude each other, or one is of a link or channel that the rig does not have.
+        Two limits exclude each other, or one is for a link or channel that the rig does not have.
     """
     stated = model.limits
     try:

@@ -1,4 +1,4 @@
-"""The runs of an investigation taken with an instrument: those that the recording lacks, each with the operator's consent."""
+"""Measures the runs of an investigation that are missing in the recording, each with the operator's consent."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from isorig.rig.next.course import Measure, Measured
 
 
 def measuring(wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False) -> Measure:
-    """What takes a plan's runs from the instrument at a port.
+    """A function that measures a plan's runs with the instrument at a port.
 
     Parameters
     ----------
     wire
         The port.
     operator
-        Who locks, and who is told.
+        The operator's interface.
     consent
-        Asked before each run by its name; nobody is asked where None.
+        Asked before each run by its name; None for no questions.
     force
-        Begin runs that the look before them speaks against.
+        Start even if the pre-run check fails.
     """
 
     def measure(plan: Plan, recording: Path) -> Measured:

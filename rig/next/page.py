@@ -1,4 +1,4 @@
-"""The page of a proposal: each run with its reason, and what every surviving cause predicts for it."""
+"""The page of a proposal: each run with its reason, and the prediction of every remaining cause."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from isorig.rig.report.charts import Chart, Panel, Trace
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number
 
-#: Seconds of a prediction that are shown about the largest difference.
+#: Seconds of a prediction shown around the largest difference.
 SHOWN = 1.0
 
 
@@ -49,14 +49,14 @@ def _distances(choice: Choice) -> Table:
         for apart in sorted(choice.apart, key=lambda apart: -apart.distance)
     ]
     return Table(
-        columns=("if it is", "and this is fitted", "standard errors", "probability"), rows=rows,
-        caption="How far the refitted model errs in this run, in standard errors of one spectral line of the worst channel, and "
-        f"the probability that this parts the two: 0 up to {CANNOT:g}, 1 from {WILL:g} on.",
+        columns=("true cause", "fitted cause", "standard errors", "probability"), rows=rows,
+        caption="Error of the refitted model in this run, in standard errors of one frequency bin of the worst channel, and the "
+        f"probability that this distinguishes the two: 0 up to {CANNOT:g}, 1 from {WILL:g} on.",
     )  # fmt: skip
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True):
-    """What two causes predict for a run about the place where they differ most, ready to be drawn or kept."""
+    """The predictions of two causes for a run around their largest difference, for plotting or storing."""
 
     truth: str
     rival: str
@@ -70,7 +70,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def picture_of(pair: Foreseen) -> Picture:
-    """The part of a prediction that is shown."""
+    """The displayed part of a prediction."""
     apart = np.abs(pair.of_truth - pair.of_rival)
     width = min(round(SHOWN * pair.sample_rate), len(apart))
     middle = int(np.argmax(np.convolve(apart**2, np.ones(max(width // 4, 1)), mode="same")))
@@ -84,14 +84,14 @@ def picture_of(pair: Foreseen) -> Picture:
 
 
 def foreseen_chart(shown: Picture, name: str) -> Chart:
-    """What two causes predict for a run, and their difference beside what is allowed."""
+    """The predictions of two causes for a run, and their difference compared with the allowed error."""
     truth, rival = np.array(shown.of_truth), np.array(shown.of_rival)
     t = (shown.first + np.arange(len(truth))) / shown.sample_rate
     return Chart(
         name=name, x_label="time, s", x_log=False,
-        caption=f"What the {shown.channel} would record if it is {shown.truth}, and what {shown.rival} predicts once refitted "
-        f"to all runs; below, their difference beside what noise and the simulation's limit allow: {shown.distance:.2g} standard "
-        "errors over the whole run.",
+        caption=f"Signal of the {shown.channel} for {shown.truth}, and prediction by {shown.rival} after a refit to all runs; "
+        f"below, their difference compared with the allowed error (noise and accuracy of the simulation): {shown.distance:.2g} "
+        "standard errors over the whole run.",
         panels=[Panel(label=shown.channel), Panel(label="difference", height=0.6)],
         traces=[
             Trace(name=shown.truth, x=t, y=truth, role="first"),
@@ -120,6 +120,6 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
         tables.append(Table(columns=("candidate", "refused because"), rows=refused))
     return Section(
         title="Limits",
-        text=["A stroke or drive for which no limit was stated is limited to what the runs so far reached."],
+        text=["A stroke or drive without a given limit is limited to what the runs so far reached."],
         tables=tables,
     )

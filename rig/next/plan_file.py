@@ -1,4 +1,4 @@
-"""Plans written as TOML, each run with the sentences that say why it is taken."""
+"""Writes plans as TOML, each run with the sentences that give its reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from isorig.rig.acquire.plan_check import check_plan
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import Rivals
 
-#: Sensitivity of a channel of the virtual rig, V per m/s^2, for a plan whose own instrument nobody has named.
+#: Sensitivity of a channel of the virtual rig, V per m/s^2, for a plan without its own instrument.
 SENSITIVITY = 0.2
 
 
@@ -31,7 +31,7 @@ def virtual_instrument_of(found: Rivals) -> Plan:
 
 
 def write_plan(path: Path, plan: Plan, why: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> Path:
-    """Write a plan that `rig acquire` takes as it is, whole or not at all.
+    """Write a plan for `rig acquire`, atomically.
 
     Parameters
     ----------
@@ -40,21 +40,21 @@ def write_plan(path: Path, plan: Plan, why: Mapping[str, Sequence[str]], head: S
     plan
         The plan.
     why
-        Sentences that go in front of a run, by its id.
+        Sentences above a run, by its id.
     head
         Sentences at the top.
 
     Raises
     ------
     PlanError
-        Where the plan itself cannot be used.
+        The plan itself is not valid.
     """
     check_plan(plan, str(path))
     return write_text(path, plan_text(plan, why, head))
 
 
 def plan_text(plan: Plan, why: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> str:
-    """A plan as TOML; what has its default value is left out."""
+    """A plan as TOML, without values that have their default."""
     instrument = _stated(plan.instrument)
     settings = instrument.pop("settings", None) or {}
     shows = instrument.pop("shows", ())
@@ -105,7 +105,7 @@ def _value(value: Any) -> str:
 
 
 def run_names(count: int, taken: Sequence[str]) -> list[str]:
-    """Names for further runs that no earlier one has."""
+    """Unique names for further runs."""
     found: list[str] = []
     number = 1
     while len(found) < count:

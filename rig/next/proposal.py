@@ -1,4 +1,4 @@
-"""From what diagnoses leave open to the next runs: the question, the candidates, and the proposal with its reasons."""
+"""From the open questions of diagnoses to the next runs: the question, the candidates, and the proposal with reasons."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ WORK = 20.0
 LONGEST = 60.0
 #: Verdicts with an error that no named cause explains, and the question where no candidate cause came near.
 UNNAMED = ("unexplained", "partly explained")
-NO_CAUSE = "No candidate cause explains the error. Does another excitation show its cause?"
+NO_CAUSE = "No candidate cause explains the error. Does another excitation reveal its cause?"
 #: Share of a channel's noise level that the rig's own motion may make up before the level is no longer taken as noise.
 OWN_MOTION = 0.5
 
@@ -51,7 +51,7 @@ class Situation:
     taken
         Runs in hand, with their drives.
     limits
-        What no run may exceed, in full: what nobody stated is what the runs so far reached.
+        Limits for a run; a limit that is not given is what the runs so far reached.
     scale
         The rig's drive over the planned one.
     plans
@@ -153,7 +153,7 @@ class Proposal:
     asked
         The question in words, where it is another than the kind's own.
     remedies
-        Pairs of causes that no allowed run parts, and what would.
+        Pairs of causes that no allowed run distinguishes, and what would.
     """
 
     kind: Kind
@@ -180,12 +180,12 @@ def situation(
     plans = plans or {}
     if floats(model):
         raise PlanError(
-            f"the rig {model.name!r} has a body that no spring holds, whose motion under a drive cannot be simulated ahead; "
+            f"the rig {model.name!r} has a body that no spring holds, whose motion cannot be predicted; "
             "choose its next run by hand"
         )
     names = [tuple(model_.explains.model["configurations"]) for model_ in diagnoses]
     if len({(d.explains.model["name"], n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
-        raise PlanError("the diagnoses are of different rigs; give those of one")
+        raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
     ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
     open_ = [
         msgspec.structs.replace(one, models=[m for m in one.models if (m.cause, m.location) not in ruled_out])
@@ -202,15 +202,14 @@ def situation(
 
 
 def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[Prospect]) -> Limits:
-    # What nobody has stated is what the runs so far reached.
+    # Limits that are not given are what the runs so far reached.
     driven = [run for run in rivals.runs if run.drive_rms > 0.0 and run.excitation != "free"]
     gains = limits.gains or ((0.0, max(run.gain for run in driven)) if driven else None)
     bands = [run.band for run in driven if run.band is not None]
     band = limits.band or ((min(b[0] for b in bands), max(b[1] for b in bands)) if bands else None)
     if gains is None or band is None:
         raise PlanError(
-            "neither the limits nor the runs so far say which gains and which band the drive may have; state limits.gains and "
-            "limits.band"
+            "neither the limits nor the runs so far determine the allowed gains and band; give limits.gains and limits.band"
         )
     peaks = [simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in taken]
     stated = reached_so_far(limits, model, largest(peaks)) if peaks else limits
@@ -223,7 +222,7 @@ def propose(
 ) -> Proposal:  # fmt: skip
     """The next runs, for the most pressing question that is open.
 
-    Causes that stand together come first, then causes of which none earned a name, then causes that nobody has looked for yet.
+    Indistinguishable causes come first, then causes that are not certain, then causes that are not identifiable so far.
 
     Parameters
     ----------
@@ -234,7 +233,7 @@ def propose(
     work
         Seconds that the comparison may take.
     most
-        Runs at most, beside one at rest.
+        Maximum number of runs, in addition to one at rest.
     tell
         Called with a line per stage.
     """
@@ -242,7 +241,7 @@ def propose(
 
     def progress(text: str) -> None:
         if time.monotonic() > clock:
-            raise OutOfTimeError("the time for comparing candidates is over")
+            raise OutOfTimeError("the time limit for comparing candidates is reached")
         tell(text)
 
     kind: Kind
@@ -320,7 +319,7 @@ def inseparable_pairs(found: Chosen) -> list[tuple[Key, Key]]:
 
 
 def _supposed(now: Situation) -> tuple[Variant, ...]:
-    # Sizes are counted in what the strongest allowed runs reach.
+    # Sizes are relative to the peaks of the strongest allowed runs.
     model, rate, limits = now.explains.model, now.rivals.sample_rate, now.limits
     strong = [run for run in menu(model, limits, rate) if limits.gains is not None and run.gain == limits.gains[1]]
     seen = [prospect(run, rate, now.start_time, now.scale) for run in strong if run.excitation in ("random", "moves")]
@@ -330,7 +329,7 @@ def _supposed(now: Situation) -> tuple[Variant, ...]:
 
 
 def _again(now: Situation, budget: float) -> Proposed | None:
-    # The drive of the run that misfits most, where no drive was played twice yet: is what remains reproducible?
+    # The drive of the run with the largest misfit, if no drive was repeated yet: is the remaining error reproducible?
     if any(run.repeat_of is not None for run in now.rivals.runs):
         return None
     names = [now.rivals.worst, *(run.id for run in now.rivals.runs)]

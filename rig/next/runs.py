@@ -1,4 +1,4 @@
-"""Candidate runs as plans have them, with the drive that the instrument would play."""
+"""Candidate runs as entries of a plan, with the drive that the instrument would play."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.files.rivals import TakenRun
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN
 
-#: Seconds that pass between two runs.
+#: Seconds between two runs.
 PAUSE = 30.0
-#: Excitations of which another realisation can be made.
+#: Excitations with different realizations.
 AGAIN = ("random", "multisine", "sweep", "moves")
 EXCITED = {
     "random": "random drive", "multisine": "odd multisine with omitted lines", "sine": "sine", "sweep": "sweep",
@@ -25,7 +25,7 @@ EXCITED = {
 
 
 def planned(run: CandidateRun, name: str) -> RunPlan:
-    """The run as a plan has it."""
+    """The run as an entry of a plan."""
     return RunPlan(
         id=name, configuration=run.configuration, gain=run.gain, seconds=run.seconds, excitation=run.excitation, band=run.band,
         frequency=run.frequency, period=min(run.period, run.seconds), seed=run.seed, repeat_of=run.repeat_of,
@@ -33,7 +33,7 @@ def planned(run: CandidateRun, name: str) -> RunPlan:
 
 
 def candidate(run: RunPlan) -> CandidateRun:
-    """A planned run as proposals know it."""
+    """A planned run as a candidate for proposals."""
     return CandidateRun(
         configuration=run.configuration, excitation=run.excitation, gain=run.gain, seconds=run.seconds, band=run.band,
         frequency=run.frequency, period=run.period, seed=run.seed, repeat_of=run.repeat_of,
@@ -41,7 +41,7 @@ def candidate(run: RunPlan) -> CandidateRun:
 
 
 def prospect(run: CandidateRun, sample_rate: float, start_time: float, scale: float = 1.0) -> Prospect:
-    """A run with its drive as the drive's channel would record it; `scale` is the rig's drive over the planned one."""
+    """A run with its drive as recorded by the drive channel; `scale` is the rig's drive divided by the planned one."""
     plan = planned(run, "candidate")
     drive = drive_of(plan, 0, sample_rate)
     values = drive[0 : plan.ticks(sample_rate)] if plan.played else np.zeros(plan.ticks(sample_rate))
@@ -49,16 +49,16 @@ def prospect(run: CandidateRun, sample_rate: float, start_time: float, scale: fl
 
 
 def drive_scale(taken: Sequence[TakenRun]) -> float:
-    """The drive that the runs so far recorded over the one that was planned: the median of runs whose drive is known."""
+    """The recorded drive of the runs so far divided by the planned one: the median over runs with a known drive."""
     ratios = [run.drive_rms / (run.gain * HEAD_PER_GAIN) for run in taken if run.excitation in ("random", "multisine", "sweep")]
     ratios += [run.drive_peak / (run.gain * MOVE_PER_GAIN) for run in taken if run.excitation == "moves"]
     return float(np.median(ratios)) if ratios else 1.0
 
 
 def in_hand(taken: Sequence[TakenRun], plans: Mapping[str, RunPlan], sample_rate: float, scale: float) -> list[Prospect]:
-    """The runs so far with their drives: exactly where their plan is known, by another realisation of the same kind elsewhere.
+    """The runs so far with their drives: exact if their plan is known, otherwise another realization of the same kind.
 
-    A run at rest says nothing of the rig, and a drive of unknown shape cannot be made again: both are left out.
+    A run at rest contains no information about the rig, and an unknown drive cannot be generated again: both are left out.
     """
     found = []
     for run in taken:
@@ -78,7 +78,7 @@ def in_hand(taken: Sequence[TakenRun], plans: Mapping[str, RunPlan], sample_rate
 
 
 def described(run: CandidateRun) -> str:
-    """What a run is, in a line."""
+    """A run in one line."""
     told = EXCITED[run.excitation]
     if run.band is not None and run.excitation != "free":
         told += f" from {run.band[0]:g} to {run.band[1]:g} Hz"
@@ -86,5 +86,5 @@ def described(run: CandidateRun) -> str:
         told += f" of {run.frequency:g} Hz"
     if run.excitation != "free":
         told += f" at gain {run.gain:g}"
-    again = f", the drive of {run.repeat_of} once more" if run.repeat_of else ""
+    again = f", repeating the drive of {run.repeat_of}" if run.repeat_of else ""
     return f"{told}, {run.configuration}, {run.seconds:g} s{again}"

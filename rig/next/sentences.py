@@ -1,4 +1,4 @@
-"""A proposal in words: what each run is for, what it cannot part, and what would."""
+"""A proposal in words: the purpose of each run, what it cannot distinguish, and what would."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
 from isorig.rig.report.sections import words
 
-#: Causes that a sentence lists by name.
+#: Number of causes listed by name in a sentence.
 LISTED = 4
 ASKED = {
-    "rivals": "Which of the causes that the data cannot tell apart is it?",
-    "undecided": "Which of the causes that explain part of the error, none well enough to be named, is it?",
-    "reproducible": "Is what no cause explains the same when the same drive is played again?",
-    "untested": "Is there a cause that the runs so far could not have shown?",
+    "rivals": "Which of the indistinguishable causes is the true one?",
+    "undecided": "Which of the causes that explain part of the error, but are not certain, is the true one?",
+    "reproducible": "Is the unexplained error reproducible with the same drive?",
+    "untested": "Is there a cause that is not identifiable from the runs so far?",
 }
 
 
@@ -30,17 +30,17 @@ def cause(variant: Variant) -> str:
 
 
 def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
-    """Why a run is taken: sentences."""
+    """The reasons for a run, in sentences."""
     if item.run.rests:
-        hidden = "In the runs so far the rig's own motion hides the noise, since friction excites all frequencies."
-        return ["At rest the sensors show their own noise and hum.", hidden if now.rivals.runs else "Nobody knows these yet."]
+        hidden = "In the runs so far the rig's own motion masks the noise, because friction excites all frequencies."
+        return ["At rest the sensors show their own noise and hum.", hidden if now.rivals.runs else "They are not known yet."]
     told = list(item.told)
     if item.choice is not None:
         supposed = proposal.kind == "untested"
         told += [*(_shows(item.choice) if supposed else _parts(item.choice)), _after(item.choice, supposed)]
     elif item.run.repeat_of is not None:
         told.append(
-            f"It plays the drive of {item.run.repeat_of} again: what the two runs do not share was not caused by the drive, and "
+            f"It repeats the drive of {item.run.repeat_of}: the difference between the two runs is not caused by the drive, so "
             "no model can explain it."
         )
     return [*told, *([] if item.peaks is None else _uses(item.peaks, now.limits))]
@@ -50,16 +50,16 @@ def _parts(choice: Choice) -> list[str]:
     told = []
     for apart in sorted(choice.apart, key=lambda apart: -apart.distance)[:LISTED]:
         told.append(
-            f"If it is {cause(apart.truth)}, {cause(apart.rival)}, refitted to all runs, will err by {_errors(apart.distance)} "
-            f"in this run: {_chance(apart)}."
+            f"If {cause(apart.truth)} is true, the error of {cause(apart.rival)}, refitted to all runs, is "
+            f"{_errors(apart.distance)} in this run: {_chance(apart)}."
         )
     return told
 
 
 def _chance(apart: Apart) -> str:
     if apart.distance >= WILL:
-        return "that parts them"
-    return "that may part them" if apart.distance > CANNOT else "that does not part them"
+        return "this distinguishes them"
+    return "this may distinguish them" if apart.distance > CANNOT else "this does not distinguish them"
 
 
 def _shows(choice: Choice) -> list[str]:
@@ -69,7 +69,7 @@ def _shows(choice: Choice) -> list[str]:
         return []
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return [
-        f"With the runs so far it would show, at the smallest size worth finding, {', '.join(names[:LISTED])}{more}; "
+        f"Together with the runs so far it would reveal, at the smallest relevant size, {', '.join(names[:LISTED])}{more}; "
         f"{names[0]} by {_errors(shown[0].distance)}."
     ]
 
@@ -77,10 +77,10 @@ def _shows(choice: Choice) -> list[str]:
 def _after(choice: Choice, supposed: bool) -> str:
     if supposed:
         return (
-            f"Of all causes of the catalogue at that size, {100 * choice.probability:.0f} % would have shown after it, "
+            f"Of all causes of the catalogue at that size, {100 * choice.probability:.0f} % would be revealed after it, "
             f"{100 * choice.gained:.0f} % because of it."
         )
-    return f"The probability that one cause stands after it is {choice.probability:.2f}."
+    return f"The probability that one cause is identified after it is {choice.probability:.2f}."
 
 
 def _uses(peaks: Peaks, limits: Limits) -> list[str]:
@@ -95,7 +95,7 @@ def _uses(peaks: Peaks, limits: Limits) -> list[str]:
         uses.append(f"{peaks.force:.3g} of {limits.force:.3g} N")
     if not uses:
         return []
-    return [f"In simulations with every surviving cause and its uncertainty it reaches at most {', '.join(uses)}."]
+    return [f"In simulations with every remaining cause and its uncertainty it reaches at most {', '.join(uses)}."]
 
 
 def _errors(distance: float) -> str:
@@ -103,7 +103,7 @@ def _errors(distance: float) -> str:
 
 
 def inseparable(proposal: Proposal) -> list[str]:
-    """Pairs of surviving causes that no allowed run parts, each with what would."""
+    """Pairs of remaining causes that no allowed run distinguishes, each with what would."""
     told = []
     assert proposal.chosen is not None or not proposal.remedies
     for pair, cures in proposal.remedies:
@@ -112,35 +112,38 @@ def inseparable(proposal: Proposal) -> list[str]:
         ) if proposal.chosen else 0.0  # fmt: skip
         one, other = (f"{words(cause)} at {place}" for cause, place in pair)
         count = proposal.chosen.compared if proposal.chosen else 0
-        told.append(f"No allowed run parts {one} from {other}: the best of {count} candidates leaves them {_errors(best)} apart.")
+        told.append(
+            f"No allowed run distinguishes {one} from {other}: their distance in the best of {count} candidates is "
+            f"{_errors(best)}."
+        )
         told += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
     return told
 
 
 def _cure(cure: Remedy) -> str:
-    apart = f"they would lie {_errors(cure.distance)} apart"
+    apart = f"their distance would be {_errors(cure.distance)}"
     if cure.channel:
         place = cure.channel.removeprefix(SECOND).removeprefix(DEFLECTION)
-        sensor = f"a displacement sensor across the {place} that resolves {1e6 * RESOLVES:g} µm"
+        sensor = f"a displacement sensor across the {place} with a resolution of {1e6 * RESOLVES:g} µm"
         if cure.channel.startswith(SECOND):
             sensor = f"a second accelerometer on the {place}, {1e3 * HIGHER:g} mm above the first"
-        return f"With {sensor} {apart} in an allowed run: {described(cure.prospect.run)}."
+        return f"With {sensor}, {apart} in an allowed run: {described(cure.prospect.run)}."
     stroke = max(cure.peaks.stroke.items(), key=lambda item: item[1]) if cure.peaks is not None and cure.peaks.stroke else None
     needs = "" if stroke is None else f", which deflects the {stroke[0]} by up to {1e3 * stroke[1]:.3g} mm"
-    return f"Beyond the limits {apart}: {described(cure.prospect.run)}{needs}."
+    return f"Beyond the limits, {apart}: {described(cure.prospect.run)}{needs}."
 
 
 def twins(proposal: Proposal) -> list[str]:
-    """Pairs of causes that lead to the same equations."""
+    """Pairs of causes with the same equations."""
     return [
-        f"{words(one[0]).capitalize()} at {one[1]} and {words(other[0])} at {other[1]} lead to the same equations of motion: no "
-        "run of this rig parts them. Weigh the mass or calibrate the sensor."
+        f"{words(one[0]).capitalize()} at {one[1]} and {words(other[0])} at {other[1]} have the same equations of motion: no "
+        "run of this rig distinguishes them. Weigh the mass or calibrate the sensor."
         for one, other in proposal.twins
     ]
 
 
 def untested(proposal: Proposal, most: int = 8) -> list[str]:
-    """Causes that none of the compared runs would show."""
+    """Causes that none of the compared runs would reveal."""
     if proposal.chosen is None or proposal.kind != "untested":
         return []
     names = [cause(apart.truth) for apart in proposal.chosen.best if apart.distance < CANNOT]
@@ -148,14 +151,14 @@ def untested(proposal: Proposal, most: int = 8) -> list[str]:
     if not names:
         return []
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return [f"None of the compared runs alone would show, at the smallest size worth finding: {', '.join(names[:most])}{more}."]
+    return [f"None of the compared runs alone would reveal, at the smallest relevant size: {', '.join(names[:most])}{more}."]
 
 
 def summary(proposal: Proposal) -> list[str]:
-    """The proposal in some sentences: the question, what cannot be parted, what was compared."""
+    """The proposal in sentences: the question, what cannot be distinguished, what was compared."""
     told = [proposal.asked or ASKED[proposal.kind]]
     if not proposal.runs:
-        told.append("No run is proposed: none that is allowed gains anything.")
+        told.append("No run is proposed: no allowed run is informative.")
     told += inseparable(proposal) + twins(proposal) + untested(proposal)
     if proposal.chosen is not None:
         told.append(_counted(proposal))
@@ -168,7 +171,7 @@ def _counted(proposal: Proposal) -> str:
     if proposal.chosen.refused:
         told += f", {len(proposal.chosen.refused)} more would exceed a limit"
     if proposal.unreached:
-        told += f", and for {proposal.unreached} there was no time"
+        told += f", and {proposal.unreached} were not reached within the time limit"
     return f"{told}."
 
 

@@ -1,4 +1,4 @@
-"""A wish for a parameter's deviation, and the runs that fulfil it."""
+"""A required uncertainty of a parameter, and the runs that reach it."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from isorig.rig.errors import PlanError
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation
 from isorig.rig.next.runs import prospect
 
-EXAMPLE = "give a parameter and a deviation, such as motor_damping=2%"
+EXAMPLE = "give a parameter and a relative uncertainty, e.g. motor_damping=2%"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """A parameter and the relative deviation wished for."""
+    """A parameter and its required relative uncertainty."""
 
     name: str
     std: float
 
 
 def wish(text: str) -> Wish:
-    """A wish as the command line has it, such as motor_damping=2%.
+    """A requirement from the command line, e.g. motor_damping=2%.
 
     Raises
     ------
     PlanError
-        Where it is none.
+        It is not valid.
     """
     name, _, size = text.partition("=")
     try:
@@ -47,18 +47,18 @@ def wish(text: str) -> Wish:
 def propose_for(
     now: Situation, wanted: Wish, *, budget: float, work: float = WORK, tell: Callable[[str], None] = lambda text: None
 ) -> Proposal:
-    """The runs after which a parameter is known as well as is wished.
+    """The runs after which a parameter has the required uncertainty.
 
     Raises
     ------
     PlanError
-        Where the rig has no such parameter, or nothing that was fitted moves it.
+        The rig has no such parameter, or it does not depend on fitted values.
     """
     clock = time.monotonic() + work
 
     def progress(text: str) -> None:
         if time.monotonic() > clock:
-            raise OutOfTimeError("the time for comparing candidates is over")
+            raise OutOfTimeError("the time limit for comparing candidates is reached")
         tell(text)
 
     variant, rate = now.explains, now.rivals.sample_rate
@@ -75,14 +75,14 @@ def propose_for(
     )  # fmt: skip
     how = "the error bars of the transfer functions" if found.linear else "the waveforms"
     told = [
-        f"{wanted.name} is {found.value:.5g} now, with a deviation of {_percent(found.std)}; {_percent(wanted.std)} is wished. "
-        f"{found.compared} candidate runs were compared by {how} that they would give."
+        f"{wanted.name} is {found.value:.5g} now, with a standard uncertainty of {_percent(found.std)}; {_percent(wanted.std)} "
+        f"is required. {found.compared} candidate runs were compared by {how} that they would give."
     ]
     last = found.runs[-1].std if found.runs else found.std
     if found.std <= wanted.std:
-        told.append("The wish is fulfilled already.")
+        told.append("The required uncertainty is reached already.")
     elif last > wanted.std:
-        told.append(f"No allowed runs of {budget:g} s together fulfil it; these come to {_percent(last)}.")
+        told.append(f"No allowed runs of {budget:g} s together reach it; these reach {_percent(last)}.")
     return Proposal(
         kind="parameter", asked=" ".join(told), runs=tuple(_proposed(item, wanted) for item in found.runs),
         unreached=len(prospects) - found.compared,
@@ -90,7 +90,7 @@ def propose_for(
 
 
 def _proposed(item: Precise, wanted: Wish) -> Proposed:
-    told = f"It brings the deviation of {wanted.name} to {_percent(item.std)}."
+    told = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
     return Proposed(run=item.prospect.run, told=(told,), peaks=item.peaks)
 
 

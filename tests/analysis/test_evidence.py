@@ -60,8 +60,8 @@ def wrong(model: RigModel) -> tuple[Discrepancy, ...]:
 
 
 HIDDEN = {
-    "sensor_gain": (chained("motor", Chain(gain=1.08)), "motor", ("Flat ratio", "Rigid bodies")),
-    "channel_delay": (chained("table", Chain(delay=5e-4)), "table", ("Phase line", "Rigid bodies")),
+    "sensor_gain": (chained("motor", Chain(gain=1.08)), "motor", ("Constant ratio", "Rigid bodies")),
+    "channel_delay": (chained("table", Chain(delay=5e-4)), "table", ("Linear phase", "Rigid bodies")),
     "clipping": (chained("table", Chain(limit=2.5)), "table", ("Flat tops",)),
     "hardening_stiffness": (linked(laws.Cubic(cubic_stiffness=2e9)), "isolation", ("Restoring force", "Homogeneity")),
     "stiffness_drift": (linked(laws.Drift(drift_rate=3e-4, until=690.0)), "isolation", ("Repeatability",)),

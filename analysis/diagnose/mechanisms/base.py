@@ -1,4 +1,4 @@
-"""What every cause in the catalogue has to say: how it extends the model, and where its fit starts."""
+"""Interface of a cause in the catalogue: how it extends the model, and its starting values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.model.rig_model import RigModel
 
-#: Friction where none is known, as a share of the largest force of the drive: a start, from which fits go on.
+#: Friction if unknown, as a share of the largest force of the drive: a starting value for fits.
 SHARE_OF_PUSH = 0.2
 
 
@@ -21,7 +21,7 @@ Kind = Literal["spring_shape", "damping_shape", "friction_shape", "memory", "dri
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What the baseline and the data say before any candidate is fitted.
+    """Data and baseline before any candidate is fitted.
 
     Parameters
     ----------
@@ -30,23 +30,23 @@ class Evidence:
     sample_rate
         Hz.
     end_time
-        Seconds from the campaign's first sample to its end, the last run's pause included.
+        Seconds from the campaign's first sample to its end, including the pause after the last run.
     peak
         Largest recorded magnitude of each channel.
     flat_tops
-        Channels whose record stays at its largest magnitude, with that magnitude.
+        Channels whose record remains at its largest magnitude, with that magnitude.
     mains
         Channels with hum, with its frequency in Hz.
     misfit_frequencies
-        Frequencies in Hz where the baseline misfits most, strongest first.
+        Frequencies in Hz with the largest misfit of the baseline, largest first.
     bends
-        Of links whose force was recorded: deflections in m, and the force in N beyond the spring's straight part there.
+        For links whose force was recorded: deflections in m, and the nonlinear part of the force in N.
     push
-        Largest force in N that the drive puts on a body.
+        Largest force in N of the drive on a body.
     configurations
         The configurations that were measured.
     guess
-        The rig as it was before any fit on simulation error.
+        The rig before any fit on simulation error.
     """
 
     deflection: Mapping[str, float]
@@ -71,19 +71,19 @@ class Mechanism(Protocol):
     cause
         Its name in the findings.
     kind
-        What kind of thing it is: the free shape of that kind bounds what it can explain.
+        Its kind: the free shape of that kind bounds what it can explain.
     """
 
     cause: ClassVar[str]
     kind: ClassVar[Kind]
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
-        """Every place where the cause could act on this rig; empty where it must keep silent."""
+        """Every place where the cause could act on this rig; empty if it cannot act."""
         ...
 
 
 def exchange(parts: tuple[Any, ...], name: str, **changes: Any) -> tuple[Any, ...]:
-    """The parts with one of them (by name or channel) changed."""
+    """The parts with one of them (by name or channel) replaced."""
     return tuple(
         msgspec.structs.replace(part, **changes) if getattr(part, "name", getattr(part, "channel", None)) == name else part
         for part in parts

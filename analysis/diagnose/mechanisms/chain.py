@@ -27,14 +27,14 @@ def with_chain(model: RigModel, channel: str, chain: Chain) -> RigModel:
 
 
 def channels_of(model: RigModel) -> tuple[str, ...]:
-    """The drive's channel and the sensors'."""
+    """The drive channel and the sensors' channels."""
     return (model.drive.channel, *(sensor.channel for sensor in model.sensors))
 
 
 class ChannelDelay:
-    """A channel that comes late.
+    """A delayed channel.
 
-    A delay bends the baseline's own fit, so starts also lie on a grid of delays from the rig before that fit.
+    A delay biases the baseline's own fit, so starting values also include a grid of delays for the rig before that fit.
     """
 
     cause: ClassVar[str] = "channel_delay"
@@ -84,7 +84,7 @@ def _twin(model: RigModel, channel: str) -> tuple[str, str] | None:
 
 
 class Clipping:
-    """A recorded value limited below its range: proposed only where the record's tops are flat."""
+    """A recorded value limited below its range: proposed only if the record has flat tops."""
 
     cause: ClassVar[str] = "clipping"
     kind: ClassVar[Kind] = "sensor"
@@ -134,7 +134,7 @@ class Crosstalk:
 
 
 class MainsHum:
-    """50 or 60 Hz and multiples: proposed only where the misfit has such a line."""
+    """50 or 60 Hz and multiples: proposed only if the misfit has such a spectral line."""
 
     cause: ClassVar[str] = "mains_hum"
     kind: ClassVar[Kind] = "sensor"

@@ -1,4 +1,4 @@
-"""Friction other than the baseline's: dry friction it lacks, Stribeck, presliding, another level each way."""
+"""Friction other than the baseline's: missing dry friction, Stribeck, presliding, direction-dependent level."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from isorig.analysis.model.rig_model import Contact, Link, RigModel
 
 
 def _moving_links(model: RigModel) -> tuple[Link, ...]:
-    """The links across which bodies slide: those that some configuration blocks, or all where none does."""
+    """The links with sliding ends: those that some configuration blocks, or all if there is none."""
     blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
     return tuple(link for link in model.links if link.name in blocked or not blocked)
 
@@ -33,14 +33,14 @@ def _rubbing(model: RigModel, link: Link, force: float) -> RigModel:
 
 
 def _force(model: RigModel, evidence: Evidence, contact: Contact, law: Coulomb) -> float:
-    # A fit that was bent may have lost the friction: never less than a share of the spring's largest force.
+    # A biased fit may have lost the friction: at least a share of the spring's largest force.
     link = next((link for link in model.links if link.name == contact.name), None)
     least = 0.0 if link is None else 0.03 * link.stiffness * evidence.deflection[link.name]
     return max(law.friction_force, least, 1e-6)
 
 
 class CoulombFriction:
-    """Dry friction where the baseline has none."""
+    """Dry friction if the baseline has none."""
 
     cause: ClassVar[str] = "coulomb_friction"
     kind: ClassVar[Kind] = "friction_shape"
@@ -52,7 +52,7 @@ class CoulombFriction:
                 continue
             force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
             path = f"contacts.{link.name}.law.friction_force"
-            # Where the baseline is far off, its link forces are too: the drive says how much friction there may be.
+            # If the baseline has a large error, so have its link forces: the drive bounds the friction.
             levels = (0.02 * force, 0.15 * force, *((SHARE_OF_PUSH * evidence.push,) if evidence.push > force else ()))
             starts = tuple(_rubbing(model, link, level) for level in levels)
             found.append(
@@ -66,7 +66,7 @@ class CoulombFriction:
 
 
 class StribeckFriction:
-    """Breakaway above sliding friction, falling with speed."""
+    """Breakaway above sliding friction, decreasing with velocity."""
 
     cause: ClassVar[str] = "stribeck_friction"
     kind: ClassVar[Kind] = "friction_shape"
@@ -131,7 +131,7 @@ def _bristled(model: RigModel, contact: Contact, force: float, give: float) -> R
 
 
 class AsymmetricFriction:
-    """Another dry or viscous level each way."""
+    """Different dry or viscous level in each direction."""
 
     cause: ClassVar[str] = "asymmetric_friction"
     kind: ClassVar[Kind] = "friction_shape"
@@ -153,7 +153,7 @@ class AsymmetricFriction:
                         Free(path=f"{path}.forward_viscosity", high=1e3 * viscosity, log=False, step=0.02 * viscosity),
                         Free(path=f"{path}.backward_viscosity", high=1e3 * viscosity, log=False, step=0.02 * viscosity),
                     ),
-                    # A constant offset of the drive does what two dry levels do: one of them is enough.
+                    # A constant offset of the drive is equivalent to two dry levels: one of them suffices.
                     dropped=(f"{path}.friction_force", "drive.chain.offset"),
                     reported=(
                         Reported(name="forward_force", path=f"{path}.forward_force", unit="N"),
@@ -168,7 +168,7 @@ class AsymmetricFriction:
 
 
 class PlayAndFriction:
-    """Play, a spring and dry friction in a row: at every turn the play is taken up, the spring winds up, then it slides."""
+    """Play, a spring and dry friction in series: at every reversal, first play, then elastic deflection, then sliding."""
 
     cause: ClassVar[str] = "play_and_friction"
     kind: ClassVar[Kind] = "memory"

@@ -1,4 +1,4 @@
-"""A clamp that yields."""
+"""An elastic lock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.analysis.model.rig_model import RigModel
 
 
 class ImperfectLock:
-    """A spring in place of the rigid lock."""
+    """A spring instead of the rigid lock."""
 
     cause: ClassVar[str] = "imperfect_lock"
     kind: ClassVar[Kind] = "added_motion"

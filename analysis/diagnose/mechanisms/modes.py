@@ -1,4 +1,4 @@
-"""Linear causes of structure: an oscillator that nobody modelled, a rocking motor, a mass that is not what was weighed."""
+"""Linear structural causes: an unmodelled attached resonator, a rocking motor, a mass that differs from the given one."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import GROUND, Body, Link, RigModel
 
-#: Distance of a rider's starting frequencies, as a share.
+#: Relative spacing of starting frequencies of an attached resonator.
 CLOSE = 0.035
-#: A rider nearer than this share to the resonance of what it rides on is not made up for any further.
+#: A resonator closer than this share to the resonance of its body is not compensated for any further.
 NEAR = 0.3
-#: Arms (m) from which a rocking motor's are sought.
+#: Starting values for the arms (m) of a rocking motor.
 ARMS = (0.02, 0.06)
-ROCKING_RADIUS = 0.1  # m: the motor's radius of gyration; only products with arms show, so any value serves
+ROCKING_RADIUS = 0.1  # m: radius of gyration of the motor; only products with arms matter, so any value can be used
 
 
 def _blocked(model: RigModel) -> frozenset[str]:
@@ -27,7 +27,7 @@ def _blocked(model: RigModel) -> frozenset[str]:
 
 
 class ExtraMode:
-    """An oscillator riding on a body."""
+    """A resonator attached to a body."""
 
     cause: ClassVar[str] = "extra_mode"
     kind: ClassVar[Kind] = "added_motion"
@@ -39,7 +39,7 @@ class ExtraMode:
             if any(other.name == name for other in model.bodies) or body.name.endswith("_rider"):
                 continue
             mass = 0.04 * body.mass
-            # A light one too: near a resonance a heavy rider splits it, and no slope leads back.
+            # A light one too: near a resonance a heavy resonator splits it, and no gradient leads back.
             starts = tuple(
                 self._with_rider(model, name, body, share * body.mass, f)
                 for share in (0.04, 0.01)
@@ -74,8 +74,8 @@ class ExtraMode:
     def _with_rider(model: RigModel, name: str, body: Body, mass: float, frequency: float) -> RigModel:
         omega = 2.0 * pi * frequency
         link = Link(name=name, a=name, b=body.name, stiffness=mass * omega**2, damping=2 * 0.03 * mass * omega)
-        # At the resonance of what it rides on a rider weighs m / (1 - (f / f_rider)^2); what was fitted without it, the mass
-        # there or else the spring, made up for that.
+        # At the resonance of its body an attached resonator has the apparent mass m / (1 - (f / f_rider)^2); the fit without it
+        # has compensated this by the mass there or by the spring.
         bodies, links = model.bodies, model.links
         for own in (link for link in model.links if link.a == body.name):
             below = 1.0 - own.stiffness / (body.mass * omega**2)
@@ -88,7 +88,7 @@ class ExtraMode:
 
 
 def _around(frequencies: tuple[float, ...]) -> list[float]:
-    # A band is wide beside a mode with little damping: where most is left, closer.
+    # A band is wide compared with a mode with little damping: use closer spacing at the largest residual.
     close = [f * (1.0 + CLOSE * k) for f in frequencies[:2] for k in range(-3, 4)]
     return [*close, *frequencies[2:]]
 
@@ -102,7 +102,7 @@ def _damping_ratio(name: str, model: RigModel) -> float:
 
 
 class MomentCoupling:
-    """The drive pushes off the centre of gravity and the body rocks on its bearings."""
+    """The drive force does not pass through the centre of gravity and the body rocks on its bearings."""
 
     cause: ClassVar[str] = "moment_coupling"
     kind: ClassVar[Kind] = "added_motion"
@@ -174,7 +174,7 @@ class MomentCoupling:
 
 
 class WrongMass:
-    """A mass taken as known that is not so."""
+    """A mass that differs from its given value."""
 
     cause: ClassVar[str] = "wrong_mass"
     kind: ClassVar[Kind] = "known_value"

@@ -1,6 +1,6 @@
-"""Free shapes: at a place, the curve that the data choose where a law would give a formula.
+"""Free shapes: at a place, a curve determined by the data instead of the formula of a law.
 
-A free shape says that something of its kind sits at its place, and no law of that kind can do better there.
+A free shape shows that something of its kind is at its place, and no law of that kind can fit better there.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
 
-#: Points of a curve over a two-sided range (odd, so that one lies in the middle), over speeds, over a session, of a
-#: sensor's static curve, and taps of its filter.
+#: Points of a curve over a two-sided range (odd, so that one is in the middle), over velocities, over a session, of a sensor's
+#: static curve, and taps of its filter.
 POINTS, LEVELS, MOMENTS, BENDS, TAPS = 15, 8, 5, 9, 5
-#: Points up to which a curve of force over deflection or speed may be refined, and one of friction: it runs over speed for
-#: either direction and levels off, and its simulation takes longer the closer its points lie.
+#: Maximum points of a refined curve of force over deflection or velocity, and of friction, which has separate curves for the two
+#: directions and whose simulation is slower the closer its points are.
 FINEST_POINTS, FINEST_LEVELS = 57, 15
-#: Points of a curve that starts from what a record says of it.
+#: Points of a curve with starting values from a record.
 RECORDED_POINTS = 45
-#: A curve reaches this far, in largest swings.
+#: Range of a curve, in multiples of the largest swing.
 REACH = 1.05
-#: A finite difference of a value, and what a point may stray from its neighbours' mean (see `Free.give`), as shares of the
+#: Finite difference of a value, and allowed deviation of a point from its neighbours' mean (see `Free.give`), as shares of the
 #: largest force there.
 STEP, GIVE = 2e-4, 0.05
-#: Displacements at which the sliders of a bundle yield, as shares of the largest swing.
+#: Displacements at which the sliders of a bundle slip, as shares of the largest swing.
 YIELDS = (0.01, 0.05, 0.2, 0.6)
-#: Friction where none is known, as a share of the link's largest force; of a link without a spring.
+#: Friction if unknown, as a share of the link's largest force; for a link without a spring.
 RUBS, ALONE = 0.02, 1.0
-#: Where no friction is known a second start has this many times as much: from little friction no slope leads to sticking.
+#: If friction is unknown, a second starting value is this many times larger: from little friction no gradient leads to sticking.
 RUBS_MORE = 8.0
-#: Speed in m/s that stands for sliding that has just begun.
+#: Velocity in m/s that represents the onset of sliding.
 SLOWEST = 1e-9
-#: Laws that a curve over deflection and one over speed take the place of.
+#: Laws replaced by a curve over deflection or over velocity.
 SPRINGS = (laws.Cubic, laws.BoundedSoftening, laws.Backlash, laws.EndStop)
 DAMPERS = (laws.QuadraticDamping,)
 
 
 def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
-    """Every free shape at every place of a rig that has none of its kind there."""
+    """Every free shape at every place of a rig without one of its kind there."""
     jobs = [(make, place) for kind, makers in AT_LINKS.items() for make in makers for place in _places(model, kind)]
     found = [make(model, evidence, place) for make, place in jobs]
     found += [make(model, evidence, sensor.channel) for make in (_bend, _taps) for sensor in model.sensors]
@@ -55,7 +55,7 @@ def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
 
 
 def _places(model: RigModel, kind: Kind) -> tuple[str, ...]:
-    # At links with a spring, or at those whose ends slide.
+    # At links with a spring, or at those with sliding ends.
     blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
     own = [link for link in model.links if not link.name.endswith("_rider") and link.name != "bearing"]
     if kind in ("spring_shape", "drift"):
@@ -70,7 +70,7 @@ def _two_sided(reach: float, points: int = POINTS) -> FloatArray:
 def _curve(
     model: RigModel, link: Link, over: Literal["deflection", "speed", "time"], at: FloatArray, replaced: tuple[type, ...]
 ) -> tuple[RigModel, str] | None:
-    # The rig with the laws of these types at a link replaced by a curve that starts as they are, and the curve's path.
+    # The rig with the laws of these types at a link replaced by an equivalent curve, and the curve's path.
     if any(isinstance(law, laws.Curve) and law.over == over for law in link.laws):
         return None
     kept = tuple(law for law in link.laws if not isinstance(law, replaced))
@@ -86,14 +86,14 @@ def _curve(
 
 def _spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
     link, at = model.link(place), _two_sided(evidence.deflection[place])
-    # The spring's straight part is the curve's own; a constant force would only move the middle.
+    # The spring's linear part belongs to the curve; a constant force would only shift the equilibrium.
     scale = max(link.stiffness, 1e-9) * evidence.deflection[place]
     begun = _curve(model, link, "deflection", at, SPRINGS)
     return begun and _added_curve("spring_shape", place, *begun, at, scale, ("deflection", "m", "N"), "stiffness")
 
 
 def _recorded_spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
-    # The same of many points, from what the record says of the force: a force that goes up and down has no way from flat.
+    # The same with many points, starting from the recorded force: a force that rises and falls cannot be reached from a line.
     if place not in evidence.bends:
         return None
     link, at = model.link(place), _two_sided(evidence.deflection[place], RECORDED_POINTS)
@@ -129,9 +129,9 @@ def _added_curve(
 
 
 def _points(first: Free, path: str, table: str, count: int, middle: int, *, straight: bool) -> tuple[Free, ...]:
-    """The points of a table as parameters like `first`, each followed by its neighbour further from the middle.
+    """The points of a table as parameters like `first`, each coupled to its neighbour further from the middle.
 
-    Where no data reach, a force goes `straight` on through its fixed middle, and a level stays what it is.
+    Without data, a force continues linearly (`straight`) through its fixed middle, and a level is constant.
     """
 
     def one(k: int) -> Free:
@@ -150,7 +150,7 @@ def _points(first: Free, path: str, table: str, count: int, middle: int, *, stra
 
 
 def _largest_force(link: Link, evidence: Evidence) -> float:
-    """Of the link's spring or damper, N."""
+    """Largest force of the link's spring or damper, N."""
     return max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name], 1e-9)
 
 
@@ -164,7 +164,7 @@ def _level(law: laws.FrictionLaw) -> float:
 
 
 def _levels(law: laws.FrictionLaw, speed: FloatArray, way: float) -> FloatArray:
-    # Force while sliding one way (1 or -1) at speeds >= 0 (m/s), N; of a law that remembers, its typical one.
+    # Force while sliding in one direction (1 or -1) at velocities >= 0 (m/s), N; for a law with memory, its typical force.
     if law.remembers:
         return np.full(len(speed), _level(law))
     still = np.zeros(len(speed))
@@ -172,7 +172,7 @@ def _levels(law: laws.FrictionLaw, speed: FloatArray, way: float) -> FloatArray:
 
 
 def _rubbed(model: RigModel, evidence: Evidence, place: str, law: laws.FrictionLaw) -> tuple[RigModel, laws.FrictionLaw, float]:
-    # The rig with another friction at a place, the friction that was there, and its level in N.
+    # The rig with another friction at a place, the previous friction, and its level in N.
     link = model.link(place)
     old = next((contact.law for contact in model.contacts if contact.name == place), None)
     least = RUBS * _largest_force(link, evidence)
@@ -185,12 +185,12 @@ def _rubbed(model: RigModel, evidence: Evidence, place: str, law: laws.FrictionL
 
 
 def _pushed(model: RigModel, evidence: Evidence, place: str) -> float:
-    # Friction that the drive lets one expect where none is known; 0 where some is.
+    # Expected friction from the drive if it is unknown; 0 otherwise.
     return 0.0 if any(contact.name == place for contact in model.contacts) else SHARE_OF_PUSH * evidence.push
 
 
 def _friction_by_speed(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
-    # Points lie closer together where it is slow: there friction varies most.
+    # Points are closer at low velocity: there friction varies most.
     at = REACH * evidence.speed[place] * np.linspace(0.0, 1.0, LEVELS) ** 2
     flat = laws.FrictionCurve(over="speed", at=tuple(at.tolist()), levels=(0.0,) * LEVELS)
     start, old, level = _rubbed(model, evidence, place, flat)
@@ -239,7 +239,7 @@ def _friction(
 
 
 def _memory(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
-    # Sliders behind play and springs that yield one after another, beside what is left of the friction there.
+    # Sliders with play and springs that slip one after another, in addition to the remaining friction there.
     link = model.link(place)
     if any(isinstance(law, laws.ElastoSlip) for law in link.laws):
         return None
@@ -336,7 +336,7 @@ AT_LINKS: Mapping[Kind, Sequence[Maker]] = {
 
 
 def finer(candidate: Candidate, fitted: RigModel) -> Candidate | None:
-    """A free shape with twice as many intervals, started from a fitted one; None where it is fine enough or no single curve."""
+    """A free shape with twice as many intervals, started from a fitted one; None if it is fine enough or has no single curve."""
     shape = candidate.shape
     if shape is None or shape.over not in ("deflection", "speed", "position"):
         return None
@@ -379,7 +379,7 @@ def _exchanged(model: RigModel, path: str, law: laws.Curve | laws.FrictionCurve)
 def tabulated(
     model: RigModel, shape: Shape, evidence: Evidence
 ) -> tuple[tuple[float, ...], dict[str, tuple[float, ...]], float, tuple[float, float]]:
-    """Points of a shape's curve in a model: places, values by table, the link's straight part, and what the runs reached."""
+    """Points of a shape's curve in a model: positions, values by table, the link's linear part, and the range of the runs."""
     law = _at(model, shape.path)
     place = shape.path.split(".")[1]
     straight, swing = 0.0, evidence.deflection.get(place, law.at[-1])

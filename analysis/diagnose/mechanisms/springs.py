@@ -26,12 +26,12 @@ def _path(link: Link, key: str) -> str:
 
 
 def _springs(model: RigModel, law: type) -> tuple[Link, ...]:
-    # A law that is there already is not proposed twice.
+    # A law that exists already is not proposed again.
     return tuple(link for link in model.links if link.stiffness > 0.0 and not any(isinstance(old, law) for old in link.laws))
 
 
 def _sliding(model: RigModel, law: type) -> tuple[Link, ...]:
-    # Play, stops and drag belong to the link that a configuration blocks, or to any link of a rig without a lock.
+    # Play, stops and drag are proposed for the link that a configuration blocks, or for any link of a rig without a lock.
     blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
     return tuple(link for link in _springs(model, law) if link.name in blocked or not blocked)
 
@@ -123,7 +123,7 @@ class Backlash:
 
 
 def _with_play(model: RigModel, link: Link, share: float, deflection: float) -> RigModel:
-    # The fitted spring is the play's describing function at a typical swing; the spring beyond the play is stiffer.
+    # The fitted spring is the describing function of the play at a typical swing; the spring beyond the play is stiffer.
     ratio = share / TYPICAL_SWING
     seen = 1.0 - 2.0 / pi * (asin(ratio) + ratio * sqrt(1.0 - ratio**2))
     stiffer = model.replace({f"links.{link.name}.stiffness": link.stiffness / seen})
@@ -132,7 +132,7 @@ def _with_play(model: RigModel, link: Link, share: float, deflection: float) -> 
 
 #: A typical amplitude as a share of the largest deflection.
 TYPICAL_SWING = 0.35
-#: A play with more than this share of the spring left inside is a spring with stops.
+#: With more than this share of the spring remaining inside, a play is a spring with stops.
 INSIDE = 0.25
 
 
@@ -147,7 +147,7 @@ class EndStop:
         for link in _sliding(model, laws.EndStop):
             deflection = evidence.deflection[link.name]
             stroke, stiffness, damping = (_path(link, key) for key in ("stroke", "contact_stiffness", "contact_damping"))
-            # A contact rings a little; without damping it would be another law, with fewer states.
+            # A contact has a little damping; without it there would be another law, with fewer states.
             slight = 1e-3 * link.stiffness * deflection / max(evidence.speed[link.name], 1e-12)
             starts = tuple(
                 added(
@@ -177,7 +177,7 @@ class EndStop:
 
 
 def _has_a_spring_inside(link: str, stroke: str, contact: str, deflection: float, model: RigModel) -> bool:
-    # Almost no spring inside a small stroke is play, whatever it is called.
+    # With almost no spring inside a small stroke it is play.
     inside, beyond = model.link(link).stiffness, model.get(contact)
     return inside > INSIDE * (inside + beyond) or model.get(stroke) > 0.3 * deflection
 

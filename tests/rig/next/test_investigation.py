@@ -113,12 +113,12 @@ STEPS = ("measure u35", "diagnose diagnosis-1", "propose 1", "measure next-1", "
 
 def test_until_one_cause_stands(lab: Callable[..., Lab], tmp_path: Path) -> None:
     course = go(lab([OPEN, STANDS], [proposal()]), tmp_path, WITH_FIRST)
-    assert course.ended == "One cause stands: end stop at isolation."
+    assert course.ended == "Identified cause: end stop at isolation."
     assert [[run.plan.id for run in stage.runs] for stage in course.stages] == [["u35"], ["next-1"]]
     assert course.seconds == 35.0
     assert course.stages[0].open == [[("hardening_stiffness", "isolation"), ("end_stop", "isolation")]]
     page = (tmp_path / PAGE).read_text()
-    for text in ("One cause stands", "It parts them.", "What do the planned runs say?", "35 s were measured in 2 runs"):
+    for text in ("Identified cause", "It parts them.", "What do the planned runs show?", "35 s were measured in 2 runs"):
         assert text in page
     assert [run.id for run in read_plan(tmp_path / SESSION).runs] == ["u35", "next-1"]
 
@@ -129,7 +129,7 @@ def test_broken_off_it_goes_on_where_it_was(where: str, lab: Callable[..., Lab],
     with pytest.raises(KilledError):
         go(made, tmp_path, WITH_FIRST)
     course = go(made, tmp_path, WITH_FIRST)
-    assert course.ended == "One cause stands: end stop at isolation."
+    assert course.ended == "Identified cause: end stop at isolation."
     assert made.measured == ["u35", "next-1"]
     assert made.diagnosed == ["diagnosis-1", "diagnosis-2"]
     assert go(made, tmp_path, WITH_FIRST) == course
@@ -140,7 +140,7 @@ def test_the_operator_stops_and_goes_on(lab: Callable[..., Lab], tmp_path: Path)
     course = go(made, tmp_path, WITH_FIRST)
     assert (course.ended, course.stages[0].step, course.seconds) == ("", "proposed", 0.0)
     made.stops = False
-    assert go(made, tmp_path, WITH_FIRST).ended.startswith("One cause stands")
+    assert go(made, tmp_path, WITH_FIRST).ended.startswith("Identified cause")
 
 
 def test_a_run_that_is_not_wanted_is_not_proposed_again(lab: Callable[..., Lab], tmp_path: Path) -> None:
@@ -157,9 +157,9 @@ def test_a_run_that_is_not_wanted_is_not_proposed_again(lab: Callable[..., Lab],
 @pytest.mark.parametrize(
     ("answer", "options", "ended"),
     [
-        (OPEN, {"runs": 1}, "The 1 runs that it may take are taken."),
-        (OPEN, {"seconds": 22.0}, "The 22 s of measuring that it may take are spent."),
-        (rivals(verdict="adequate"), {}, "No cause of the catalogue is left that a further allowed run would be likely to show."),
+        (OPEN, {"runs": 1}, "The limit of 1 runs is reached."),
+        (OPEN, {"seconds": 22.0}, "The limit of 22 s of measuring is reached."),
+        (rivals(verdict="adequate"), {}, "No further allowed run is likely to reveal a cause of the catalogue."),
     ],
 )
 def test_ends(answer: Rivals, options: dict[str, float], ended: str, lab: Callable[..., Lab], tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_an_undecided_remainder_is_left_after_two_runs_without_news(lab: Callabl
     answer = rivals(undecided, verdict="unexplained")
     again = [replace(proposal(), kind="undecided") for _ in range(5)]
     course = go(lab([answer], again), tmp_path, WITH_FIRST)
-    assert course.ended == "What remains has no name in the catalogue: further runs brought nothing new."
+    assert course.ended == "The remaining error has no cause in the catalogue: further runs brought nothing new."
     assert len(course.stages) == 3
 
 
@@ -186,7 +186,7 @@ def test_an_error_without_a_candidate_cause_is_repeated_and_then_excited_otherwi
     second = propose(now, work=1.0)
     (item,) = (item for item in second.runs if not item.run.rests)
     assert (second.kind, item.run.excitation, item.run.configuration) == ("undecided", "random", "unlocked")
-    assert "Does another excitation show its cause?" in summary(second)[0]
+    assert "Does another excitation reveal its cause?" in summary(second)[0]
     assert item.peaks is not None
     assert not item.peaks.beyond(PLAN.limits)
     assert propose(now, work=1.0, budget=5.0).kind == "untested"
@@ -265,4 +265,4 @@ def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(call) == 0
     assert (tmp_path / "out" / "recording.h5").stat().st_mtime_ns == before
     assert main([*call, "--tolerance", "0.1"]) == 2
-    assert "holds an investigation of plan.toml" in capsys.readouterr().err
+    assert "has an investigation of plan.toml" in capsys.readouterr().err

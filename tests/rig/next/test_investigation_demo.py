@@ -13,7 +13,7 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path, capsys: p
     (tmp_path / "investigation").mkdir()
     (tmp_path / "investigation" / "notes.txt").write_text("mine")
     assert main(["demo", "--investigate", "-o", str(tmp_path)]) == 2
-    assert "is no investigation" in capsys.readouterr().err
+    assert "is not an investigation" in capsys.readouterr().err
     assert (tmp_path / "investigation" / "notes.txt").read_text() == "mine"
 
 
@@ -23,12 +23,12 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path, capsys: p
 def test_the_demo_finds_what_it_hides(seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--investigate", "--seed", str(seed), "-o", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert "One cause stands: end stop at isolation." in said
+    assert "Identified cause: end stop at isolation." in said
     folder = tmp_path / "investigation"
     state = json.loads((folder / "investigation.json").read_text())
     runs = [run["plan"]["id"] for stage in state["stages"] for run in stage["runs"]]
     assert [run.id for run in read(folder / "recording.h5").runs] == runs
     assert len(runs) <= 6
     page = (folder / "report.html").read_text()
-    assert "One cause stands: end stop at isolation." in page
+    assert "Identified cause: end stop at isolation." in page
     assert all(run in page for run in runs)

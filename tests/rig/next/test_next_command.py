@@ -47,9 +47,9 @@ def test_a_plan_that_parts_two_springs(tmp_path: Path, capsys: pytest.CaptureFix
     folder, plan = written(tmp_path / "diagnosis", rivals(two_springs())), tmp_path / "next.toml"
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.008))]) == 0
     said = capsys.readouterr().out
-    assert "Which of the causes that the data cannot tell apart is it?" in said
+    assert "Which of the indistinguishable causes is the true one?" in said
     assert "hardening stiffness at isolation" in said
-    assert "that parts them" in said
+    assert "this distinguishes them" in said
     runs = read_plan(plan).runs
     assert 1 <= len(runs) <= 3
     assert sum(run.seconds for run in runs) <= 60.0
@@ -70,7 +70,7 @@ def test_no_allowed_run_parts_them(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.001))]) == 0
     said = capsys.readouterr().out
     assert "No allowed run parts end stop at isolation from hardening stiffness at isolation" in said
-    assert "Beyond the limits they would lie" in said
+    assert "Beyond the limits, their distance would be" in said
     assert "deflects the isolation by up to" in said
     assert not plan.exists() or reached(plan) <= USABLE * 0.001
 
@@ -82,7 +82,7 @@ def test_same_equations_are_said_to_be_inseparable(tmp_path: Path, capsys: pytes
     limits.write_text("gains = [0.0, 35.0]\nband = [2.0, 8.0]\n")
     assert main(["next", str(folder), "-o", str(tmp_path / "next.toml"), "--limits", str(limits), "--seconds", "5"]) == 0
     said = capsys.readouterr().out
-    assert "lead to the same equations of motion: no run of this rig parts them" in said
+    assert "have the same equations of motion: no run of this rig distinguishes them" in said
 
 
 def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -90,11 +90,11 @@ def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[
     call = ["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.008))]
     assert main([*call, "--for", "motor_damping=0.0009%"]) == 0
     said = capsys.readouterr().out
-    assert "motor_damping is 0.073 now, with a deviation of 0.0011 %; 0.0009 % is wished." in said
-    assert "It brings the deviation of motor_damping to 0.000" in said
+    assert "motor_damping is 0.073 now, with a standard uncertainty of 0.0011 %; 0.0009 % is required." in said
+    assert "It reduces the standard uncertainty of motor_damping to 0.000" in said
     assert len(read_plan(plan).runs) == 1
     assert main([*call, "--for", "motor_damping=5%"]) == 0
-    assert "The wish is fulfilled already." in capsys.readouterr().out
+    assert "The required uncertainty is reached already." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["-o", "{out}.toml"], "no diagnosis was given"),
         (["{good}", "-o", "{out}.html"], "ends in .toml"),
         (["{good}", "-o", "{out}.toml", "--seconds", "-1"], "--seconds is -1"),
-        (["{good}", "-o", "{out}.toml", "--for", "motor_damping"], "such as motor_damping=2%"),
+        (["{good}", "-o", "{out}.toml", "--for", "motor_damping"], "e.g. motor_damping=2%"),
         (["{good}", "-o", "{out}.toml", "--for", "nonsense=2%"], "it has table_mass"),
         (["{good}", "-o", "{out}.toml", "--for", "motor_mass=2%"], "taken as known"),
         (["{good}", "-o", "{out}.toml", "--limits", "{limits}"], "limits.stroke names 'nothing'"),
