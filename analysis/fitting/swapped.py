@@ -120,7 +120,9 @@ def _turned(recorded: FloatArray, predicted: FloatArray) -> bool:
 
 
 def _distance(recorded: FloatArray, predicted: FloatArray) -> float:
-    # Mean distance of the responses' shapes over the drive.
+    # Mean distance of the responses' shapes over the drive; none of a drive that friction lets move nothing.
+    if not recorded.shape[1]:
+        return np.inf
     apart = (recorded[1:] - recorded[0]) - (predicted[1:] - predicted[0])
     return float(np.mean(np.abs(apart - apart.mean(axis=1, keepdims=True))))
 

@@ -67,7 +67,7 @@ def _allowed(way: Sequence[str]) -> list[str]:
         "quantity": list(get_args(Quantity)),
         "shape": ["exponential", "rational"],
         "motion": ["straight", "rotation"],
-        "excitation": ["random", "multisine", "sweep", "half-sine", "moves", "free"],
+        "excitation": ["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"],
         "law": [str(kind.__struct_config__.tag) for kind in get_args(FrictionLaw if "contacts" in way else LinkLaw)],
     }
     return kinds.get(way[-1] if way else "", ["the values that are known there"])

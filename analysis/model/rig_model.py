@@ -148,7 +148,7 @@ class Usual(Part, frozen=True, kw_only=True):
         A number is not allowed.
     """
 
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves", "free"] = "random"
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"] = "random"
     level: float | None = None
     band: tuple[float, float] | None = None
     seconds: float = 30.0

@@ -64,6 +64,25 @@ def half_sine(*, samples: int, sample_rate: float, peak: float, length: float, s
     return np.where((t >= 0.0) & (t <= length), peak * np.sin(np.pi * t / length), 0.0)
 
 
+def hits(*, samples: int, sample_rate: float, peak: float, length: float, every: float, start: float, seed: int) -> FloatArray:
+    """Hits of a hammer, shape (n,): half sines of `length` seconds, one in `every` seconds from `start` on.
+
+    No hand hits equally hard: peaks are drawn within a fifth of `peak`.
+    """
+    generator = np.random.default_rng(seed)
+    times = np.arange(start, samples / sample_rate - length, every)
+    sizes = peak * generator.uniform(0.8, 1.2, len(times))
+    return np.asarray(
+        sum(
+            (
+                half_sine(samples=samples, sample_rate=sample_rate, peak=float(size), length=length, start=float(time))
+                for time, size in zip(times, sizes, strict=True)
+            ),
+            np.zeros(samples),
+        )
+    )
+
+
 def moves(
     *, samples: int, sample_rate: float, distance: float = 3e-3, peak: float = 12.5, pause: float = 0.05,
     start: float = 0.25,

@@ -15,7 +15,7 @@ def simulate(
     parameters: Path | None = None,
     method: Literal["joint", "half-power"] = "joint",
     drive: Path | None = None,
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "moves", "free"] | None = None,
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"] | None = None,
     configuration: str = "unlocked",
     gain: float = 70.0,
     level: float | None = None,
@@ -51,9 +51,9 @@ def simulate(
     drive
         A recording whose drive channel is used; the options of the synthetic drive are then ignored.
     excitation
-        The synthetic drive: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s,
-        consecutive moves, or free (no drive: a mass that is released). The default is the description's entry usual, also for
-        level, band, seconds and sample_rate.
+        The synthetic drive: band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine of 0.1 s, hits of
+        a hammer, consecutive moves, or free (no drive: a mass that is released). The default is the description's entry usual,
+        also for level, band, seconds and sample_rate.
     configuration
         Configuration of the rig.
     gain

@@ -17,11 +17,13 @@ from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.prediction import predicted, seconds_from
 from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
 
-Kind = Literal["random", "multisine", "sweep", "half-sine", "moves", "free"]
+Kind = Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"]
 #: Periods of a synthetic multisine.
 PERIODS = 4
 #: Duration of a synthetic half sine, and its start, seconds.
 PULSE, PULSE_START = 0.1, 0.1
+#: Duration of a hammer hit, time between hits and before the first, seconds: a hard tip, and time for the rig to come to rest.
+HIT, HIT_EVERY, HIT_START = 0.005, 4.0, 0.5
 #: Maximum samples of a synthetic drive: an hour at 20 kHz, half a gigabyte for each channel.
 SAMPLES_MOST = 72_000_000
 #: Level of a synthetic drive that is not an acceleration: for a force in N (thesis, Fig. 6), for others 1.
@@ -99,8 +101,8 @@ def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
         )
     run = Run(
         id="made_up", configuration=plan.configuration, sample_rate=rate, gain=plan.gain, channels=channels,
-        excitation="other" if plan.kind == "half-sine" else plan.kind, started=BEGIN,
-        band=None if plan.kind in ("half-sine", "moves", "free") else band, period=period,
+        excitation="other" if plan.kind in ("half-sine", "hits") else plan.kind, started=BEGIN,
+        band=None if plan.kind in ("half-sine", "hits", "moves", "free") else band, period=period,
     )  # fmt: skip
     return Campaign(runs=(run,), description=given.description, source="a made-up drive")
 
@@ -114,23 +116,25 @@ def _level(plan: MadeUp, drive: Drive) -> float:
 
 
 def _wave(plan: MadeUp, n: int, band: tuple[float, float], level: float, seed: int) -> FloatArray:
-    rate = plan.sample_rate
+    rate, values = plan.sample_rate, np.zeros(n)
     match plan.kind:
         case "random":
-            return excitation.random(samples=n, sample_rate=rate, rms=level, band=band, seed=seed)
+            values = excitation.random(samples=n, sample_rate=rate, rms=level, band=band, seed=seed)
         case "multisine":
-            whole, _ = excitation.multisine(
+            values, _ = excitation.multisine(
                 period=n // PERIODS, periods=PERIODS, sample_rate=rate, rms=level, band=band, seed=seed
             )
-            return whole
         case "sweep":
-            return excitation.sweep(samples=n, sample_rate=rate, peak=level, band=band)
+            values = excitation.sweep(samples=n, sample_rate=rate, peak=level, band=band)
         case "half-sine":
-            return excitation.half_sine(samples=n, sample_rate=rate, peak=level, length=PULSE, start=PULSE_START)
+            values = excitation.half_sine(samples=n, sample_rate=rate, peak=level, length=PULSE, start=PULSE_START)
+        case "hits":
+            values = excitation.hits(
+                samples=n, sample_rate=rate, peak=level, length=HIT, every=HIT_EVERY, start=HIT_START, seed=seed
+            )
         case "moves":
-            return excitation.moves(samples=n, sample_rate=rate, peak=level)
-        case "free":
-            return np.zeros(n)
+            values = excitation.moves(samples=n, sample_rate=rate, peak=level)
+    return values
 
 
 def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[str, tuple[Change, ...]]]:
