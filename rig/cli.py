@@ -13,7 +13,6 @@ from isorig.rig.errors import REFUSALS
 COMMANDS = {
     "describe": ("isorig.rig.commands.describe:describe", "Draws and checks a rig's description, or writes one."),
     "check": ("isorig.rig.commands.check:check", "Lists the runs of recordings and rejects damaged files."),
-    "modes": ("isorig.rig.commands.modes:modes", "Natural frequencies, damping ratios and mode shapes."),
     "frf": ("isorig.rig.commands.frf:frf", "Transfer functions with coherence and error bars."),
     "characterize": ("isorig.rig.commands.characterize:characterize", "Masses, natural frequencies, damping ratios, friction."),
     "simulate": ("isorig.rig.commands.simulate:simulate", "A rig's responses to a recorded or synthetic drive."),

@@ -97,7 +97,7 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: 
     pairs, groups = beside.pairs, beside.groups
     return (
         *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),
-        *_configurations(model, pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, beside),
+        *_configurations(pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, beside),
         *_periods(model, pairs),
     )  # fmt: skip
 
@@ -254,7 +254,7 @@ def _misfit(pairs: Sequence[Double]) -> float:
     return float(np.median(shares))
 
 
-def _configurations(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
+def _configurations(pairs: Sequence[Double]) -> list[Sign]:
     names = list(dict.fromkeys(p.trial.run.configuration for p in pairs))
     if len(names) < 2:
         return []
@@ -264,13 +264,11 @@ def _configurations(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     unlocked, locked = error.get("unlocked"), error.get("locked")
     if unlocked is None or locked is None or max(unlocked, locked) < LEAST:
         return [Sign(text=text + ".")]
-    blocked = model.configurations["locked"].rigid
-    named = " and ".join(blocked) or "the lock"
     if unlocked > ONE_SIDED * locked:
-        speaks = tuple((cause, link) for link in blocked for cause in (*CURVED, *RUBBING, "stiffness_drift"))
-        return [Sign(text=f"{text}: the error is in what moves only when {named} is free.", speaks_for=speaks)]
+        speaks = tuple((cause, "isolation") for cause in (*CURVED, *RUBBING, "stiffness_drift"))
+        return [Sign(text=text + ": the error is in what moves only when the motor is free.", speaks_for=speaks)]
     if locked > ONE_SIDED * unlocked:
-        return [Sign(text=f"{text}: the error appears when {named} is locked.", speaks_for=(("imperfect_lock", "lock"),))]
+        return [Sign(text=text + ": the error appears when the motor is locked.", speaks_for=(("imperfect_lock", "lock"),))]
     return [Sign(text=text + ": the error is present in both.")]
 
 

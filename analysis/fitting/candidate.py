@@ -1,4 +1,4 @@
-"""A candidate: a changed model with free parameters, as the fits see a cause."""
+"""A candidate: a modified model with free parameters, which represents a cause in fits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from isorig.analysis.model.rig_model import RigModel
 
 @dataclass(frozen=True, kw_only=True)
 class Reported:
-    """A parameter of the answer: its name in the findings, the model's path, its unit."""
+    """A reported parameter: its name in the findings, its path in the model, its unit."""
 
     name: str
     path: str
@@ -19,22 +19,22 @@ class Reported:
     value: Callable[[RigModel], float] | None = None
 
     def of(self, model: RigModel) -> float:
-        """The value in a model: at the path, or worked out from several parameters."""
+        """The value in a model: at the path, or computed from several parameters."""
         return model.get(self.path) if self.value is None else self.value(model)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """Where the curve of a free shape stands in the model.
+    """Location of a free shape's curve in the model.
 
     Parameters
     ----------
     over, unit, value_unit
-        What the curve runs over, that quantity's unit, and the values' unit.
+        Abscissa of the curve, its unit, and the unit of the values.
     path
         Dotted path of the law.
     tables
-        Names of its values; none where the law is no single curve.
+        Names of its values; empty if the law is not a single curve.
     """
 
     over: str
@@ -62,7 +62,7 @@ class Candidate:
     cause, location
         Names of the findings' catalogue.
     family
-        Causes of one family are alike in kind: friction, spring, mass, delay.
+        Causes of one family are similar: friction, spring, mass, delay.
     starts
         The extended model at one or more starting values.
     free
@@ -70,17 +70,17 @@ class Candidate:
     dropped
         Paths of the baseline that the extension replaces.
     reported
-        What is said of it in the findings.
+        The parameters reported in the findings.
     rank
-        Simplicity: of two that fit alike the lower is kept.
+        Simplicity: of two that fit equally well the lower is kept.
     plausible
-        Whether a fitted model still is what the cause's name says.
+        Whether a fitted model is still what the cause's name says.
     twin
-        Cause and location that lead to the same equations, so that no data of this rig can tell them apart.
+        Cause and location with the same equations, so that no data of this rig can distinguish them.
     shape
-        Of a free shape: where its curve stands.
+        For a free shape: location of its curve.
     denser
-        Of a free shape: itself with more points, started from a fitted model; None where no more are of use.
+        For a free shape: the shape with more points, started from a fitted model; None if no more are useful.
     """
 
     cause: str
@@ -102,11 +102,11 @@ class Candidate:
         return self.cause, self.location
 
     def refined(self, fitted: RigModel) -> Candidate | None:
-        """The candidate with more points, started from a fitted model; None where no more are of use."""
+        """The candidate with more points, started from a fitted model; None if no more are useful."""
         return self.denser(self, fitted)
 
     def parameters(self, model: RigModel, known: Sequence[Free] = ()) -> tuple[Free, ...]:
-        """What is fitted of it: the current model's parameters (its free ones where `known` is empty) and its own."""
+        """Its fitted parameters: the current model's (the free ones if `known` is empty) and its own."""
         own = {free.path for free in self.free}
         kept = (free for free in known or base_parameters(model) if free.path not in own and not self._drops(free.path))
         return (*kept, *self.free)

@@ -1,8 +1,8 @@
-"""How well a fit knows its values: how far each spectral line of the residual moves them.
+"""Standard uncertainties of fitted values, from the influence of each frequency bin of the residual.
 
-Noise in the recorded drive reaches all channels of a line together, and lines of a stationary residual are independent
-whatever its autocorrelation. So the values are worked out once without each line, all channels of it (the jackknife, to first
-order the HC3 of MacKinnon and White 1985).
+Noise in the recorded drive affects all channels of a bin together, and the bins of a stationary residual are independent for any
+autocorrelation. So the values are recomputed without each bin, in all channels (jackknife, to first order the HC3 of MacKinnon
+and White 1985).
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.solve import Fit, Problem, fit
 from isorig.analysis.fitting.trials import Trial
 
-#: Rounds of fits with finer differences, and the relative fall of the cost from which one more is worth it.
+#: Rounds of fits with finer differences, and the relative decrease of the cost that justifies another one.
 ROUNDS, FALL = 4, 1e-5
 #: Bounds of the relative size of a finite difference.
 FINEST, COARSEST = 1e-6, 1e-3
-#: A value whose whole size changes the residual by less than this, in deviations of the noise, leaves no trace in the data.
+#: A value whose full size changes the residual by less than this, in standard deviations of the noise, is not identifiable.
 TRACE = 2.0
-#: Shares of a friction force that leaves no trace because nothing slides against it: the data may slide all the same.
+#: Shares of a friction force that is not identifiable because nothing slides against it: the data may contain sliding.
 SMALLER = np.geomspace(0.95, 0.05, 30).tolist()
 
 
 def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
-    """A fit taken to where its cost is least to a small part of a deviation, its finite differences as small as its deviations.
+    """A fit refined until its cost is minimal to a small fraction of a standard uncertainty, with equally small finite
+    differences.
 
-    A step of a deviation is seen against the noise by one in the cost, of as many as there are lines; fits that compare models
-    stop long before.
+    A step of one standard uncertainty changes the cost by one, of as many as there are bins; fits that compare models stop long
+    before.
     """
     problem = Problem(trials, share=SIMULATION_LIMIT)
     for _ in range(ROUNDS):
@@ -47,13 +48,13 @@ def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def untraced(done: Fit) -> frozenset[str]:
-    """Paths of the fitted values that leave no trace in the data, so that nothing is known of them."""
+    """Paths of the fitted values that are not identifiable from the data."""
     sizes = np.sqrt((done.jacobian**2).sum(axis=0))
     return frozenset(f.path for f, size in zip(done.free, sizes, strict=True) if f.log and size < TRACE)
 
 
 def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
-    """The fit, begun again from a smaller friction where its own lets nothing slide, if that explains the data better."""
+    """The fit, restarted from a smaller friction if its own lets nothing slide and that explains the data better."""
     problem = Problem(trials, share=SIMULATION_LIMIT)
     for path in sorted(path for path in untraced(done) if path.endswith("friction_force")):
         smaller = [done.model.replace({path: share * done.values[path]}) for share in SMALLER]
@@ -64,14 +65,14 @@ def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
-    """How far leaving out each spectral line would move the fitted values, shape (lines, values), in the values' units."""
+    """Change of the fitted values without each frequency bin, shape (bins, values), in the values' units."""
     scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
     jacobian = done.jacobian / scale
     bread = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
     scores = []
     ends = np.cumsum(done.sizes)
     for trial, start, end in zip((t for t in trials if t.fitted), ends - np.array(done.sizes), ends, strict=True):
-        # Real and imaginary parts of all channels, line by line.
+        # Real and imaginary parts of all channels, bin by bin.
         rows = 2 * len(trial.channels)
         own = jacobian[start:end].reshape(rows, -1, len(scale)).transpose(1, 0, 2)
         residual = done.residual[start:end].reshape(rows, -1).T
@@ -83,7 +84,7 @@ def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
 
 
 def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) -> FloatArray:
-    """How far the fitted values go with what is taken as known, shape (given, values), in the values' units.
+    """Change of the fitted values with the given values, shape (given, values), in the values' units.
 
     Parameters
     ----------
@@ -92,8 +93,8 @@ def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) 
     trials
         Its runs.
     given
-        What is taken as known, by its path in the model (a mass, a sensor's gain), and its standard deviation in its own unit.
-        Each row is for one such deviation.
+        The given values by path in the model (a mass, a sensor's gain), with their standard uncertainties in their own units.
+        Each row is for one standard uncertainty.
     """
     if not given:
         return np.zeros((0, len(done.free)))
@@ -107,7 +108,7 @@ def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) 
 
 
 def grid_shift(done: Fit, trials: Sequence[Trial]) -> FloatArray:
-    """How far a simulation on twice as fine a grid would move the fitted values, shape (values,), in their units."""
+    """Change of the fitted values with half the time step, shape (values,), in their units."""
     finer = tuple(replace(t, excitation=t.excitation.resampled(2 * t.excitation.oversample)) for t in trials)
     change = Problem(finer, share=SIMULATION_LIMIT).residuals([done.model])[0] - done.residual
     scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)

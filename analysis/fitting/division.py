@@ -1,4 +1,4 @@
-"""What fits see of a campaign, and what no fit sees and judges them: the ends of all runs, or the beginnings of some."""
+"""Division of a campaign into fit data and held-out data: the ends of all runs, or the beginnings of some."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from dataclasses import dataclass, replace
 
 from isorig.analysis.fitting.trials import Trial
 
-#: Fine steps per sample of the finest grid, on which models are judged.
+#: Simulation steps per sample of the finest grid, on which models are judged.
 FINEST = 8
-#: Seconds that the beginning of a run takes.
+#: Duration of the beginning of a run, seconds.
 BEGINNING = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Division:
-    """Runs divided.
+    """Divided runs.
 
     Parameters
     ----------
     fits
-        What fits may see.
+        Data for fits.
     judged
-        What judges them, on the finest grid: of each trial what comes after `fitted` samples.
+        Held-out data, on the finest grid: of each trial the part after `fitted` samples.
     beginnings
-        Whether it is beginnings that judge.
+        Whether beginnings are held out.
     how
-        What judges, in words.
+        Description of the held-out data.
     """
 
     fits: tuple[Trial, ...]
@@ -40,23 +40,23 @@ Divide = Callable[[Sequence[Trial]], Division]
 
 
 def refined(trial: Trial) -> Trial:
-    """The trial on the grid that models are judged on."""
+    """The trial on the grid for judging models."""
     return replace(trial, excitation=trial.excitation.resampled(FINEST))
 
 
 def ends(trials: Sequence[Trial]) -> Division:
-    """Fits see the beginnings of all runs, and are judged by the ends."""
+    """Fits use the beginnings of all runs, and are judged by the ends."""
     return Division(
         fits=tuple(trials), judged=tuple(refined(trial) for trial in trials),
-        how="the last 40 % of every run (all of a run marked as held out), which no fit saw; the model runs free from the run's "
-        "first sample",
+        how="the last 40 % of every run (all of a run marked as held out), held out from the fits; free-run simulation from "
+        "the run's first sample",
     )  # fmt: skip
 
 
 def beginnings(trials: Sequence[Trial]) -> Division:
-    """Fits see all runs but the second strongest of each configuration, and are judged by the beginning of those.
+    """Fits use all runs except the second strongest of each configuration, and are judged by the beginning of those.
 
-    What acts on a rig at rest and is forgotten once it moves shows nowhere else.
+    Effects on a rig at rest that vanish once it moves are visible only there.
     """
     strongest: dict[str, list[Trial]] = defaultdict(list)
     for trial in sorted(trials, key=lambda trial: -trial.run.gain):
@@ -67,12 +67,12 @@ def beginnings(trials: Sequence[Trial]) -> Division:
         fits=tuple(trial for trial in trials if all(trial is not other for other in kept)),
         judged=tuple(begun(refined(trial)) for trial in kept),
         beginnings=True,
-        how=f"the first {BEGINNING:g} s of the runs {', '.join(trial.run.id for trial in kept)}, of which no fit saw anything; "
+        how=f"the first {BEGINNING:g} s of the runs {', '.join(trial.run.id for trial in kept)}, held out from the fits; "
         "the ends of all runs fit without a cause",
     )  # fmt: skip
 
 
 def begun(trial: Trial) -> Trial:
-    """The beginning of a run, none of it for fits."""
+    """The beginning of a run, completely held out."""
     n = min(trial.samples, trial.onset + round(BEGINNING * trial.sample_rate))
     return replace(trial, fitted=0, measured=trial.measured[:, :n], excitation=trial.excitation.beginning(n))

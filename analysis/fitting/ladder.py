@@ -1,4 +1,4 @@
-"""The fits of a diagnosis: the baseline, many candidates in a race, and the winner to the end."""
+"""The fits of a diagnosis: the baseline, successive elimination of candidates, and the final fits."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from isorig.analysis.model.rig_model import RigModel
 HORIZONS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
 STEPS = (8, 5, 5, 5, 5, 8)
 CLOSE = 1e-2
-#: What a short stretch does not show stays where it was.
+#: Tether for parameters that a short part of the runs does not determine.
 TETHER = 1.0
 #: Seconds of each run that a free shape's fit sees on its way to the whole, and its tether then.
 UNROLLED, HOLDS = (16.0, 30.0), 3.0
@@ -34,31 +34,32 @@ UNROLLED, HOLDS = (16.0, 30.0), 3.0
 UNCHANGED = 2.0
 #: Steps of a fit on all that fits may see.
 LAST_STEPS = 4
-#: Seconds of each run that a look at all candidates takes in, and the share of a model's misfit that must show in them.
+#: Seconds of each run for the first short fits, and the share of a model's misfit that must appear in them.
 SCREENS = (4.0, 10.0)
 SHOWN = 0.3
-#: How many times a fit's misfit another's must be to be far worse.
+#: Ratio of misfits above which a fit is far worse.
 FAR_WORSE = 2.0
-#: A curve whose misfit, in allowances, is above this is tried with more points, as long as that lowers it by this share.
+#: A curve with a misfit above this, in allowed errors, is tried with more points, as long as that reduces it by this share.
 FLAT, REFINES = 1.2, 0.15
-#: Leading curves that are tried with more points on a rung.
+#: Number of leading curves tried with more points on a rung.
 REFINED = 3
-#: Candidates that race, beside the best of each family.
+#: Number of candidates in the elimination, in addition to the best of each family.
 RACING = 6
-#: Families that hold bodies still.
+#: Families that can make bodies stick.
 STICKING = ("friction", "memory")
-#: Times as many steps that a free shape may take on its first rung, where it starts flat.
+#: Factor for the number of steps of a free shape on its first rung, where it starts flat.
 SHAPE_STEPS = 2
-#: A free shape whose misfit grows by this factor from one rung to the next has lost its way: it starts flat once more.
+#: A free shape whose misfit increases by this factor from one rung to the next has diverged: it restarts flat.
 LOST = 10.0
-#: A candidate whose misfit is this many times the best's is out of the race.
+#: A candidate whose misfit exceeds the best's by this factor is eliminated.
 BEHIND = 6.0
-#: Candidates that reach the last rung and the one before it at most: those two cost most of a race, and on a soiled rig nothing
-#: falls far behind. Chosen: half as many again as are finished, and two and a half times as many.
+#: Maximum number of candidates on the last rung and on the one before: these two take most of the time, and for a rig with small
+#: imperfections no candidate falls far behind. Chosen: 1.5 and 2.5 times the number of final fits.
 CROWD = {1: 6, 2: 10}
-#: A refitted model's misfit, in allowances, from which a rung tells candidates apart; and the share by which one must lower it.
+#: Misfit of a refitted model, in allowed errors, above which a rung distinguishes candidates; and the share by which one must
+#: reduce it.
 TELLING, PROMISING = 2.0, 0.1
-#: A fit whose misfit over a run's first moments is more than this times its allowance has been bent by what it lacks.
+#: A fit whose misfit over a run's first moments exceeds this multiple of its allowance is biased by a missing effect.
 BENT = 10.0
 
 Running = list[tuple[Candidate, Fit]]
@@ -66,15 +67,14 @@ Running = list[tuple[Candidate, Fit]]
 
 @dataclass(frozen=True, kw_only=True)
 class Race:
-    """What a race came to.
+    """Result of an elimination.
 
     Parameters
     ----------
     ranked
         Candidates with their fits on the last rung, best first.
     telling
-        The first rung, by its place on the ladder, that told candidates apart, and all candidates' fits there, best first; None
-        where no rung did.
+        The first rung, by index, that distinguished candidates, with all candidates' fits there, best first; None if no rung did.
     """
 
     ranked: Running
@@ -82,7 +82,7 @@ class Race:
 
 
 def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
-    """The rig's free parameters fitted to all runs on the finest grid, and the runs it was fitted to."""
+    """The rig's free parameters fitted to all runs on the finest grid, and these runs."""
     trials = prepare(campaign, model)
     fine = tuple(refined(trial) for trial in trials)
     rough = baseline_fit(guesses_of(model, trials), trials)
@@ -90,7 +90,7 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
 
 
 def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]:
-    """Where fits may start: the equations of motion, the same with the first guess of friction, and the first guesses."""
+    """Starting points: the equations of motion, the same with the initial value of friction, and the initial values."""
     solved = equation_start(model, trials)
     dry = [path for path in model.free if path.endswith("friction_force")]
     between = (solved.replace({path: model.get(path) for path in dry}),) if dry else ()
@@ -98,13 +98,13 @@ def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]
 
 
 def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
-    """The rig's own free parameters fitted to all runs, from the best of several starts, the most trusted first."""
+    """The rig's own free parameters fitted to all runs, from the best of several starting points, the most trusted first."""
     rungs = ladder(trials)
     free = base_parameters(starts[0])
     begun = [done for start in starts if (done := tried(start, free, rungs[0]))]
     if not begun:
         raise FitError(f"the model {starts[0].name!r} cannot be simulated at its starting values; correct its parameters")
-    # Of starts that lead equally far the first is the most trusted: a rig that is not so may be bent to anything.
+    # Of equally good starting points the first is the most trusted: a wrong model can be fitted with arbitrary values.
     least = min(done.cost for done in begun)
     done = next(done for done in begun if done.cost <= FAR_WORSE * least)
     for rung in rungs[1:]:
@@ -114,46 +114,47 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class Rung:
-    """What a fit sees on its way, and how many steps it may take there."""
+    """Data of a stage of a fit, and its maximum number of steps."""
 
     problem: Problem
     steps: int
 
 
 def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
-    """Problems from a run's first moments to its first ten seconds, without those that see less than `shows` seconds.
+    """Problems from a run's first moments to its first ten seconds, without those that use less than `shows` seconds.
 
-    Waveforms are a rough ground to descend on: once two motions have drifted apart by half a period, no slope leads back. From a
-    known rest they cannot have at first, so a fit that sees more only once it agrees with less finds its way from far.
+    The error of waveforms has many local minima: once two motions have diverged by half a period, no gradient leads back.
+    Starting from a known rest, they have not diverged yet, so a fit that uses more data only after it agrees with less converges
+    from distant starting values.
     """
-    if any(trial.motion for trial in trials):  # judged by the drive, moment by moment: nothing drifts
+    if any(trial.motion for trial in trials):  # judged by the drive at each moment: nothing diverges
         shows = max(shows, HORIZONS[-1])
     rungs = [rung for rung in zip(HORIZONS, STEPS, strict=True) if rung[0] >= shows] or [(shows, STEPS[-1])]
     return tuple(Rung(problem=Problem(glanced(trials, seconds)), steps=steps) for seconds, steps in rungs)
 
 
 def horizon(model: RigModel, trials: Sequence[Trial]) -> float:
-    """Seconds of each run, from the first on, after which a model's misfit shows as it does in the whole."""
+    """Seconds of each run, from the start, after which a model's misfit is as visible as in the whole."""
     *short, whole = (*SCREENS, np.inf)
     size = _largest(model, Problem(glanced(trials, whole)))
     return next((s for s in short if _largest(model, Problem(glanced(trials, s))) > SHOWN * size), whole)
 
 
 def _largest(model: RigModel, problem: Problem) -> float:
-    # Mean square weighted residual of the trial that is worst.
+    # Mean square weighted residual of the worst trial.
     parts = np.split(problem.residuals([model])[0], np.cumsum(problem.sizes)[:-1])
     return max(float(np.mean(part**2)) for part in parts)
 
 
 def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
-    """A fit brought to its end on all that fits may see."""
+    """A fit completed on all fit data."""
     return fit(rough.model, rough.free, Problem(trials, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
 
 
 def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
-    """A free shape's fit continued to the whole runs, over longer and longer stretches where the motion drifts apart on them.
+    """A free shape's fit continued to the whole runs, over increasing lengths if the motion diverges on them.
 
-    Each stretch may reach points of the curve that no shorter one did, and from far off the mark there is no way back.
+    Each length may reach points of the curve that no shorter one did, and from a distant solution no gradient leads back.
     """
     done = rough
     longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
@@ -167,12 +168,12 @@ def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def _misfit(model: RigModel, problem: Problem) -> float:
-    # Mean square weighted residual; not a number, and so below nothing, where the model cannot be simulated.
+    # Mean square weighted residual; NaN, which compares false, if the model cannot be simulated.
     return float(np.mean(problem.residuals([model])[0] ** 2))
 
 
 def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit | None:
-    """A fit on a rung, or None from a start whose motion grows without bound."""
+    """A fit on a rung, or None from a starting point whose motion grows without bound."""
     try:
         return fit(start, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
     except FitError:
@@ -180,12 +181,12 @@ def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit | None:
 
 
 def widened(done: Fit) -> Fit:
-    """A fit whose deviations include how far the runs disagree."""
+    """A fit whose uncertainties include the differences between runs."""
     return replace(done, covariance=done.covariance + disagreement(done))
 
 
 def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
-    """The model as it was before a step, fitted from where the step has led its parameters."""
+    """The model as it was before a step, refitted from the parameters after the step."""
     values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
     try:
         return finished(replace(current, model=current.model.replace(values)), trials)
@@ -194,9 +195,9 @@ def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float) -> float:
-    """What a rig that is the model itself would get for its largest error over what is allowed.
+    """Largest ratio of error to allowed error for simulated data of the model itself.
 
-    The fitted model is simulated with the data's own noise on responses and drive, fitted anew, and judged as data are.
+    The fitted model is simulated with the data's noise on responses and drive, refitted, and judged like data.
     """
     generator = np.random.default_rng(17)
 
@@ -214,9 +215,9 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
 
 
 def diverse(looks: Sequence[Look]) -> list[Look]:
-    """The best looks, and the best of each family, so that no kind is lost to a rough first step.
+    """The best short fits, and the best of each family, so that no kind is lost because of a rough first step.
 
-    Friction and its like count place by place: while a body sticks, no small step shows what a larger force would do.
+    Friction and similar causes count place by place: while a body sticks, no small step shows the effect of a larger force.
     """
 
     def kind(look: Look) -> tuple[str, str]:
@@ -234,10 +235,10 @@ Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
 
 
 def starts_of(looks: Sequence[Look], current: Fit, guess: RigModel, rung: Rung) -> Starts:
-    """Where looked-at candidates start a race: from the current fit.
+    """Starting points of candidates for the elimination: from the current fit.
 
-    The most promising, and all friction, also start from the rig's first guess where the current fit is so far off that what
-    is missing has bent all its parameters.
+    The most promising, and all friction, also start from the rig's initial values if the current fit is so far off that the
+    missing effect has biased all its parameters.
     """
     entered = [(look.candidate, model) for look in looks for model in look.models]
     starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
@@ -252,10 +253,10 @@ def starts_of(looks: Sequence[Look], current: Fit, guess: RigModel, rung: Rung) 
 
 
 def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress) -> Race:
-    """Fits of candidates up the ladder, best first; those that fall far behind on a rung are left there.
+    """Fits of candidates on the ladder, best first; those with much larger errors are eliminated on each rung.
 
-    The current model climbs along. A rung on which it agrees with the data once refitted tells no candidate from another and
-    is skipped, and so is one on which no candidate fits better than it, but for the last.
+    The current model is refitted on each rung. A rung on which it then agrees with the data does not distinguish candidates and
+    is skipped, and so is one on which no candidate fits better than it, except the last.
     """
 
     costs: dict[int, float] = {}
@@ -280,7 +281,7 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
             continue
         climbed = [(c, done) for c, free, start in starts if (done := climb(c, free, start, rung)) and c.plausible(done.model)]
         climbed.sort(key=lambda pair: pair[1].cost)
-        # From several starts the best goes on.
+        # Of several starting points the best continues.
         first = [p for k, p in enumerate(climbed) if all(p[0] is not other for other, _ in climbed[:k])]
         for k, (candidate, done) in enumerate(first[:REFINED]):
             if candidate.shape is not None and FLAT < done.cost < FAR_WORSE * climbed[0][1].cost:
@@ -299,7 +300,7 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
 
 
 def _refined(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
-    # More points as long as they tell more.
+    # More points as long as they improve the fit.
     while (denser := candidate.refined(rough.model)) is not None:
         kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
         done = tried(denser.starts[0], (*kept, *denser.free), rung)

@@ -1,7 +1,7 @@
-"""Fitted values that hardly any rig has: at the end of their range, a decade from what was given, or off by a unit's factor.
+"""Implausible fitted values: at a bound, a decade from the given value, or different by a unit conversion factor.
 
-A force in N that is read as kN makes masses a thousand times too large, an acceleration in g that is read as m/s^2 makes them 9.8
-times too large, and the model may still agree with the data. So every fit is compared with what was given before it.
+A force in N read as kN makes masses a thousand times too large, an acceleration in g read as m/s^2 makes them 9.8 times too
+large, and the model may still agree with the data. So every fit is compared with the given values.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ from isorig.analysis.fitting.swapped import swapped_channels
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
-#: A given mass, stiffness or factor is not off by this ratio where it was weighed, read off a data sheet or guessed with care.
+#: A given mass, stiffness or factor that was weighed, read from a data sheet or estimated with care is not wrong by this ratio.
 DECADE = 10.0
-#: A ratio is a unit's factor where it lies within this share of it: what is given is seldom known better.
+#: A ratio is a unit conversion factor if it is within this share of it: given values are seldom more accurate.
 NEAR = 0.2
-#: Ratios of masses and stiffnesses that lie within this factor of their median are one ratio: what they have in common is wrong.
+#: Ratios of masses and stiffnesses within this factor of their median are one ratio: their common scale is wrong.
 ALIKE = 1.5
-#: A value this close to the end of its range, as a share, is at the end.
+#: A value this close to a bound, as a share, is at the bound.
 END = 1e-3
-#: Ratios of units that are taken for one another (BIPM, The International System of Units, 9th ed.).
+#: Ratios of units that are commonly confused (BIPM, The International System of Units, 9th ed.).
 UNIT_FACTORS = {
     9.80665: "g and m/s^2, or kgf and N", 25.4: "inch and mm", 180.0 / pi: "degrees and radians",
     1000.0: "N and kN, mm and m, or mV and V", 1e6: "um and m",
 }  # fmt: skip
-#: Parameters that are compared with what was given; dampings and frictions are seldom known beforehand.
+#: Parameters compared with given values; dampings and frictions are seldom known.
 _KNOWN = re.compile(r"bodies\.(?P<body>\w+)\.mass|links\.(?P<link>\w+)\.stiffness|drive\.(?P<drive>factor)|.*\.chain\.gain")
 _FRICTION = re.compile(r"contacts\.\w+\.law\.friction_force")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
-    """A value that speaks against the units of the data, the description or the fit.
+    """A value that contradicts the units of the data, the description or the fit.
 
     Parameters
     ----------
     parameter
         Its path in the model, or drive, sensors or channels with the channel's name; several are joined by "+".
     kind
-        "swapped": two channels are exchanged; "unit": off by a unit's factor; "decade": off by ten or more; "limit": at the end
-        of its range.
+        "swapped": two channels are exchanged; "unit": different by a unit conversion factor; "decade": different by ten or more;
+        "limit": at a bound.
     ratio
-        Fitted over given; of a limit the value over its limit, of swapped channels 1.
+        Fitted divided by given; for a limit the value divided by it, for swapped channels 1.
     text
         One sentence.
     """
@@ -62,16 +62,16 @@ class Doubt:
 
 
 def doubts(given: RigModel, fits: Sequence[Fit], trials: Sequence[Trial] = ()) -> tuple[Doubt, ...]:
-    """What is doubtful in fitted values and in the levels of the records, the most telling first.
+    """Implausible fitted values and levels of the records, the most significant first.
 
     Parameters
     ----------
     given
-        The rig with what is known of it and first guesses.
+        The rig with known values and starting values.
     fits
-        Fits of it, or of models that extend it; each parameter is named once.
+        Fits of it, or of models that extend it; each parameter is reported once.
     trials
-        The runs: the levels of their channels are compared with those that the given rig would have under the same drive.
+        The runs: the levels of their channels are compared with those of the given rig with the same drive.
     """
     found = {doubt.parameter: doubt for doubt in (*_of_swaps(given, trials), *_of_levels(given, trials))}
     for fitted in fits:
@@ -83,14 +83,14 @@ def doubts(given: RigModel, fits: Sequence[Fit], trials: Sequence[Trial] = ()) -
 
 
 def unit_factor(ratio: float) -> tuple[float, str] | None:
-    """The unit's factor that a ratio, or its inverse, is near to, and what it lies between; None where it is near none."""
+    """The unit conversion factor close to a ratio, or to its inverse, and the units; None if there is none."""
     size = exp(abs(log(ratio)))
     factor = min(UNIT_FACTORS, key=lambda each: abs(log(size / each)))
     return (factor, UNIT_FACTORS[factor]) if abs(log(size / factor)) <= log(1.0 + NEAR) else None
 
 
 def levels(given: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
-    """By channel: how many times as much was measured (rms about the mean, median of runs) as the given rig would show."""
+    """By channel: measured level (rms about the mean, median of runs) divided by the level of the given rig."""
     ratios: dict[str, list[float]] = {}
     for trial in trials:
         if trial.motion is None:
@@ -107,7 +107,7 @@ def _of_swaps(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
         several = f"runs {', '.join(map(repr, runs))}" if len(runs) > 1 else f"run {runs[0]!r}"
         yield Doubt(
             parameter=f"channels.{one}/{other}", kind="swapped", ratio=1.0,
-            text=f"In {several} {one} and {other} look swapped, their ratio over frequency is that of the given rig upside down: "
+            text=f"In {several} {one} and {other} seem swapped, their ratio over frequency is the inverse of the given rig's: "
             "check the cables or rename the channels.",
         )  # fmt: skip
 
@@ -121,8 +121,8 @@ def _of_levels(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
     if middle in odd.values() and all(abs(log(ratio / middle)) <= log(ALIKE) for ratio in ratios.values()):
         yield Doubt(
             parameter=f"drive.{given.drive.channel}", kind="unit", ratio=middle,
-            text=f"All responses are about {middle:.3g} times as large as the given rig would show under the recorded drive"
-            f"{_between(unit_factor(middle))}: check the unit of {given.drive.channel}, which drives, and of all responses.",
+            text=f"All responses are about {middle:.3g} times as large as the given rig predicts for the recorded drive"
+            f"{_between(unit_factor(middle))}: check the unit of the drive channel {given.drive.channel}, and of all responses.",
         )  # fmt: skip
         return
     for name, ratio in odd.items():
@@ -130,7 +130,7 @@ def _of_levels(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
         if rest and unit_factor(exp(median(map(log, rest)))) is None:
             yield Doubt(
                 parameter=f"sensors.{name}", kind="unit", ratio=ratio,
-                text=f"{name} is about {ratio:.3g} times as large as the given rig would show under the recorded drive"
+                text=f"{name} is about {ratio:.3g} times as large as the given rig predicts for the recorded drive"
                 f"{_between(unit_factor(ratio))}, and the others are not: check the unit of {name}.",
             )  # fmt: skip
 
@@ -147,16 +147,16 @@ def _of_units(given: RigModel, fitted: Fit) -> Iterable[Doubt]:
         values = ", ".join(_value(given, fitted, path) for path in alike)
         yield Doubt(
             parameter="+".join(alike), kind="unit" if near else "decade", ratio=ratio,
-            text=f"All masses and stiffnesses that were fitted are about {ratio:.3g} times what was given ({values})"
-            f"{_between(near)}: check the unit of {given.drive.channel}, which drives, and of all responses.",
+            text=f"All fitted masses and stiffnesses are about {ratio:.3g} times the given ones ({values})"
+            f"{_between(near)}: check the unit of the drive channel {given.drive.channel}, and of all responses.",
         )  # fmt: skip
         odd = {path: ratio for path, ratio in odd.items() if path not in alike}
     for path, ratio in odd.items():
         near = unit_factor(ratio)
         yield Doubt(
             parameter=path, kind="unit" if near else "decade", ratio=ratio,
-            text=f"{_named(path)} is fitted as {fitted.values[path]:.4g}, {ratio:.3g} times the {given.get(path):.4g} that was "
-            f"given{_between(near)}: check the units of the channels, and what was given.",
+            text=f"{_named(path)} is fitted as {fitted.values[path]:.4g}, {ratio:.3g} times the given {given.get(path):.4g}"
+            f"{_between(near)}: check the units of the channels, and the given value.",
         )  # fmt: skip
 
 
@@ -184,13 +184,13 @@ def _at_limits(fitted: Fit) -> Iterable[Doubt]:
         if limit is not None:
             yield Doubt(
                 parameter=free.path, kind="limit", ratio=value / limit,
-                text=f"{_named(free.path)} ended at the end of its range, {limit:.4g}: the data asks for "
-                "what no such rig has; check units and what was given.",
+                text=f"{_named(free.path)} ended at its bound, {limit:.4g}, which is "
+                "implausible; check units and given values.",
             )  # fmt: skip
 
 
 def _limit(free: Free, value: float) -> float | None:
-    # The end of a range that a value stands at. A damping or a friction that ends low is just not there.
+    # The bound at which a value is. A damping or a friction at its lower bound is just absent.
     if free.follows or not free.log:
         return None
     if 0.0 < free.high < inf and value >= free.high * (1.0 - END):

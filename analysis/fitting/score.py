@@ -1,4 +1,4 @@
-"""The judgement on data that took no part in any fit: errors, their noise floor, and paired comparison by block."""
+"""Scores on held-out data: errors, their noise floor, and paired comparison by block."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.inverse import required_drive
 
-#: Blocks of time that each held-out record is divided into.
+#: Number of time blocks of each held-out record.
 BLOCKS = 8
-#: Runs from which on whole runs are resampled: blocks of one run share what is peculiar to it.
+#: Number of runs above which whole runs are resampled: blocks of one run are not independent.
 RUNS = 5
-#: Draws of the drive's noise, and the ratio of two draws' powers from which more than two are needed.
+#: Draws of the drive's noise, and the ratio of two draws' powers above which more than two are needed.
 DRAWS, SENSITIVE = 8, 1.3
-#: A block's error is at least this share of what is allowed: below it two models do not differ.
+#: A block's error is at least this share of the allowed error: below it two models do not differ.
 LEAST_BLOCK = 1e-4
-#: Share of a record's rms that counts as noise where models are compared block by block. Chosen: just below
-#: `SIMULATION_LIMIT`, so that blocks in which only the simulation's own error is left do not decide.
+#: Share of a record's rms that counts as noise in comparisons block by block. Chosen: just below `SIMULATION_LIMIT`, so that
+#: blocks with only the simulation's own error do not decide.
 BLOCK_NOISE = 0.003
 
 
 @dataclass(frozen=True)
 class Score:
-    """How a model does on held-out data.
+    """Errors of a model on held-out data.
 
     Parameters
     ----------
     error
         rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels).
     blocks
-        Mean square error of each block of held-out data over the noise's, shape (runs, channels, blocks).
+        Mean square error of each block of held-out data divided by the noise's, shape (runs, channels, blocks).
     power
-        The same over the mean square of the whole record there, shape (runs, channels, blocks).
+        The same divided by the mean square of the whole record there, shape (runs, channels, blocks).
     """
 
     error: FloatArray
@@ -49,17 +49,17 @@ class Score:
 
     @property
     def figure(self) -> float:
-        """The campaign's figure: the median over runs and channels."""
+        """The campaign's error: the median over runs and channels."""
         return float(np.median(self.error))
 
 
 def held_out(trial: Trial) -> slice:
-    """The samples of a trial that no fit has seen, without the edge of the record."""
+    """The held-out samples of a trial, without the edge of the record."""
     return slice(trial.fitted, trial.samples)
 
 
 def score(model: RigModel, trials: Sequence[Trial]) -> Score:
-    """Simulate every run freely from its first sample, and compare where nothing was fitted."""
+    """Free-run simulation of every run from its first sample, compared on held-out data."""
 
     def one(trial: Trial) -> tuple[FloatArray, FloatArray, FloatArray]:
         part = held_out(trial)
@@ -74,7 +74,7 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
         floor = trial.noise**2 + (BLOCK_NOISE * size) ** 2
         blocks = np.stack([np.mean(b**2, axis=1) for b in np.array_split(error, BLOCKS, axis=1)], axis=1)
         power = blocks / np.maximum(size**2, 1e-30)[:, None]
-        # Where neither moves, as with an encoder at rest, a block without error says nothing for either of two models.
+        # Without motion, e.g. an encoder at rest, a block without error does not distinguish two models.
         return relative, np.maximum(blocks / np.maximum(floor, 1e-30)[:, None], LEAST_BLOCK), power
 
     results = side_by_side(one, trials)
@@ -82,11 +82,11 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
 
 
 def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
-    """The error that a perfect model would show in each run and channel, shape (runs, channels).
+    """The error of a perfect model in each run and channel, shape (runs, channels).
 
-    The responses' own noise, and the drive channel's through the model: the difference that noise of its size, added to the
-    recorded drive, makes in the simulation. Where two draws of it do not agree the motion is sensitive, and the largest of more
-    is allowed.
+    The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
+    its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive, and the largest of more draws is
+    used.
     """
     generator = np.random.default_rng(7)
 
@@ -128,34 +128,34 @@ def confidence(best: Score, rivals: Sequence[Score], *, draws: int = 400) -> flo
 
 
 def units(score_: Score) -> FloatArray:
-    """Square errors by independent unit: runs where there are enough of them, else blocks of time, shape (units,)."""
+    """Square errors by independent unit: runs if there are enough of them, otherwise blocks of time, shape (units,)."""
     power = np.minimum(score_.power, MOST_ERROR**2)
     return np.asarray(power.mean(axis=(1, 2)) if len(power) >= RUNS else power.mean(axis=(0, 1)))
 
 
 def margin_in_errors(best: Score, rival: Score) -> float:
-    """How many standard errors of the paired blocks the rival lies behind the best."""
+    """Difference between rival and best in standard errors of the paired blocks."""
     difference = (np.log(rival.blocks) - np.log(best.blocks)).reshape(-1, BLOCKS).mean(axis=0)
     spread = float(difference.std(ddof=1) / np.sqrt(BLOCKS))
     return float(difference.mean() / max(spread, 1e-12))
 
 
 def worst(score_: Score, floors: FloatArray) -> float:
-    """The largest error of any run and channel over what is allowed."""
+    """The largest ratio of error to allowed error, over runs and channels."""
     return float(np.max(score_.error / floors))
 
 
 def adequate(score_: Score, floors: FloatArray, enough: float = ADEQUATE) -> bool:
-    """Whether every run and channel is explained to what is allowed."""
+    """Whether every run and channel is explained to the allowed error."""
     return is_adequate(score_.error, floors, enough)
 
 
 def share_interval(
     first: Score, before: Score, after: Score, floors: FloatArray, *, draws: int = 400
 ) -> tuple[float, float, float]:
-    """Share of the first model's excess that goes from one model to another: (value, low, high).
+    """Share of the first model's excess removed from one model to another: (value, low, high).
 
-    The 95 % interval is that of resampled units, see `units`.
+    The 95 % interval is from resampled units, see `units`.
     """
     generator = np.random.default_rng(19)
     by_run = len(before.error) >= RUNS
@@ -179,14 +179,14 @@ def share_interval(
 
 @dataclass(frozen=True, kw_only=True)
 class Improvement:
-    """How much smaller an extension makes the error on held-out data, each with the 95 % interval of resampled blocks.
+    """Improvement by an extension on held-out data, each with the 95 % interval of resampled blocks.
 
     Parameters
     ----------
     before, after
-        The campaign's figure without and with it: (low, high).
+        The campaign's error without and with it: (low, high).
     removed, removed_interval
-        Share of the error's excess over the floor that it removed.
+        Share of the error's excess above the floor that it removed.
     """
 
     before: tuple[float, float]
@@ -196,7 +196,7 @@ class Improvement:
 
 
 def improvement(before: Score, after: Score, floor: float, *, draws: int = 400) -> Improvement:
-    """The improvement with its interval: held-out blocks are drawn anew, the same for both models (bootstrap, Efron 1979)."""
+    """The improvement with its interval: held-out blocks are resampled, the same for both models (bootstrap, Efron 1979)."""
     generator = np.random.default_rng(13)
     picks = generator.integers(0, BLOCKS, (draws, BLOCKS))
 

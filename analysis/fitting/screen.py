@@ -1,4 +1,4 @@
-"""Candidate fits: a short look at every candidate, a full fit of the best."""
+"""Candidate fits: a short first fit of every candidate, a full fit of the best."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 
 Progress = Callable[[str], None]
-#: Fine steps per sample of a short look, at most.
+#: Maximum simulation steps per sample of a short fit.
 GLANCE_OVERSAMPLE = 4
-#: Starts of a candidate that are looked at, and from how many of them it races.
+#: Maximum number of a candidate's starting points that are evaluated, and used in the elimination.
 MOST_STARTS, RACED = 4, 2
-#: How far beyond a start the straight line to it is trusted, in distances to it.
+#: Trusted range of the linear extrapolation to a starting point, in distances to it.
 BEYOND = 3.0
-#: Candidates that are looked at more closely: the best of all, and the best of each family.
+#: Candidates evaluated more closely: the best of all, and the best of each family.
 CLOSER, CLOSER_OF_FAMILY = 8, 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """What a short fit promises of a candidate: mean square weighted residual, and the models it reached, best first."""
+    """Prediction of a short fit for a candidate: mean square weighted residual, and the models it reached, best first."""
 
     candidate: Candidate
     cost: float
@@ -35,7 +35,7 @@ class Look:
 
 
 def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
-    """The same trials for a short look: fits see `seconds` from the drive's onset on, on a coarser grid."""
+    """The same trials for a short fit: `seconds` from the drive's onset on, on a coarser grid."""
 
     def cut(trial: Trial) -> Trial:
         fitted = round(min(trial.fitted, trial.onset + seconds * trial.sample_rate))
@@ -46,9 +46,9 @@ def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
 
 
 class Screen:
-    """Looks at candidates from a fitted model, with the model's own derivatives taken once.
+    """Short fits of candidates from a fitted model, with the model's own derivatives computed once.
 
-    The derivatives with respect to the model's parameters change little when a cause is added, so a candidate costs a
+    The derivatives with respect to the model's parameters change little when a cause is added, so a candidate costs one
     simulation per new parameter and step instead of one per parameter.
     """
 
@@ -57,7 +57,7 @@ class Screen:
         self.problem = problem
 
     def ranked(self, candidates: Sequence[Candidate]) -> list[Look]:
-        """All candidates, best first: one step for each, and some more for those that promise anything."""
+        """All candidates, best first: one step for each, and some more for the promising ones."""
         first = sorted((self.look(candidate) for candidate in candidates), key=lambda look: look.cost)
         met: dict[str, int] = {}
         looks = []
@@ -69,18 +69,18 @@ class Screen:
         return sorted((look for look in looks if look.cost < np.inf), key=lambda look: look.cost)
 
     def look(self, candidate: Candidate) -> Look:
-        """One step from the candidate's first start, which is nearest to the current model, and from the most promising ones."""
+        """One step from the candidate's first starting point, the closest to the current model, and from the most promising."""
         starts = candidate.starts
         residuals = self.problem.residuals(starts)
         reached = self._reached(residuals)
         order = dict.fromkeys([0, *np.argsort(reached)[: MOST_STARTS - 1].tolist()])
         looks = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
-        # A start far from the current model promises what the straight line to it reaches; a step from there falls short.
+        # For a starting point far from the current model, use the linear extrapolation to it; a step from there falls short.
         promised = min(looks[0].cost, float(reached.min()) / self.problem.size)
         return Look(candidate=candidate, cost=promised, models=tuple(look.models[0] for look in looks[:RACED]))
 
     def _reached(self, residuals: FloatArray) -> FloatArray:
-        # What is left after a linear step of the current parameters and along the straight line to each start and on.
+        # Remaining error after a linear step of the current parameters and along the line to each starting point and beyond.
         span = np.linalg.qr(self.current.jacobian)[0]
         here, away = (r - (r @ span) @ span.T for r in (self.current.residual, residuals - self.current.residual))
         length = (away**2).sum(axis=1)

@@ -1,7 +1,7 @@
-"""Fitting a rig's parameters to what was measured, on the simulation's own error.
+"""Fits a rig's parameters to a measurement, by the free-run simulation error.
 
-The model runs free from each run's first sample on, driven by the recorded drive alone, and its waveforms are compared up to each
-run's ceiling. Levenberg-Marquardt (Moré 1978) with finite differences.
+The model runs free from each run's first sample, with the recorded drive as its only input, and its waveforms are compared up to
+each run's ceiling frequency. Levenberg-Marquardt (Moré 1978) with finite differences.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_m
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.analysis.parallel import side_by_side
 
-#: Models whose motion a problem remembers.
+#: Number of models whose motion a problem caches.
 CACHED = 3
-#: A parameter whose column of the Jacobian has no more than this square has no effect but rounding.
+#: A parameter whose Jacobian column has at most this square has only rounding effects.
 FAINT = 1e-6
-#: Directions of which all data know less than this share of what they know best are not counted; and share of what is known of a
-#: direction below which the other trials say nothing of it.
+#: Directions with less than this share of the information of the best-known one are ignored; and share of the information on a
+#: direction below which the other trials do not determine it.
 SINGULAR, ALONE = 1e-12, 0.01
-#: A channel's allowance is never below this share of its largest rms in any run: nobody asks for more.
+#: A channel's allowed error is at least this share of its largest rms in any run.
 QUIET = 1e-4
-#: What a point of a curve may move in one step, in what it may stray from its neighbours' mean.
+#: Maximum change of a curve point in one step, in allowed deviations from its neighbours' mean.
 STRAYS = 20.0
-#: A step that lowers the cost by this share of what the derivatives foretold leaves them good for one more.
+#: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used once more.
 FORETOLD = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
 class Free:
-    """A parameter that a fit may change.
+    """A free parameter of a fit.
 
     Parameters
     ----------
@@ -47,10 +47,10 @@ class Free:
     log
         Whether it is searched on a logarithmic scale (it is positive).
     step
-        Size of a finite difference: relative where `log`, absolute otherwise.
+        Finite difference: relative if `log`, absolute otherwise.
     follows, give
-        Of a point of a curve: what its neighbours let one expect of it, as (path, weight), and by how much it may stray from
-        that before it costs as much as one residual of 1. It holds the points that the data never reach.
+        For a point of a curve: its expected value from its neighbours, as (path, weight), and the deviation from it that costs as
+        much as one residual of 1. It holds the points without data.
     """
 
     path: str
@@ -66,7 +66,7 @@ class Free:
         return float(np.log(max(value, 1e-300))) if self.log else value
 
     def decode(self, coordinate: float) -> float:
-        """The value of a search coordinate, kept within the bounds."""
+        """The value of a search coordinate, within the bounds."""
         value = float(np.exp(min(coordinate, 700.0))) if self.log else coordinate
         return float(min(max(value, self.low), self.high))
 
@@ -80,16 +80,16 @@ class Fit:
     model
         The rig with the fitted values.
     free
-        What was fitted.
+        The fitted parameters.
     covariance
         Of the values in the order of `free`, shape (k, k), from the residuals with their autocorrelation.
     cost
-        Mean square of the weighted residuals (1 where noise and `SIGNAL_SHARE` explain all).
+        Mean square of the weighted residuals (1 if noise and `SIGNAL_SHARE` explain all).
     evaluations
-        Number of simulated campaigns it took.
+        Number of simulated campaigns.
     jacobian, residual, sizes
-        At the last step: derivatives of the weighted residual, shape (size, k), itself, shape (size,), and how many of its
-        entries belong to each trial.
+        At the last step: derivatives of the weighted residual, shape (size, k), the residual, shape (size,), and the number of
+        its entries for each trial.
     """
 
     model: RigModel
@@ -109,15 +109,15 @@ class Fit:
     @property
     def std(self) -> dict[str, float]:
         """Standard deviation by path."""
-        # At the end of a range rounding may leave a variance below zero.
+        # At a bound rounding may leave a variance below zero.
         variances = np.maximum(np.diag(self.covariance), 0.0)
         return dict(zip((free.path for free in self.free), np.sqrt(variances).tolist(), strict=True))
 
 
 class Waveform:
-    """Every line of a record as it is, weighted by what noise and the simulation's limit make of it.
+    """Every frequency bin of a record, weighted by noise and the accuracy of the simulation.
 
-    An orthonormal transform of the residual in time, so least squares is the same, up to the trial's ceiling.
+    An orthonormal transform of the residual in time, so least squares is equivalent, up to the trial's ceiling.
     """
 
     def __init__(self, trial: Trial, share: float, least: FloatArray) -> None:
@@ -141,7 +141,7 @@ class Problem:
     Parameters
     ----------
     trials
-        The runs, made ready.
+        The prepared runs.
     share
         Share of a channel's rms that counts as noise in the weights.
     """
@@ -149,12 +149,12 @@ class Problem:
     def __init__(self, trials: Sequence[Trial], *, share: float = SIGNAL_SHARE) -> None:
         fitted = [trial for trial in trials if trial.fitted > 0]
         if not fitted:
-            raise FitError("every run is held out, so nothing is left to fit; mark at least one run for fitting")
+            raise FitError("every run is held out, so there is nothing to fit; mark at least one run for fitting")
         self.trials = tuple(fitted)
         self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
-        # Models are simulated in several threads, and any of them may drop the oldest entry.
+        # Models are simulated in several threads, and any of them may remove the oldest entry.
         self._lock = Lock()
-        # A body that friction holds still leaves a record without any noise.
+        # A body held by friction may have a record without any noise.
         sizes = np.max([trial.measured.std(axis=1) for trial in trials], axis=0)
         least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
         self._gauges = [Waveform(trial, share, least) for trial in self.trials]
@@ -166,7 +166,7 @@ class Problem:
         return self._gauges[index].residual(expected(model, self.trials[index], self._motion(model, index)))
 
     def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
-        # The bodies' true motion; models that differ in their sensors' faults alone share it.
+        # The bodies' true motion; models that differ in their sensors' faults only share it.
         trial = self.trials[index]
         sound = msgspec.structs.replace(
             model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors), free=()
@@ -183,13 +183,13 @@ class Problem:
         return motion
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
-        """Weighted residuals of several models side by side, shape (models, size); NaN where a model blew up."""
+        """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged."""
 
         def one(job: tuple[int, int]) -> FloatArray:
             which, index = job
             try:
                 return self.residual_of(models[which], index)
-            except (SimulationError, ModelError):  # it grows without bound, or moves too quickly for any step
+            except (SimulationError, ModelError):  # it grows without bound, or moves too fast for any step
                 return np.full(self._gauges[index].size, np.nan)
 
         jobs = [(which, index) for which in range(len(models)) for index in range(len(self.trials))]
@@ -213,25 +213,25 @@ def fit(
     Parameters
     ----------
     model
-        Where the search starts.
+        The starting point.
     free
-        What may change.
+        The free parameters.
     problem
         The residuals.
     iterations
-        Jacobians at most.
+        Maximum number of Jacobians.
     tolerance
-        The search ends when a step lowers the cost by less than this share.
+        The fit ends when a step reduces the cost by less than this share.
     tether
-        Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, beside residuals of 1: so
-        small that it holds only what the data do not show.
+        Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, relative to residuals of 1:
+        so small that it holds only what the data do not determine.
     progress
-        Called with one line of text per step.
+        Called with one line of text for each step.
 
     Raises
     ------
     FitError
-        Where the starting model cannot be simulated.
+        The starting model cannot be simulated.
     """
     free = tuple(free)
     theta = np.array([f.encode(model.get(f.path)) for f in free])
@@ -267,7 +267,7 @@ def fit(
         before = foretold = cost
         for _ in range(6 if fresh else 1):
             scale = np.diag(normal)
-            # What leaves no trace stays: its step would be rounding's, and shorten all others.
+            # Parameters that are not identifiable stay: their steps would be rounding, and would shorten all others.
             live = np.flatnonzero(scale > FAINT)
             step = np.zeros(len(free))
             step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
@@ -294,12 +294,12 @@ def fit(
 
 
 def _tethered(free: Free, tether: float) -> float:
-    # Points of a curve that no data reach follow their neighbours, not their start.
+    # Curve points without data follow their neighbours, not their start.
     return 0.0 if free.follows else tether / (1.0 if free.log else 100.0 * free.step)
 
 
 def _bending(model: RigModel, free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
-    # Rows on the coordinates, and constants, that say how far points of curves stray from what their neighbours let expect.
+    # Rows on the coordinates, and constants, for the deviations of curve points from their neighbours' expectation.
     index = {f.path: k for k, f in enumerate(free)}
     points = [f for f in free if f.follows]
     rows, constants = np.zeros((len(points), len(free))), np.zeros(len(points))
@@ -327,27 +327,27 @@ def jacobian_of(
         moved[i] += parameter.step
         try:
             shifted.append(build(moved))
-        except ModelError:  # the step left what physics allows; the other side is inside
+        except ModelError:  # the step exceeded what physics allows; the other side is inside
             moved[i] -= 2.0 * parameter.step
             steps[i] = -parameter.step
             try:
                 shifted.append(build(moved))
-            except ModelError:  # held on both sides: it stays
+            except ModelError:  # not allowed on both sides: unchanged
                 shifted.append(build(theta))
     columns = (problem.residuals(shifted) - residual) / steps[:, None]
     return np.asarray(np.nan_to_num(columns).T)
 
 
 def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:
-    # No parameter on a logarithmic scale moves by more than a factor e^0.7 at once, no point of a curve by more than some of
-    # what it may stray: the data hardly hold points that they seldom reach.
+    # No parameter on a logarithmic scale moves by more than a factor e^0.7 at once, no curve point by more than some of its
+    # allowed deviation: rarely reached points are hardly determined by the data.
     worst = max((abs(s) / 0.7 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
     most = np.array([STRAYS * f.give for f in free])
     return np.clip(step / max(worst, 1.0), -most, most)
 
 
 def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, free: Sequence[Free]) -> FloatArray:
-    # White's (1980) sandwich: lines of a spectrum are independent, so colour of the residual is only unequal variance.
+    # White's (1980) sandwich: frequency bins are independent, so a coloured residual only has unequal variances.
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0))
     normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
@@ -358,31 +358,31 @@ def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, f
 
 
 def positive(path: str, value: float, *, span: float = 1e3) -> Free:
-    """A positive parameter that may move by a factor `span` either way from its starting value."""
+    """A positive parameter that may move by a factor `span` in either direction from its starting value."""
     return Free(path=path, low=value / span, high=value * span)
 
 
 def base_parameters(model: RigModel) -> tuple[Free, ...]:
-    """The parameters that the rig's description marks as free; an offset may have either sign."""
+    """The parameters marked as free in the rig's description; an offset may have either sign."""
     return tuple(_described(path, model.get(path)) for path in model.free)
 
 
 def _described(path: str, value: float) -> Free:
     if path.endswith(".offset"):
         return Free(path=path, low=-np.inf, log=False, step=1e-4)
-    # A first guess may have lost the friction altogether.
+    # A starting value may have lost the friction altogether.
     return positive(path, value, span=1e6 if path.endswith("friction_force") else 1e3)
 
 
 def disagreement(fitted: Fit) -> FloatArray:
-    """Covariance of the fitted values from how far the runs disagree: the jackknife over trials, shape (k, k).
+    """Covariance of the fitted values from the differences between runs: the jackknife over trials, shape (k, k).
 
     Leaving one trial out moves the values by (A - A_g)^-1 J_g' r_g to first order, A = J'J and A_g the trial's share of it. A
     model that is wrong asks for other values in every run, which residuals taken as noise do not tell (Efron and Stein 1981).
     """
     whole = fitted.jacobian.T @ fitted.jacobian
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    # Along the axes in which all trials together know as much in every direction.
+    # Along the axes in which all trials together have the same information in every direction.
     sizes, axes = np.linalg.eigh(whole / np.outer(scale, scale))
     kept = sizes > SINGULAR * sizes[-1]
     axes = axes[:, kept] / np.sqrt(sizes[kept])
@@ -391,7 +391,7 @@ def disagreement(fitted: Fit) -> FloatArray:
     for start, end in zip(ends - np.array(fitted.sizes), ends, strict=True):
         own, residual = fitted.jacobian[start:end] / scale @ axes, fitted.residual[start:end]
         shares, ways = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
-        # What this trial alone knows, no other can disagree with.
+        # Information from this trial only, with which no other can disagree.
         inverse = np.where(shares > ALONE, 1.0 / np.maximum(shares, ALONE), 0.0)
         moves.append(axes @ (ways @ (inverse * (ways.T @ (own.T @ residual)))) / scale)
     count = len(moves)

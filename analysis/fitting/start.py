@@ -1,4 +1,4 @@
-"""Starting values for a fit, straight from the equations of motion.
+"""Starting values for a fit, directly from the equations of motion.
 
 A link whose removal cuts some bodies off the ground carries their inertia forces and nothing else. Where those bodies have
 accelerometers, the link's force is therefore measured, and its stiffness, damping and dry friction (and masses taken as unknown)
@@ -20,7 +20,7 @@ from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction
 from isorig.analysis.spectra.motion import integrals
 
 ROUNDS = 3
-#: A stiffness further than this factor from the first guess is not believed.
+#: A stiffness that differs from the initial value by more than this factor is rejected.
 FACTOR = 5.0
 
 
@@ -39,7 +39,7 @@ def equation_start(model: RigModel, trials: Sequence[Trial]) -> RigModel:
 
 
 def _outboard(model: RigModel, link: Link) -> tuple[str, ...]:
-    # The bodies that hang on this link alone; empty where another way leads from them to ground.
+    # The bodies connected by this link only; empty if another path leads from them to ground.
     joins = [(other.a, other.b) for other in model.links if other.name != link.name]
     reached = {GROUND}
     while True:
@@ -81,7 +81,7 @@ def _solve(model: RigModel, link: Link, outboard: tuple[str, ...], trials: Seque
         }
         if contact is not None:
             velocity, _ = integrals(relative, rate, trial.run.band)
-            # Hardest run first: what is slow beside it is stuck, not sliding.
+            # Strongest run first: much slower motion is sticking, not sliding.
             slow = max(slow, 0.03 * float(velocity.std()), 1e-12)
             columns[paths[2]] = sign * _lines(np.tanh(velocity / slow), keep)
         for name in outboard:
@@ -109,7 +109,7 @@ def _solve(model: RigModel, link: Link, outboard: tuple[str, ...], trials: Seque
     values = dict(zip(free, solution.tolist(), strict=True))
     stiffness = values.get(paths[0], link.stiffness)
     if not link.stiffness / FACTOR < stiffness < link.stiffness * FACTOR:
-        return model  # far from the first guess: a fault of a sensor looks like this, and the guess is better
+        return model  # far from the initial value: typical of a sensor fault, and the initial value is better
     return model.replace({path: v for path, v in values.items() if v > 0.0})
 
 

@@ -1,8 +1,8 @@
-"""Exchanged channels, told from the shape of what a run should look like: for every pair, from one run alone.
+"""Detects exchanged channels from the shape of their ratio: for every pair, from a single run.
 
-The ratio of two channels over frequency has a shape that the given rig predicts from the recorded drive. Where the recorded ratio
-has that shape upside down, the channels are exchanged. Levels do not count, so that a wrong unit is no exchange; and channels
-that move alike over the drive's band cannot be told apart.
+The ratio of two channels over frequency has a shape that the given rig predicts for the recorded drive. If the recorded ratio has
+the inverse shape, the channels are exchanged. Levels do not matter, so a wrong unit is no exchange; channels with the same motion
+over the drive's band cannot be distinguished.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
-#: Bands in an octave, the fewest that make a shape, and the lowest frequency of the first where the drive has no band, Hz.
+#: Bands in an octave, the fewest that make a shape, and the lowest frequency of the first if the drive has no band, Hz.
 PER_OCTAVE, FEWEST, LOWEST = 3, 6, 1.0
-#: rms of a predicted ratio's logarithm about its mean from which it has a shape.
+#: rms of a predicted ratio's logarithm about its mean above which it has a shape.
 SHAPED = 0.35
-#: Regression of the recorded on the predicted shape: +1 as it should be, -1 upside down. Of 1 610 pairs of sound records of
-#: eleven rigs none lay below 0.08, with first guesses off by up to a factor of 1.6; an exchange turns the sign.
+#: Regression of the recorded on the predicted shape: ideally +1, and -1 for exchanged channels. Of 1 610 pairs of records without
+#: faults on eleven rigs none was below 0.08, with starting values wrong by up to a factor of 1.6; an exchange changes the sign.
 TURNED = -0.1
-#: An exchange with the drive must bring the shapes of all channels nearer by so much (mean |log|): a wrong drive predicts another
-#: motion, so that the regression says less. Of sound records none came nearer at all.
+#: An exchange with the drive must reduce the distance of all channels' shapes by this (mean |log|): a wrong drive predicts
+#: another motion, so the regression is less informative. For records without faults there was no reduction at all.
 NEARER = 0.3
 
 
 def swapped_channels(given: RigModel, trials: Sequence[Trial]) -> dict[tuple[str, str], list[str]]:
-    """Pairs of channels that look exchanged, and the runs in which they do.
+    """Pairs of channels that seem exchanged, and the runs concerned.
 
     Parameters
     ----------
     given
-        The rig with what is known of it and first guesses.
+        The rig with known values and starting values.
     trials
-        The runs; those without a broad-band drive are passed over.
+        The runs; those without a broad-band drive are skipped.
     """
     found: dict[tuple[str, str], list[str]] = {}
     for trial in trials:
@@ -67,7 +67,7 @@ def _pair(given: RigModel, trial: Trial) -> tuple[str, str] | None:
 def _nearer(
     given: RigModel, trial: Trial, recorded: FloatArray, predicted: FloatArray, as_is: float
 ) -> Iterator[tuple[float, int, int]]:
-    # Exchanges that the records ask for, and how much nearer each brings them.
+    # Exchanges indicated by the records, and the reduction of the distance by each.
     for a, b in combinations(range(len(recorded)), 2):
         turned = _turned(recorded[a] - recorded[b], predicted[a] - predicted[b])
         if a == 0:
@@ -83,7 +83,7 @@ def _nearer(
 
 
 def _shapes(given: RigModel, trial: Trial) -> tuple[FloatArray, FloatArray]:
-    # Logarithms of the amplitudes of drive and responses in bands, as recorded and as the given rig predicts them.
+    # Logarithms of the amplitudes of drive and responses in bands, as recorded and as predicted by the given rig.
     low, high = trial.run.band or (LOWEST, trial.sample_rate / 4.0)
     edges = _edges(max(low, LOWEST), min(high, trial.sample_rate / 2.0))
     drive = trial.excitation.recorded[None, : trial.samples]
@@ -101,7 +101,7 @@ def _edges(low: float, high: float) -> FloatArray:
 
 
 def _amplitudes(rows: FloatArray, rate: float, edges: FloatArray) -> FloatArray:
-    # Log of the rms line in each band, -inf or NaN where there is none.
+    # Log of the rms amplitude in each band, -inf or NaN if there is none.
     n = rows.shape[1]
     power = np.abs(np.fft.rfft((rows - rows.mean(axis=1, keepdims=True)) * np.hanning(n), axis=1)) ** 2
     place = np.searchsorted(edges, np.fft.rfftfreq(n, 1.0 / rate), side="right") - 1
@@ -120,7 +120,7 @@ def _turned(recorded: FloatArray, predicted: FloatArray) -> bool:
 
 
 def _distance(recorded: FloatArray, predicted: FloatArray) -> float:
-    # Mean distance of the responses' shapes over the drive; none of a drive that friction lets move nothing.
+    # Mean distance of the responses' shapes relative to the drive; infinite if friction holds everything.
     if not recorded.shape[1]:
         return np.inf
     apart = (recorded[1:] - recorded[0]) - (predicted[1:] - predicted[0])
@@ -128,7 +128,7 @@ def _distance(recorded: FloatArray, predicted: FloatArray) -> float:
 
 
 def _exchanged(trial: Trial, row: int) -> Trial:
-    # The trial as if its drive and one response were exchanged.
+    # The trial with its drive and one response exchanged.
     drive, measured = trial.excitation.recorded, trial.measured.copy()
     excitation = trial.excitation.with_drive(measured[row])
     measured[row] = drive[: trial.samples]

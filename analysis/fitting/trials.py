@@ -1,4 +1,4 @@
-"""Runs made ready for fitting: the drive interpolated once, the measured responses, their noise, and what is held out."""
+"""Runs prepared for fits: the drive interpolated once, the measured responses, their noise, and the held-out part."""
 
 from __future__ import annotations
 
@@ -15,47 +15,47 @@ from isorig.analysis.simulate.free_run import excitation_of, true_drives
 from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
 from isorig.analysis.spectra.hum import hum
 
-#: Share of every run that a fit may see; the rest takes part in no fit.
+#: Share of every run used for fits; the rest is held out.
 FIT_SHARE = 0.6
-#: Share of its rms from which a drive is taken to act. A drive that fades in does not before it has faded in: held by friction
-#: a rig moves as if it had a stiffer spring, and that says nothing of the rest of the run.
+#: Share of its rms above which a drive acts. A drive that fades in does not act before: a rig held by friction moves like one
+#: with a stiffer spring, which does not represent the rest of the run.
 ACTS = 1.0
-#: Samples that a run must have before its first gap.
+#: Minimum number of samples of a run before its first gap.
 SHORTEST = 256
-#: A drive whose rms stays below this multiple of its channel's noise does not move the rig: such a run is rest, and shows the
-#: sensors' noise alone. Chosen: the level that `noise_levels` reads off half a spectrum is true to a few per cent.
+#: A drive whose rms is below this multiple of its channel's noise does not move the rig: such a run is at rest, and shows the
+#: sensors' noise only. Chosen: the level that `noise_levels` determines from half a spectrum is accurate to a few per cent.
 AT_REST = 1.5
-#: Errors below this share of a channel's rms are not worth a parameter: weights add it to the noise.
+#: Errors below this share of a channel's rms do not justify a parameter: weights add it to the noise.
 SIGNAL_SHARE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One run made ready.
+    """One prepared run.
 
     Parameters
     ----------
     run
         The run it comes from.
     start_time
-        Seconds since the campaign began.
+        Seconds since the start of the campaign.
     excitation
         The drive as recorded, interpolated.
     channels
         The responses' names, in the order of the model's sensors.
     measured
-        What they recorded, shape (channels, n).
+        Their records, shape (channels, n).
     noise
         Standard deviation of each channel's sensor noise, shape (channels,).
     fitted
-        Number of leading samples that fits may see.
+        Number of leading samples for fits.
     ceiling
-        Highest frequency in Hz at which residuals count while a fit converges.
+        Highest frequency in Hz of the residuals while a fit converges.
     onset
-        First sample at which the drive acts: what comes before is rest, and tells nothing.
+        First sample at which the drive acts: before it the rig is at rest.
     motion
-        Of a rig that no spring holds: what its bodies did. Such a trial is judged by its drive: `measured` is its channel,
-        decimated, and `shaken` the same motion with the sensors' noise put on once more.
+        For a rig that no spring holds: the motion of its bodies. Such a trial is judged by its drive: `measured` is its channel,
+        decimated, and `shaken` the same motion with additional sensor noise.
     """
 
     run: Run
@@ -72,7 +72,7 @@ class Trial:
 
     @property
     def sample_rate(self) -> float:
-        """Of what is compared, Hz."""
+        """Sample rate of the compared signals, Hz."""
         return self.excitation.sample_rate
 
     @property
@@ -82,21 +82,21 @@ class Trial:
 
 
 def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
-    """What a rig's sensors would have recorded in a trial, running free from its first sample, shape (channels, n).
+    """Predicted records of a rig's sensors in a trial, in a free run from its first sample, shape (channels, n).
 
     Parameters
     ----------
     model
-        The rig with the faults of its measurement chain. The phase of a hum is taken from what fits may see.
+        The rig with the faults of its measurement chain. The phase of a hum is determined from the fit data.
     trial
         The run.
     motion
-        The true values of drive and sensors where they are known already; simulated where None.
+        The true values of drive and sensors if known already; simulated if None.
 
     Raises
     ------
     SimulationError
-        Where the motion grows without bound.
+        The motion grows without bound.
     """
     if trial.motion is not None:
         return required_drive(model, trial.motion)[None, : trial.samples if motion is None else trial.fitted]
@@ -127,10 +127,9 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
 def noise_levels(campaign: Campaign) -> dict[str, float]:
     """Standard deviation of each channel's sensor noise, in the channel's unit.
 
-    The noise is taken as white. Its level is the lowest median power of any run in any quarter of the spectrum below
-    0.95 of half the sample rate: somewhere neither the drive nor friction reaches. The median of a chi-square
-    variable with 2 degrees of
-    freedom is ln 2 times its mean.
+    The noise is assumed white. Its level is the lowest median power of any run in any quarter of the spectrum below 0.95 of half
+    the sample rate: the quarter that neither the drive nor friction reaches. The median of a chi-square variable with 2 degrees
+    of freedom is ln 2 times its mean.
     """
     levels: dict[str, float] = {}
     for run in campaign.runs:
@@ -150,9 +149,9 @@ def noise_levels(campaign: Campaign) -> dict[str, float]:
 def drive_noise(campaign: Campaign, channel: str) -> float:
     """Standard deviation of the drive channel's sensor noise, in its unit.
 
-    The spectrum of a drive that moves in steps has no quiet part, but between its steps nothing but noise changes: the level is
-    that of `noise_levels`, or what the median difference of neighbouring samples says of white noise where that is less
-    (0.6745 times the standard deviation is the median magnitude of a normal variable).
+    The spectrum of a drive with steps has no quiet part, but between its steps only noise changes: the level is that of
+    `noise_levels`, or the white noise level from the median difference of neighbouring samples if that is smaller (0.6745 times
+    the standard deviation is the median magnitude of a normal variable).
     """
     levels = [noise_levels(campaign).get(channel, np.inf)]
     for run in campaign.runs:
@@ -163,21 +162,21 @@ def drive_noise(campaign: Campaign, channel: str) -> float:
 
 
 def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tuple[Trial, ...]:
-    """Make the campaign's runs ready for fits of this rig; a run at rest serves for the noise alone.
+    """Prepare the campaign's runs for fits of this rig; a run at rest is used for the noise only.
 
     Parameters
     ----------
     campaign
-        What was measured.
+        The measurement.
     model
-        The rig: its drive and sensors say which channels are needed.
+        The rig: its drive and sensors determine the required channels.
     oversample
-        Fine steps per sample for a drive up to half the sample rate; a drive limited to a low band gets fewer.
+        Simulation steps per sample for a drive up to half the sample rate; a drive limited to a low band gets fewer.
 
     Raises
     ------
     DataError
-        Where a needed channel is missing or no run is left.
+        A required channel is missing or no run remains.
     """
     noise = noise_levels(campaign)
     trials = []
@@ -187,7 +186,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
                 f"{', '.join(model.configurations)}; add it to the rig's description"
             )
-        # What comes after a gap began in a state that nobody knows.
+        # The state after a gap is unknown.
         stop = min((gap.first_tick for gap in run.gaps), default=len(run))
         if stop < SHORTEST:
             continue
@@ -221,12 +220,12 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
 
 
 def rests(drive: FloatArray, noise: float) -> bool:
-    """Whether a record of the drive, shape (n,), holds the noise of its channel alone: the rig was at rest."""
+    """Whether a record of the drive, shape (n,), contains only the noise of its channel: the rig was at rest."""
     return bool(np.std(drive) <= AT_REST * noise)
 
 
 def onset_of(drive: FloatArray) -> int:
-    """First sample of a record that exceeds `ACTS` of its rms about its value at the start."""
+    """First sample of a record that exceeds `ACTS` of its rms relative to its value at the start."""
     away = np.abs(drive - drive[0])
     return int(np.argmax(away > ACTS * np.sqrt(np.mean(away**2)))) if away.any() else 0
 

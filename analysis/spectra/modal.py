@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
@@ -30,15 +29,9 @@ CANDIDATES = 40
 FIRST = 8
 #: A mode must exceed the magnitude that it is added to by this share, in one transfer function at least.
 VISIBLE = 0.05
-#: Without error bars a mode cannot be distinguished from an error of the model by its size alone. It must then have this share of
-#: the magnitude (rms over the transfer functions) at its frequency, this many bins in its bandwidth, and no mode with a higher
-#: peak closer than `CLOSE`.
-PROMINENT, FEWEST_LINES = 0.5, 0.25
 #: Bins that one independent error is spread over by a Hann window (its noise bandwidth), and the required improvement of a mode
 #: in multiples of the chance improvement by its parameters: leakage errors are larger at resonances than between them.
 TIED, CLEAR = 1.5, 2.5
-#: One in this many of the modes that are not sound is dropped before the rest is solved again.
-AT_ONCE = 4
 #: Modes closer than this many half bandwidths are reported as close.
 CLOSE = 2.0
 #: Bins in a bandwidth below which a mode is reported as narrow.
@@ -144,16 +137,7 @@ def modal_analysis(
     FitError
         There is no mode in the band, or a guess leads out of it.
     """
-    from threadpoolctl import threadpool_limits
-
-    # Many small matrices: threads of the linear algebra cost more than they bring.
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _analysed(_Grid(frfs), band, guesses, count, order)
-
-
-def _analysed(
-    grid: _Grid, band: tuple[float, float], guesses: Sequence[tuple[float, float]], count: int | None, order: int | None
-) -> ModalModel:
+    grid = _Grid(frfs)
     kept = (grid.frequency >= band[0]) & (grid.frequency <= band[1]) & (grid.frequency > 0.0)
     if int(kept.sum()) < max(8, 4 * len(guesses) + 4):
         raise DataError(
@@ -313,36 +297,17 @@ def _pruned(data: Data, solved: Solved, known: bool, count: int | None) -> Solve
         worth = CLEAR * TIED * noise * (2 * functions + 2) * np.log(data.numbers / TIED)
         visible = _visible(data, solved)
         inside = (solved.pairs[:, 0] >= data.frequency[0]) & (solved.pairs[:, 0] <= data.frequency[-1])
-        sound = inside & (visible > VISIBLE)
-        if not known:
-            sound &= _prominent(data, solved)
-        value = np.where(sound, solved.gains / worth, 0.0)
-        enough = modes <= count if count is not None else value.min() >= 1.0
+        value = np.where(inside & (visible > VISIBLE), solved.gains / worth, 0.0)
+        least = int(np.argmin(value))
+        enough = modes <= count if count is not None else value[least] >= 1.0
         if enough:
             return solved
-        worst = np.argsort(np.where(sound, np.inf, solved.gains) if not sound.all() else solved.gains)
-        # Many at once as long as many are unsound, else one by one: a mode's gain depends on the modes around it.
-        least = worst[: max(1, min(modes - 1, int((~sound).sum()) // AT_ONCE))]
         if modes == 1:
             raise FitError(
                 f"no mode exceeds the errors between {data.frequency[0]:g} and {data.frequency[-1]:g} Hz; "
                 "use another band, or give guesses"
             )
         solved = solve(data, np.delete(solved.pairs, least, axis=0))
-
-
-def _prominent(data: Data, solved: Solved) -> NDArray[np.bool_]:
-    # Modes as they are wanted where errors are not known, shape (modes,).
-    frequency, damping = solved.pairs.T
-    at = np.array([int(np.argmin(np.abs(data.frequency - f))) for f in frequency])
-    own = np.abs(solved.residues) * np.array([abs(_peak(data, *pair)) for pair in solved.pairs])
-    share = np.sqrt((own**2).sum(axis=0) / (np.abs(data.values[:, at]) ** 2).sum(axis=0))
-    spacing = float(data.frequency[1] - data.frequency[0])
-    half = damping * frequency
-    apart = np.abs(frequency[:, None] - frequency[None, :]) / np.maximum(half[:, None], half[None, :])
-    peaks = np.where(2.0 * half >= FEWEST_LINES * spacing, np.sqrt((own**2).sum(axis=0)), 0.0)
-    clearer = peaks[None, :] > peaks[:, None]
-    return np.asarray((share >= PROMINENT) & (2.0 * half >= FEWEST_LINES * spacing) & ~((apart < CLOSE) & clearer).any(axis=1))
 
 
 def _visible(data: Data, solved: Solved) -> FloatArray:

@@ -105,21 +105,25 @@ def solve(data: Data, pairs: FloatArray) -> Solved:
     chi2, gains = 0.0, np.zeros(modes)
     residues = np.empty((len(data.values), modes), dtype=np.complex128)
     background = np.empty((len(data.values), 2), dtype=np.complex128)
-    for k, (values, deviation, system) in enumerate(_systems(data, columns, slopes)):
-        known = system.q.T @ values
-        left = values - system.q @ known
-        amplitudes = system.inverse @ known
-        chi2 += float(left @ left) / deviation**2
-        # The derivatives are linear in the amplitudes: both columns of a mode, each times its own.
-        pairs_of = amplitudes[: 2 * modes].reshape(modes, 2)[np.repeat(np.arange(modes), 2)]
-        moved = np.einsum("jrc,jc->rj", system.slopes, pairs_of)
-        normal += moved.T @ moved / deviation**2
-        gradient += moved.T @ left / deviation**2
+    for k, (design, side, deviation) in enumerate(_systems(data, columns)):
+        q, r = np.linalg.qr(design)
+        known = q.T @ side
+        left = side - q @ known
+        amplitudes = np.linalg.lstsq(r, known, rcond=None)[0]
+        chi2 += float(left @ left)
+        moved = np.stack([slope @ amplitudes[2 * (j // 2) : 2 * (j // 2) + 2] for j, slope in enumerate(slopes)], axis=1)
+        moved_real = _real(moved, deviation)
+        moved_real -= q @ (q.T @ moved_real)
+        normal += moved_real.T @ moved_real
+        gradient += moved_real.T @ left
         residues[k] = amplitudes[0 : 2 * modes : 2] + 1j * amplitudes[1 : 2 * modes : 2]
         rest = amplitudes[2 * modes :]
         background[k] = rest[0::2] + 1j * rest[1::2]
-        own = amplitudes[: 2 * modes].reshape(modes, 2)
-        gains += np.einsum("mi,mij,mj->m", own, system.precisions, own) / deviation**2
+        spread = np.linalg.pinv(r)
+        covariance = spread @ spread.T
+        for m in range(modes):
+            own = slice(2 * m, 2 * m + 2)
+            gains[m] += float(amplitudes[own] @ np.linalg.pinv(covariance[own, own]) @ amplitudes[own])
     return Solved(
         pairs=pairs, residues=residues, background=background, chi2=chi2, normal=normal, gradient=gradient, gains=gains
     )  # fmt: skip
@@ -135,40 +139,9 @@ def _columns(data: Data, pairs: FloatArray) -> tuple[ComplexArray, list[ComplexA
     return np.concatenate([*columns, background_columns(data)], axis=1), slopes
 
 
-@dataclass(frozen=True, kw_only=True)
-class _System:
-    # The weighted linear problem of one function: orthonormal columns, the inverse that leads to amplitudes, the part of the
-    # derivatives that the columns do not span (2 modes, rows, 2), and the inverse covariance of each mode (modes, 2, 2).
-    q: FloatArray
-    inverse: FloatArray
-    slopes: FloatArray
-    precisions: FloatArray
-
-
-def _systems(
-    data: Data, columns: ComplexArray, slopes: list[ComplexArray]
-) -> Iterator[tuple[FloatArray, float, _System]]:  # fmt: skip
-    # Functions whose deviations differ by a factor only share their system, which costs most.
-    before: tuple[FloatArray, _System] | None = None
+def _systems(data: Data, columns: ComplexArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     for values, deviation in zip(data.values, data.deviations, strict=True):
-        profile = deviation / deviation[0]
-        if before is None or not np.array_equal(profile, before[0]):
-            before = profile, _system(columns, slopes, profile)
-        yield _real(values, profile), float(deviation[0]), before[1]
-
-
-def _system(columns: ComplexArray, slopes: list[ComplexArray], profile: FloatArray) -> _System:
-    q, r = np.linalg.qr(_real(columns, profile))
-    inverse = np.linalg.pinv(r)
-    covariance = inverse @ inverse.T
-    modes = len(slopes) // 2
-    precisions = np.array([np.linalg.pinv(covariance[2 * m : 2 * m + 2, 2 * m : 2 * m + 2]) for m in range(modes)])
-    rows = _real(np.concatenate(slopes, axis=1), profile)
-    rows -= q @ (q.T @ rows)
-    return _System(
-        q=q, inverse=inverse, precisions=precisions.reshape(modes, 2, 2),
-        slopes=np.ascontiguousarray(rows.reshape(len(rows), 2 * modes, 2).transpose(1, 0, 2)),
-    )  # fmt: skip
+        yield _real(columns, deviation), _real(values, deviation), deviation
 
 
 def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> Solved:

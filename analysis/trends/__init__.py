@@ -1,1 +1,1 @@
-"""Parameters over campaigns: scatter, alarms, dated changes, and comparison with sibling rigs."""
+"""Parameters over campaigns: scatter, alarms, dated changes, and comparison with other rigs."""

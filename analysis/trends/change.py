@@ -1,4 +1,4 @@
-"""When a parameter changed, by how much, and whether at once or bit by bit."""
+"""Date and size of a parameter's change, and whether it is a step or a drift."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: Probability that the interval of a date holds it.
+#: Probability that the interval of a date contains it.
 CERTAIN = 0.95
-#: Logarithm of the likelihood ratio from which on a drift is told from a step: 20 to 1.
+#: Logarithm of the likelihood ratio above which drift and step are distinguished: 20 to 1.
 TOLD = float(np.log(20.0))
 
 Kind = Literal["step", "drift", "step or drift"]
@@ -24,7 +24,7 @@ class Change:
     Parameters
     ----------
     kind
-        Whether it came at once or bit by bit; "step or drift" as long as the campaigns since cannot tell.
+        Whether it is a step or a drift; "step or drift" as long as the campaigns since do not decide.
     first, earliest, latest
         Index of the first campaign after it: the most likely one, and the ends of the 95 % interval.
     alarm
@@ -34,7 +34,7 @@ class Change:
     std
         Standard deviation of their difference.
     slope
-        Change per day of a drift; 0 of a step.
+        Change per day of a drift; 0 for a step.
     """
 
     kind: Kind
@@ -63,9 +63,9 @@ def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
 
     Notes
     -----
-    The posterior of the date with every date alike and both levels free beforehand (flat): each part with levels integrated out
-    weighs exp(-chi^2/2) / sqrt(sum of its weights) (Smith 1975, Biometrika 62:407, with known variance). The interval holds the
-    most likely dates that together reach 95 %.
+    The posterior of the date with a flat prior for the date and both levels: each part with levels integrated out has the weight
+    exp(-chi^2/2) / sqrt(sum of its weights) (Smith 1975, Biometrika 62:407, with known variance). The interval contains the most
+    likely dates that together reach 95 %.
     """
     weight = 1.0 / variance
     evidence = _left(value, weight)
@@ -91,7 +91,7 @@ def _parts(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int) -> Change:
-    """The change in a series that has one, with its date, its size and its kind.
+    """The change in a series that contains one, with its date, its size and its kind.
 
     Parameters
     ----------
@@ -113,9 +113,9 @@ def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alar
 
 @dataclass(frozen=True, kw_only=True)
 class Knee:
-    """A level that bends into a straight line at a campaign: its parameters, their covariance, and the log likelihood.
+    """A constant level followed by a straight line from a campaign on: its parameters, their covariance, and the log likelihood.
 
-    `last` and `latest` are the last and first campaign that a 95 % interval of the bend's place holds.
+    `last` and `latest` are the last and first campaign in the 95 % interval of the start of the line.
     """
 
     at: int
@@ -128,11 +128,11 @@ class Knee:
 
 
 def bent(time: FloatArray, value: FloatArray, weight: FloatArray) -> Knee:
-    """The best level that bends into a straight line at one of the campaigns but the last, by weighted least squares."""
+    """The best constant level followed by a straight line from a campaign (except the last) on, by weighted least squares."""
     fits = [_line(np.maximum(time - time[k], 0.0), value, weight) for k in range(len(time) - 1)]
     likelihood = np.array([fit[2] for fit in fits])
     best = int(likelihood.argmax())
-    # Twice the fall of the log likelihood is about chi-square with one degree of freedom: 3.84 at 95 %.
+    # Twice the decrease of the log likelihood is about chi-square with one degree of freedom: 3.84 at 95 %.
     inside = np.flatnonzero(likelihood >= likelihood[best] - 1.92)
     (level, slope), covariance, _ = fits[best]
     return Knee(
@@ -153,13 +153,13 @@ def _line(since: FloatArray, value: FloatArray, weight: FloatArray) -> tuple[tup
 
 
 def stepped(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
-    """Log likelihood of levels that step before each of some indices."""
+    """Log likelihood of levels with a step before each of some indices."""
     parts = zip(np.split(value, firsts), np.split(weight, firsts), strict=True)
     return float(sum(-0.5 * (w * (x - np.average(x, weights=w)) ** 2).sum() for x, w in parts))
 
 
 def drifting(time: FloatArray, knee: Knee, alarm: int) -> Change:
-    """A drift as a change; `first` is the first campaign after the bend."""
+    """A drift as a change; `first` is the first campaign after its start."""
     run = float(time[-1] - time[knee.at])
     return Change(
         kind="drift", first=knee.at + 1, earliest=knee.earliest + 1, latest=knee.latest + 1, alarm=alarm, before=knee.level,

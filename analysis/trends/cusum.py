@@ -1,6 +1,6 @@
-"""Cumulative sums against false alarms: how long they run without one, and the thresholds of a stated rate.
+"""CUSUM charts: their average run length without a change, and the thresholds for a given false-alarm rate.
 
-One side of a cumulative sum is S <- max(0, S + z - slack); it alarms where S exceeds its threshold (Page 1954).
+One side of a CUSUM is S <- max(0, S + z - slack); it raises an alarm if S exceeds its threshold (Page 1954).
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from scipy.stats import chi2
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
 
-#: Slack of the two sums that run side by side, in deviations: half the change that each finds soonest. The slow one finds small
-#: changes and drifts, the fast one large changes within three campaigns.
+#: Slack of the two parallel charts, in standard deviations: half of the change that each detects soonest. The slow one detects
+#: small changes and drifts, the fast one large changes within three campaigns.
 SLACKS = (0.5, 1.0)
-#: Deviations beyond which a campaign counts no more: one bad campaign alone must not alarm.
+#: Standard deviations at which a campaign's contribution is clipped: one bad campaign alone must not raise an alarm.
 CLIP = 4.0
-#: Points of the integral equation, and equally likely values of an uncertain deviation.
+#: Points of the integral equation, and equally likely values of an uncertain standard deviation.
 POINTS, LIKELY = 60, 25
-#: Degrees of freedom from which on a deviation counts as known, and below which nothing can be said.
+#: Degrees of freedom above which a standard deviation counts as known, and below which there is no alarm.
 KNOWN, FEWEST = 2000.0, 5.0
-#: Run lengths beyond this are lost in rounding.
+#: Run lengths above this are lost in rounding.
 LONGEST = 1e12
 
 
 def run_length(threshold: float, slack: float, scale: FloatArray | float = 1.0) -> FloatArray:
-    """Mean number of campaigns to a false alarm of one side, from zero; `LONGEST` where it is longer.
+    """Mean number of campaigns to a false alarm of one side, starting from zero; `LONGEST` if it is longer.
 
     Parameters
     ----------
     threshold, slack
-        Of the sum, in the deviations that z was divided by.
+        Of the chart, in the standard deviations by which z was divided.
     scale
-        True deviations of z (1 where it is known exactly), shape (n,) or one.
+        True standard deviation of z (1 if it is known exactly), shape (n,) or scalar.
 
     Returns
     -------
@@ -65,8 +65,8 @@ def run_length(threshold: float, slack: float, scale: FloatArray | float = 1.0) 
 def false_rate(threshold: float, slack: float, freedom: float = np.inf) -> float:
     """False alarms per campaign of both sides together.
 
-    `freedom` is how many degrees of freedom the deviation has that z was divided by; the rate is the mean over what the true
-    one may be.
+    `freedom` is the number of degrees of freedom of the standard deviation by which z was divided; the rate is the mean over its
+    possible true values.
     """
     if freedom >= KNOWN:
         return float(2.0 / run_length(threshold, slack)[0])
@@ -78,16 +78,16 @@ def false_rate(threshold: float, slack: float, freedom: float = np.inf) -> float
 def thresholds(rate: float, freedom: float = np.inf) -> tuple[float, ...]:
     """A threshold for each of `SLACKS`, so that all together raise at most this many false alarms per campaign.
 
-    Each sum gets an equal share. No threshold is so low that a single campaign could pass it (`CLIP`), so where many false alarms
-    are allowed there are fewer.
+    Each chart gets an equal share. No threshold is so low that a single campaign could exceed it (`CLIP`), so for a high allowed
+    rate there are fewer alarms.
 
     Raises
     ------
     DataError
-        Where the rate is not between 0 and 1, or the deviation has fewer than `FEWEST` degrees of freedom.
+        The rate is not between 0 and 1, or the standard deviation has fewer than `FEWEST` degrees of freedom.
     """
     if not 0.0 < rate < 1.0:
-        raise DataError(f"{rate:g} false alarms per campaign were asked for; ask for more than 0 and less than 1")
+        raise DataError(f"the rate is {rate:g} false alarms per campaign; give one above 0 and below 1")
     if freedom < FEWEST:
         raise DataError(
             f"the scatter has {freedom:.2g} degrees of freedom, and an alarm needs {FEWEST:g}; measure more campaigns"
@@ -108,7 +108,7 @@ def _beyond(threshold: float, slack: float, freedom: float, share: float) -> flo
 
 @dataclass(frozen=True, kw_only=True)
 class Alarms:
-    """What the sums say of one series.
+    """Alarms of the charts for one series.
 
     Parameters
     ----------
@@ -117,7 +117,8 @@ class Alarms:
     rising
         Whether the parameter rose, for each.
     z
-        Each campaign's distance from the mean of those before it since the last alarm, in deviations, shape (n,); 0 of the first.
+        Each campaign's distance from the mean of those before it since the last alarm, in standard deviations, shape (n,); 0 for
+        the first.
     """
 
     at: tuple[int, ...]
@@ -126,7 +127,7 @@ class Alarms:
 
 
 def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> Alarms:
-    """Run the sums along a series.
+    """Apply the charts to a series.
 
     Parameters
     ----------
@@ -137,10 +138,10 @@ def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> 
 
     Notes
     -----
-    Self-starting (Hawkins 1987): each value is compared with the weighted mean of those before it, the mean's own variance
-    included, so that without a change the z are independent standard normal from the second campaign on, however short the
-    history. After an alarm the level is learnt afresh from the campaigns that follow: those that raised the alarm were chosen for
-    being far off, so a level learnt from them would make each false alarm raise another.
+    Self-starting (Hawkins 1987): each value is compared with the weighted mean of those before it, including the mean's own
+    variance, so that without a change the z are independent standard normal from the second campaign on, for any length of the
+    history. After an alarm the level is estimated again from the following campaigns: those that raised the alarm were selected
+    for their distance, so a level from them would make each false alarm raise another.
     """
     at, rising, z = [], [], np.zeros(len(value))
     mean = weight = 0.0

@@ -1,4 +1,4 @@
-"""Why a rig is not what it was: causes tried on a campaign after a change, with the fit from before it as the baseline."""
+"""The cause of a rig's change: causes are fitted to a campaign after the change, with the earlier fit as the baseline."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from isorig.analysis.model.rig_model import RigModel
 
 #: Seconds of each run that are compared.
 SECONDS = 10.0
-#: Causes of the catalogue that are fitted in full, the most promising first.
+#: Number of causes of the catalogue with a full fit, the most promising first.
 FITTED = 6
-#: Steps of a fit at most.
+#: Maximum steps of a fit.
 STEPS = 10
-#: Twice the logarithm of the likelihood ratio up to which two causes explain a change alike, and from which on a cause explains
-#: more than scatter does: 20 to 1.
+#: Twice the logarithm of the likelihood ratio up to which two causes are equally likely, and above which a cause explains more
+#: than scatter: 20 to 1.
 LIKELY = 2.0 * float(np.log(20.0))
-#: Share of the misfit by which a cause must be better where no cause explains the change to the noise.
+#: Share of the misfit by which a cause must be better if no cause explains the change down to the noise.
 BETTER = 0.1
-#: Relative deviation of a positive parameter whose scatter is not known; of another it is a hundred finite differences.
+#: Relative standard deviation of a positive parameter with unknown scatter; for others a hundred finite differences.
 LOOSE = 0.3
 
 
@@ -39,19 +39,18 @@ class Explanation:
     Parameters
     ----------
     cause, location
-        Of the catalogue; or the last word of a parameter's path and the part it belongs to, where a parameter of the baseline has
-        changed.
+        From the catalogue; or the last word of a parameter's path and its part, if a parameter of the baseline has changed.
     parameter, unit
-        The parameter's path, or the name that the catalogue gives, with its unit; a path's unit is the caller's to know.
+        The parameter's path, or its name in the catalogue, with its unit; the unit of a path is determined by the caller.
     old, new, std
-        Its value before (NaN where the cause was not there) and after, with the standard deviation of the latter.
+        Its value before (NaN if the cause was absent) and after, with the standard uncertainty of the latter.
     share
-        Of what the best cause takes off the misfit, the share that this one takes as well.
+        Reduction of the misfit relative to that by the best cause.
     misfit
-        Sum of the squared weighted residuals with it, of squared distances from the earlier fit in deviations, and for each of
-        its own parameters the logarithm of the number of residuals (Schwarz 1978).
+        Sum of the squared weighted residuals with it, of squared distances from the earlier fit in standard deviations, and for
+        each of its own parameters the logarithm of the number of residuals (Schwarz 1978).
     alike
-        Whether the data cannot tell it from the best.
+        Whether the data cannot distinguish it from the best.
     """
 
     cause: str
@@ -67,14 +66,14 @@ class Explanation:
 
 
 class Remembering(Problem):
-    """The residuals of a campaign, with the fit from before it as further residuals: distances in deviations.
+    """The residuals of a campaign, with the earlier fit as further residuals: distances in standard deviations.
 
     Parameters
     ----------
     trials
-        The runs, made ready.
+        The prepared runs.
     known
-        Parameters of the earlier fit that may scatter: what is fitted, its search coordinate, and its deviation there.
+        Parameters of the earlier fit that may scatter: fitted parameter, its search coordinate, and its standard deviation there.
     """
 
     def __init__(self, trials: Sequence[Trial], known: Sequence[tuple[Free, float, float]]) -> None:
@@ -104,36 +103,36 @@ def explanations(
     suspected: Collection[str] = (),
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[Explanation, ...]:
-    """What may have changed between an earlier fit and a campaign, best first; empty where scatter alone explains the campaign.
+    """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
 
-    Every parameter of the baseline alone, and every cause of the catalogue, is fitted to the campaign, while all else stays where
-    the earlier fit has it, as far as it does not scatter from campaign to campaign anyway.
+    Every parameter of the baseline alone, and every cause of the catalogue, is fitted to the campaign, while all others keep
+    their values of the earlier fit, within their campaign-to-campaign scatter.
 
     Parameters
     ----------
     campaign
-        After the change.
+        The campaign after the change.
     earlier
-        The rig as it was fitted before; what it marks as free may scatter.
+        The rig as fitted before; its free parameters may scatter.
     scatter
-        Deviation of those parameters from campaign to campaign, by path: relative of a positive one.
+        Campaign-to-campaign standard deviation of those parameters, by path: relative for a positive one.
     suspected
-        Paths of parameters that are known to have changed, from more campaigns than this one: each is an explanation even where
-        this campaign alone would not show it.
+        Paths of parameters that have changed according to more campaigns than this one: each is an explanation even if this
+        campaign alone would not show it.
     progress
-        Called with a line per stage.
+        Called with a line for each stage.
 
     Raises
     ------
     FitError
-        Where the earlier fit cannot be simulated on the campaign.
+        The earlier fit cannot be simulated on the campaign.
     """
     trials = prepare(campaign, earlier)
     short = glanced(trials, SECONDS)
     free = base_parameters(earlier)
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
     whole = Remembering(short, known)
-    progress("fitting what scatters anyway")
+    progress("fitting the scatter")
     still = fit(earlier, free, whole, iterations=STEPS)
     found = []
     for one in known:
@@ -153,7 +152,7 @@ def explanations(
 
 
 def _fitted(look: Look, earlier: RigModel, free: Sequence[Free], problem: Remembering) -> Fit | None:
-    # What scatters may have been bent by what it could not explain: then the fit starts from the earlier values as well.
+    # The scattering parameters may be biased by the missing effect: then the fit starts from the earlier values as well.
     own = {f.path for f in look.candidate.free}
     done = None
     for start in (look.models[0], look.models[0].replace({f.path: earlier.get(f.path) for f in free if f.path not in own})):
@@ -201,7 +200,7 @@ def _judged(found: Sequence[Explanation], unchanged: float, size: int, suspected
     if not ordered:
         return ()
     best = ordered[0].misfit
-    # Where even the best leaves more than noise, residuals go together, and only a plain difference counts.
+    # If even the best leaves more than noise, residuals are correlated, and only a clear difference counts.
     enough = LIKELY if best <= size else max(LIKELY * best / size, BETTER * best)
     gone = max(unchanged - best, 1e-12)
     return tuple(

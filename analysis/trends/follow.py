@@ -1,4 +1,4 @@
-"""A series from its first campaign to its last: alarms, and the changes behind them."""
+"""Analysis of one series: alarms, and the changes that caused them."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from isorig.analysis.trends.change import Change, bent, dated, described, drifti
 from isorig.analysis.trends.cusum import alarms
 from isorig.analysis.trends.series import Series
 
-#: Distance from the level, in deviations, from which on a campaign whose neighbours are not so is told as a single bad one.
+#: Distance from the level, in standard deviations, above which a campaign is an outlier if its neighbours are not.
 ALONE = 6.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Followed:
-    """What became of one parameter.
+    """Result for one parameter.
 
     Parameters
     ----------
     changes
-        In the order of time.
+        In order of time.
     level, std
         The present level and its standard deviation.
     alone
-        Indices of campaigns that lie far off between neighbours that do not.
+        Indices of outlying campaigns between regular neighbours.
     """
 
     changes: tuple[Change, ...]
@@ -38,16 +38,16 @@ class Followed:
 
 
 def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
-    """Look for changes in a series.
+    """Search for changes in a series.
 
     Parameters
     ----------
     series
         At least one campaign.
     between
-        Variance between campaigns.
+        Campaign-to-campaign variance.
     limits
-        The thresholds of the sums (`isorig.analysis.trends.cusum.thresholds`).
+        The thresholds of the charts (`isorig.analysis.trends.cusum.thresholds`).
     """
     variance = series.variance(between)
     raised = alarms(series.value, variance, limits)
@@ -67,7 +67,7 @@ def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
 def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Sequence[bool]) -> tuple[Change, ...]:
     if not at:
         return ()
-    # First the dates from what was known when each alarm came; then each change from all that lies between its neighbours.
+    # First the dates from the data up to each alarm; then each change from all data between its neighbours.
     firsts, begin = [], 0
     for alarm in at:
         firsts.append(begin + dated(series.value[begin : alarm + 1], variance[begin : alarm + 1])[0])
@@ -95,8 +95,8 @@ def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Se
 def _one_drift(
     series: Series, variance: FloatArray, begin: int, end: int, firsts: Sequence[int], alarm: int
 ) -> tuple[Change, ...]:
-    # Several steps the same way may be one drift: the model with fewer parameters per likelihood (Schwarz 1978) is kept. A step
-    # has a date and a level, a drift a date and a slope.
+    # Several steps in the same direction may be one drift: the model with fewer parameters per likelihood (Schwarz 1978) is kept.
+    # A step has a date and a level, a drift a date and a slope.
     if len(firsts) < 2:
         return ()
     part = slice(begin, end)

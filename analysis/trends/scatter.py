@@ -1,4 +1,4 @@
-"""How much a parameter scatters from campaign to campaign beyond what its fits' deviations say."""
+"""Campaign-to-campaign scatter of a parameter beyond the standard uncertainties of its fits."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from scipy.stats import norm
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.trends.series import Series
 
-#: Difference of neighbours, in deviations, beyond which it counts as a change or a bad campaign and is left out.
+#: Difference of successive campaigns, in standard deviations, above which it counts as a change or a bad campaign and is
+#: excluded.
 OUTLYING = 3.5
-#: Where the square of a difference stops counting more (a winsorised mean: 95 % of the information of a normal sample).
+#: Limit of the square of a difference (winsorized mean: 95 % of the information of a normal sample).
 WINSOR = 2.5
-#: Information in differences of neighbours beside that in deviations from a known mean (von Neumann 1941: 2/3).
+#: Information in successive differences relative to that in deviations from a known mean (von Neumann 1941: 2/3).
 INFORMATION = 2.0 / 3.0
 #: Expected value of min(z^2, WINSOR^2) of a standard normal z.
 _EXPECTED = 1.0 - 2.0 * (WINSOR * norm.pdf(WINSOR) + norm.sf(WINSOR)) + 2.0 * WINSOR**2 * norm.sf(WINSOR)
@@ -25,14 +26,14 @@ _MEDIAN = 0.4549364
 
 @dataclass(frozen=True, kw_only=True)
 class Scatter:
-    """Variance between campaigns of one parameter, and how well it is known.
+    """Campaign-to-campaign variance of one parameter, and its accuracy.
 
     Parameters
     ----------
     variance
-        Beyond the fits' own, in the square of the series' unit.
+        In addition to the fits' own, in the square of the series' unit.
     freedom
-        Degrees of freedom behind it.
+        Its degrees of freedom.
     """
 
     variance: float
@@ -40,10 +41,10 @@ class Scatter:
 
 
 def scatter_of(series: Sequence[Series]) -> Scatter:
-    """The variance between campaigns, from differences of neighbouring campaigns of all rigs together.
+    """The campaign-to-campaign variance, from differences of successive campaigns of all rigs together.
 
-    A change spoils one difference and a drift hardly any, so rigs that change need not be known beforehand. Rigs of one kind are
-    taken to scatter alike.
+    A change affects one difference only and a drift hardly any, so rigs that change need not be known. Rigs of one kind are
+    assumed to have the same scatter.
     """
     squares = np.concatenate([np.diff(s.value) ** 2 for s in series] or [np.zeros(0)])
     fitted = np.concatenate([s.std[1:] ** 2 + s.std[:-1] ** 2 for s in series] or [np.zeros(0)])
@@ -59,8 +60,8 @@ def scatter_of(series: Sequence[Series]) -> Scatter:
 
 
 def _root(squares: FloatArray, fitted: FloatArray, beyond: Callable[[FloatArray], float]) -> float:
-    # The variance at which the squared differences, over their expected variance, are as large as they should be; by bisection,
-    # for the ratio falls as the variance grows. Zero where the fits' deviations alone explain the differences.
+    # The variance at which the squared differences, divided by their expected variance, have their expected size; by bisection,
+    # because the ratio decreases with the variance. Zero if the fits' uncertainties alone explain the differences.
     floor = 1e-24
 
     def excess(variance: float) -> float:

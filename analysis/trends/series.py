@@ -9,22 +9,22 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
 
-#: Share of a value that is rounding.
+#: Relative rounding error of a value.
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class Series:
-    """Values of one parameter in the order of time.
+    """Values of one parameter in order of time.
 
     Parameters
     ----------
     time
-        When each campaign was measured, days, ascending, shape (n,).
+        Date of each campaign, days, ascending, shape (n,).
     value
-        The parameter, or its logarithm where it is positive, shape (n,).
+        The parameter, or its logarithm if it is positive, shape (n,).
     std
-        Standard deviation that each fit gave, in the unit of `value`, shape (n,).
+        Standard uncertainty of each fit, in the unit of `value`, shape (n,).
     """
 
     time: FloatArray
@@ -34,18 +34,20 @@ class Series:
     def __post_init__(self) -> None:
         if not len(self.time) == len(self.value) == len(self.std):
             raise DataError(
-                f"a series has {len(self.time)} times, {len(self.value)} values and {len(self.std)} deviations; give one of each"
+                f"there are {len(self.time)} times, {len(self.value)} values and {len(self.std)} uncertainties; give one of each"
             )
         if not all(np.isfinite(part).all() for part in (self.time, self.value, self.std)):
-            raise DataError("a series holds a value that is not finite; leave that campaign out")
+            raise DataError("a series contains a value that is not finite; leave that campaign out")
         if (np.diff(self.time) < 0.0).any() or (self.std < 0.0).any():
-            raise DataError("a series goes back in time or has a negative deviation; sort it by time and correct the deviation")
+            raise DataError(
+                "a series goes back in time or has a negative uncertainty; sort it by time and correct the uncertainty"
+            )
 
     def __len__(self) -> int:
         return len(self.value)
 
     def variance(self, between: float) -> FloatArray:
-        """Variance of each value about its level: the fit's and that between campaigns, shape (n,)."""
-        # Values without any deviation differ by rounding at least.
+        """Variance of each value about its level: that of the fit plus that between campaigns, shape (n,)."""
+        # Values without any uncertainty differ by rounding at least.
         rounding = ROUNDING * max(float(np.abs(self.value).max(initial=0.0)), 1.0)
         return np.asarray(np.maximum(self.std**2 + between, rounding**2))

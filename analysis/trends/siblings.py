@@ -1,4 +1,4 @@
-"""Which rigs of a fleet are odd: their levels beside those of the others."""
+"""Outlying rigs of a fleet: comparison of their levels."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from scipy.stats import t as student
 
 from isorig.analysis.campaign import FloatArray
 
-#: Fewest rigs that can be compared.
+#: Minimum number of rigs for a comparison.
 FEWEST = 5
-#: Largest share of the rigs that can be odd.
+#: Maximum share of outlying rigs.
 MOST = 0.2
 
 
@@ -22,11 +22,11 @@ class Siblings:
     Parameters
     ----------
     middle, spread
-        Mean and standard deviation of the rigs that are not odd.
+        Mean and standard deviation of the rigs that are not outliers.
     away
-        Each rig's distance from the middle in those deviations, shape (rigs,); NaN where there are too few rigs to compare.
+        Each rig's distance from the middle in standard deviations, shape (rigs,); NaN if there are too few rigs to compare.
     odd
-        Indices of the odd rigs, farthest first.
+        Indices of the outlying rigs, farthest first.
     """
 
     middle: float
@@ -36,12 +36,12 @@ class Siblings:
 
 
 def siblings(level: FloatArray, risk: float) -> Siblings:
-    """Compare levels, shape (rigs,); `risk` is the probability that any rig of a sound fleet is called odd.
+    """Compare levels, shape (rigs,); `risk` is the probability that any rig of a fleet without outliers is called one.
 
     Notes
     -----
-    The generalised extreme studentized deviate test (Rosner 1983, Technometrics 25:165), which finds several odd rigs where a
-    test of one would be masked by the next. Fewer than five rigs are not compared.
+    The generalized extreme studentized deviate test (Rosner 1983, Technometrics 25:165), which finds several outliers if a test
+    of one would be masked by the next. Fewer than five rigs are not compared.
     """
     n = len(level)
     left = np.arange(n)

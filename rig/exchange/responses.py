@@ -56,7 +56,7 @@ def _frf(spectrum: Spectrum, coherence: Spectrum | None) -> Frf:
     return Frf(
         response=spectrum.response, reference=spectrum.reference, frequency=spectrum.frequency, value=value, coherence=share,
         magnitude_std=np.abs(value) * relative, phase_std=np.minimum(relative, np.pi), averages=1.0,
-        resolution=_spacing(spectrum), estimator="H1", window=None,
+        resolution=_spacing(spectrum), estimator="H1",
     )  # fmt: skip
 
 

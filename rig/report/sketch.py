@@ -13,8 +13,8 @@ WIDTH, BODY, LINK, SIDE, TOP, FLOOR = 460, 46, 52, 14, 30, 26
 SPRING = 7
 
 
-def layout(model: RigModel) -> tuple[dict[str, tuple[float, float, float]], float, float]:
-    """Left, top and width of the ground and of each body, then the width and the height of the drawing."""
+def sketch(model: RigModel) -> str:
+    """The drawing, in the colours of the page."""
     levels = _levels(model)
     height = TOP + len(levels) * (BODY + LINK) + FLOOR
     ground = height - FLOOR
@@ -25,14 +25,8 @@ def layout(model: RigModel) -> tuple[dict[str, tuple[float, float, float]], floa
         start = 0.5 * (WIDTH - wide * len(names) - 20.0 * (len(names) - 1))
         for j, name in enumerate(names):
             places[name] = (start + j * (wide + 20.0), ground - (k + 1) * (BODY + LINK), wide)
-    return places, WIDTH, height
-
-
-def sketch(model: RigModel) -> str:
-    """The drawing, in the colours of the page."""
-    places, _, height = layout(model)
-    parts = [_ground(places[GROUND][1])]
-    parts += [_body(model, name, place) for name, place in places.items() if name != GROUND]
+    parts = [_ground(ground)]
+    parts += [_body(model, name, places[name]) for names in levels for name in names]
     parts += _joints(model, places)
     parts += [_drive(model, places)]
     label = escape(f"Sketch of the rig {model.name}")

@@ -70,7 +70,7 @@ def test_every_pair(session: Campaign, pair: tuple[str, str]) -> None:
         assert list(found) == [pair]
         assert set(found[pair]) == {run for run in runs if run in shaped}
     (doubt,) = (d for d in doubts(wire_bonder(), (), prepare(wrong, wire_bonder())) if d.kind == "swapped")
-    assert f"{pair[0]} and {pair[1]} look swapped" in doubt.text
+    assert f"{pair[0]} and {pair[1]} seem swapped" in doubt.text
 
 
 def test_another_rig() -> None:

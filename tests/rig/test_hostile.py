@@ -234,8 +234,8 @@ def test_what_a_run_lacks_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[
         del file["runs/u70/head"]
     assert main(["check", str(path)]) == 0
     told = capsys.readouterr().out
-    assert "Run 'u70' has the configuration 'lokced'; the rig knows unlocked, locked" in told
-    assert "Run 'u70' has no channel 'head', which drives" in told
+    assert "Run 'u70' has the configuration 'lokced'; the rig has unlocked, locked" in told
+    assert "Run 'u70' has no drive channel 'head'" in told
     with h5py.File(path, "a") as file:
         file["rig"].attrs["description"] = "name = 3"
     assert main(["check", str(path)]) == 0

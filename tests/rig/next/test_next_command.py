@@ -57,7 +57,7 @@ def test_a_plan_that_parts_two_springs(tmp_path: Path, capsys: pytest.CaptureFix
     assert reached(plan) <= USABLE * 0.008
     page = (tmp_path / "next.html").read_text()
     assert "standard errors" in page
-    assert "once refitted" in page
+    assert "after a refit" in page
 
     # rig acquire takes it as it is.
     assert main(["acquire", str(plan), "--port", "virtual", "--yes", "-o", str(tmp_path / "next.h5")]) == 0
@@ -69,7 +69,7 @@ def test_no_allowed_run_parts_them(tmp_path: Path, capsys: pytest.CaptureFixture
     folder, plan = written(tmp_path / "diagnosis", rivals(two_springs())), tmp_path / "next.toml"
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.001))]) == 0
     said = capsys.readouterr().out
-    assert "No allowed run parts end stop at isolation from hardening stiffness at isolation" in said
+    assert "No allowed run distinguishes end stop at isolation from hardening stiffness at isolation" in said
     assert "Beyond the limits, their distance would be" in said
     assert "deflects the isolation by up to" in said
     assert not plan.exists() or reached(plan) <= USABLE * 0.001
@@ -108,7 +108,7 @@ def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["{good}", "-o", "{out}.toml", "--seconds", "-1"], "--seconds is -1"),
         (["{good}", "-o", "{out}.toml", "--for", "motor_damping"], "e.g. motor_damping=2%"),
         (["{good}", "-o", "{out}.toml", "--for", "nonsense=2%"], "it has table_mass"),
-        (["{good}", "-o", "{out}.toml", "--for", "motor_mass=2%"], "taken as known"),
+        (["{good}", "-o", "{out}.toml", "--for", "motor_mass=2%"], "does not depend on any fitted value"),
         (["{good}", "-o", "{out}.toml", "--limits", "{limits}"], "limits.stroke names 'nothing'"),
         (["{good}", "-o", "{out}.toml", "--limits", "{none}"], "does not exist"),
     ],
