@@ -238,6 +238,8 @@ def investigation_section(found: pd.DataFrame, standard: pd.DataFrame) -> str:
         "median of measuring",
     )
     share = proposed["seconds"].astype(float).median() / STANDARD
+    known = set(proposed["kind"])
+    missing = [kind.replace("_", " ") for kind in ("none", *CAUSES, *(f"outside: {o}" for o in OUTSIDE)) if kind not in known]
     return f"""
 ## Investigations
 
@@ -254,6 +256,8 @@ program before it repeated runs whose error no candidate cause explains.
 The median of measuring over all investigations is {100 * share:.0f} % of the standard plan's. The limit of the stroke was
 exceeded in {int((found["broken"] != "").sum())} of {len(found)} investigations. A proposal took {times.median():.0f} s in the
 median and {times.max():.0f} s at most. A rig in which nothing is named although something is hidden counts as wrong.
+
+Not investigated yet: {", ".join(missing) or "nothing"}.
 
 {_compared(found)}
 
