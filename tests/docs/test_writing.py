@@ -15,7 +15,7 @@ AVOIDED = re.compile(
     r"\b(told|tells of|beside|a look|looked at|rider|riders|speaks? against|broken off|worked out)\b", re.IGNORECASE
 )
 #: writing.md quotes the words.
-PAGES = sorted({*(ROOT / "docs").glob("*.md"), ROOT / "README.md"} - {ROOT / "docs" / "writing.md", ROOT / "docs" / "thesis.md"})
+PAGES = sorted({*(ROOT / "docs").glob("*.md"), ROOT / "README.md"} - {ROOT / "docs" / "writing.md"})
 
 
 def prose(page: str) -> str:
