@@ -1,4 +1,4 @@
-"""Made-up drives: band-limited noise, odd random-phase multisines, sweeps, consecutive moves."""
+"""Synthetic drives: band-limited noise, odd random-phase multisines, sweeps, consecutive moves."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from isorig.analysis.errors import DataError
 
 
 def random(*, samples: int, sample_rate: float, rms: float, band: tuple[float, float], seed: int) -> FloatArray:
-    """Gaussian noise of that rms with a flat spectrum inside `band` (Hz), shape (samples,)."""
+    """Gaussian noise with this rms and a flat spectrum within `band` (Hz), shape (samples,)."""
     frequency = np.fft.rfftfreq(samples, 1.0 / sample_rate)
     inside = (frequency >= band[0]) & (frequency <= band[1])
     if not inside.any():
-        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz holds no line at {sample_rate:g} Hz; widen it")
+        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz contains no frequency bin at {sample_rate:g} Hz; widen it")
     generator = np.random.default_rng(seed)
     spectrum = (generator.normal(size=len(frequency)) + 1j * generator.normal(size=len(frequency))) * inside
     values = np.fft.irfft(spectrum, samples)
@@ -23,16 +23,16 @@ def random(*, samples: int, sample_rate: float, rms: float, band: tuple[float, f
 def multisine(
     *, period: int, periods: int, sample_rate: float, rms: float, band: tuple[float, float], seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Odd random-phase multisine with one odd line in four left out at random, and the excited frequencies in Hz.
+    """Odd random-phase multisine with a random one of every four odd harmonics omitted, and the excited frequencies in Hz.
 
-    The omitted odd lines show odd distortion, the even ones even distortion (Pintelon and Schoukens, System
+    The omitted odd harmonics show odd distortion, the even ones even distortion (Pintelon and Schoukens, System
     Identification, 2012, ch. 4).
     """
     lines = np.arange(1, period // 2, 2)
     frequency = lines * sample_rate / period
     lines = lines[(frequency >= band[0]) & (frequency <= band[1])]
     if len(lines) == 0:
-        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz holds no odd line of a period of {period} samples")
+        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz contains no odd harmonic of a period of {period} samples")
     generator = np.random.default_rng(seed)
     kept = np.concatenate(
         [np.delete(g, generator.integers(len(g))) if len(g) == 4 else g for g in np.array_split(lines, max(len(lines) // 4, 1))]
@@ -53,13 +53,13 @@ def sweep(
 
 
 def sine(*, samples: int, sample_rate: float, peak: float, frequency: float, start: float = 0.0) -> FloatArray:
-    """A sine of `frequency` (Hz) that begins at `start` s, shape (samples,)."""
+    """A sine of `frequency` (Hz) that starts at `start` s, shape (samples,)."""
     t = np.arange(samples) / sample_rate - start
     return np.where(t >= 0.0, peak * np.sin(2 * np.pi * frequency * t), 0.0)
 
 
 def half_sine(*, samples: int, sample_rate: float, peak: float, length: float, start: float = 0.0) -> FloatArray:
-    """One half sine of `length` seconds that begins at `start`, shape (samples,)."""
+    """One half sine of `length` seconds that starts at `start`, shape (samples,)."""
     t = np.arange(samples) / sample_rate - start
     return np.where((t >= 0.0) & (t <= length), peak * np.sin(np.pi * t / length), 0.0)
 
@@ -67,7 +67,7 @@ def half_sine(*, samples: int, sample_rate: float, peak: float, length: float, s
 def hits(*, samples: int, sample_rate: float, peak: float, length: float, every: float, start: float, seed: int) -> FloatArray:
     """Hits of a hammer, shape (n,): half sines of `length` seconds, one in `every` seconds from `start` on.
 
-    No hand hits equally hard: peaks are drawn within a fifth of `peak`.
+    Like those of a hand, the peaks vary at random within a fifth of `peak`.
     """
     generator = np.random.default_rng(seed)
     times = np.arange(start, samples / sample_rate - length, every)
@@ -101,7 +101,7 @@ def moves(
 def steps(
     *, samples: int, sample_rate: float, distance: float = 3e-3, peak: float = 12.5, pause: float = 0.7, start: float = 0.25,
 ) -> FloatArray:  # fmt: skip
-    """Moves to and fro by `distance` (m), each forward for its first half and backward for its second, with long rests between.
+    """Moves back and forth by `distance` (m), accelerated in the first half and decelerated in the second, with long pauses.
 
     A constant acceleration of `peak` one way and then the other for T / 2 each moves peak T^2 / 4. The rests (s) are long
     enough for the rig to come to rest.

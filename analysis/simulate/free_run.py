@@ -104,22 +104,22 @@ def simulate(
     as_recorded: bool = False,
     samples: int | None = None,
 ) -> Response:
-    """The rig's free run from rest, or from where the configuration lets it begin.
+    """The rig's free run from rest, or from the initial state of the configuration.
 
     Parameters
     ----------
     model
         The rig.
     excitation
-        The drive channel as recorded; its own chain's gain and delay are undone.
+        The drive channel as recorded; gain and delay of its own chain are corrected.
     configuration
-        How the rig is set up.
+        Configuration of the rig.
     start_time
-        Seconds since the campaign began, for a stiffness that drifts.
+        Seconds since the start of the campaign, for a stiffness that drifts.
     as_recorded
-        Whether the faults of the sensors' chains are put on.
+        Whether the faults of the sensors' chains are included.
     samples
-        Only the first samples; all where None.
+        Number of samples; all if None.
 
     Raises
     ------

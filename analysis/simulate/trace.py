@@ -1,4 +1,4 @@
-"""What goes on inside a free run: the forces of contacts and links, and when each contact holds and slides."""
+"""Internal quantities of a free run: forces of contacts and links, and when each contact sticks and slides."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isorig.analysis.simulate.compiled import Compiled, compile_rig, imposed_coo
 from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
 
-#: Changes of state that are kept per second at least; the room for them grows as needed.
+#: Initial memory for changes of state, per second; it grows as needed.
 ROOM = 10_000
 
 
@@ -24,11 +24,11 @@ class Change:
     Parameters
     ----------
     time
-        Seconds from the drive's first sample, located to rounding.
+        Seconds from the drive's first sample, located to rounding error.
     contact
         Its name.
     slides
-        0 where it holds from now on, 1 where it slides forward (a against b), -1 backward.
+        0 if it sticks from now on, 1 if it slides forward (a relative to b), -1 backward.
     """
 
     time: float
@@ -38,22 +38,22 @@ class Change:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """A free run with what goes on inside.
+    """A free run with its internal quantities.
 
     Parameters
     ----------
     response
-        What the sensors would say.
+        The sensors' signals.
     friction
-        Force with which each contact resists the motion of its body a, N, low-passed and decimated as a sensor's record,
+        Force by which each contact resists the motion of its body a, N, low-pass filtered and decimated like a sensor's record,
         by contact; shape (n,).
     held
-        Share of each sample's interval in which the contact holds, by contact, shape (n,).
+        Share of each sample's interval in which the contact sticks, by contact, shape (n,).
     transmitted
         Force that passes through each link with its laws and the contacts between the same two ends, from body a to body
         b, N, by link; shape (n,).
     changes
-        Every stick and slip in order. Laws that never hold have none.
+        Every stick and slip in order. Laws that never stick have none.
     """
 
     response: Response
@@ -71,7 +71,7 @@ def trace(
     start_time: float = 0.0,
     as_recorded: bool = False,
 ) -> Trace:
-    """The rig's free run from rest with the forces inside; parameters and errors as of `simulate`.
+    """The rig's free run from rest with its internal forces; parameters and errors as for `simulate`.
 
     Examples
     --------
@@ -222,8 +222,8 @@ def _force(model: RigModel, inside: _Inside, configuration: str, what: str) -> F
     if kind == "links":
         if name in model.configurations[configuration].rigid:
             raise SimulationError(
-                f"the force in link {name!r} is recorded, but configuration {configuration!r} blocks it, and what passes through "
-                "a perfect lock is not simulated; give the lock a stiffness or leave the sensor out"
+                f"the force in link {name!r} is recorded, but configuration {configuration!r} blocks it, and the force in "
+                "a perfect lock is not simulated; give the lock a stiffness or remove the sensor"
             )
         return _through(model, inside, model.link(name), configuration)
     which = next(k for k, drive in enumerate(model.drives) if drive.channel == name)

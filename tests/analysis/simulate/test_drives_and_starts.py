@@ -228,7 +228,7 @@ def test_what_cannot_be_simulated_is_refused_by_name() -> None:
         two(), configurations={"locked": Configuration(rigid=("kr",))},
         sensors=(Sensor(channel="s", force_in="links.kr", quantity="force"),),
     )  # fmt: skip
-    with pytest.raises(SimulationError, match="what passes through a perfect lock is not simulated"):
+    with pytest.raises(SimulationError, match="the force in a perfect lock is not simulated"):
         simulate(locked, Excitation.prepare(A, RATE, others=[B]), configuration="locked")
     apart = replace(two(), configurations={"u": Configuration(rigid=("kr",), initial_position={"l": 0.1, "r": 0.2})})
     with pytest.raises(SimulationError, match="moves bodies apart that its rigid links join"):
