@@ -108,7 +108,12 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     wrong = faults(campaign, reference=model.drive.channel)
     campaign = without(campaign, wrong, model.channels, from_rest=True)
     bonder = is_wire_bonder(model)
-    if bonder and "head_mass" not in campaign.known:
+    given = dict(campaign.known)
+    if bonder and campaign.description is not None:
+        # What a description does not mark as free it gives.
+        given |= {f"{body}_mass": model.body(body).mass for body, _ in BODIES}
+        given |= {"head_mass": model.drive.factor}
+    if bonder and "head_mass" not in given:
         model = msgspec.structs.replace(model, free=(*model.free, HEAD))
     progress("fitting all runs with friction in the model")
     rough, fine = fit_baseline(campaign, model)
@@ -122,9 +127,9 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
     known = _Known(fitted, fine, explained, misfit, note, _uncertain(campaign.known, fitted))
-    table = _bonder_table(known, campaign.known) if bonder else _table(known)
+    table = _bonder_table(known, given) if bonder else _table(known)
     return Characterization(
-        table=table, head_mass=_head(known, campaign.known) if bonder else None,
+        table=table, head_mass=_head(known, given) if bonder else None,
         calibrated=CALIBRATION in campaign.known, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)),
         adequate=explained, faults=wrong, doubts=doubts(model, (fitted,), fine),
     )  # fmt: skip
