@@ -226,10 +226,15 @@ def next_step(
             if both is not None:
                 return both
         progress("no forms make the model adequate; fitting free shapes")
-        shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, nearly.place if nearly else None)
+        place, below = None, np.inf
+        if nearly is not None:
+            # A shape of its kind that is no better on the last rung leaves the form as close as it must come.
+            place = nearly.place
+            below = next(done.cost for c, done in run.ranked if c is nearly.candidate) / POLICY.form_close**2
+        shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, place, below)
         again = _again(looks, shapes, current, floors, rungs, progress)
         forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
-        if not any(adequate(entry.score, floors) for entry in forms):
+        if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
             named = _by_kind(forms, shapes, now, floors, evidence)
             place = named.entry.place if named is not None and named.step.form is None else None
             more = _extended(place, forms, looks, current, evidence, rungs, progress)
@@ -261,9 +266,9 @@ def _entries(
 
 def _shapes(
     forms: Sequence[Entry], current: Fit, evidence: Evidence, trials: Sequence[Trial], fine: Sequence[Trial],
-    rungs: Sequence[Rung], progress: Progress, only: tuple[Kind, str] | None,
+    rungs: Sequence[Rung], progress: Progress, only: tuple[Kind, str] | None = None, below: float = np.inf,
 ) -> list[Entry]:  # fmt: skip
-    # All free shapes, or those of one kind and place only.
+    # All free shapes, or those of one kind and place only; those whose misfit on the last rung is below this are finished.
     begun: list[tuple[Candidate, tuple[Free, ...], RigModel]] = []
     for shape in free_shapes(current.model, evidence):
         if only not in (None, (kind_of(shape.cause), shape.location)):
@@ -286,7 +291,7 @@ def _shapes(
     best = ranked[0][1].cost
     chosen: list[tuple[Candidate, Fit]] = []
     for candidate, rough in ranked:
-        if rough.cost < BEHIND * best and all(candidate.key != other.key for other, _ in chosen):
+        if rough.cost < min(BEHIND * best, below) and all(candidate.key != other.key for other, _ in chosen):
             chosen.append((candidate, rough))
     return _entries(chosen[:CURVES], trials, fine, progress)
 
