@@ -255,4 +255,4 @@ class Order:
             said.append(f"its frame numbers {steps.went_on}")
         elif steps.sequence is not None:
             said.append(f"its frame number went by {steps.sequence}")
-        self.noticed.append(f"at tick {self._tick} {', '.join(said)} samples on; {step} was taken")
+        self.noticed.append(f"at tick {self._tick} {', '.join(said)} samples on; {step} was used")

@@ -446,8 +446,8 @@ def _seen(model: RigModel, sensor: Sensor) -> None:
         raise ModelError(f"{here} names no body; give the body whose motion it records, or force_in for a force")
     if sensor.quantity not in MOTION:
         raise ModelError(
-            f"{here} records a {sensor.quantity}, which is no motion of a body; give one of {', '.join(MOTION)}, or for a force "
-            "force_in in place of body"
+            f"{here} records a {sensor.quantity}, which is not a motion of a body; give one of {', '.join(MOTION)}, or for a "
+            "force force_in in place of body"
         )
     body = next((body for body in model.bodies if body.name == sensor.body), None)
     if sensor.quantity in ROTARY and not sensor.arms and body is not None and body.motion == "straight":

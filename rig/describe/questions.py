@@ -46,7 +46,7 @@ def asked(ask: Ask) -> RigModel:
     PlanError
         Where the answers end too early, or one question is answered unusably `TRIES` times.
     """
-    print("An answer in [brackets] is taken where you only press Enter. SI units: kg, N/m, Hz, s.\n")
+    print("Press Enter alone to accept the answer in [brackets]. SI units: kg, N/m, Hz, s.\n")
     parts = _Parts()
     name = _answer(ask, "What is the rig called? [rig] ", lambda text: text or "rig")
     parts.bodies = _answer(
@@ -101,7 +101,7 @@ def _bodies(text: str) -> dict[str, Body]:
     for part in text.split(","):
         match = re.fullmatch(rf"\s*(\w+)\s+({NUMBER})\s*(kg)?\s*(m\^?2|m²)?\s*", part)
         if match is None:
-            raise _AnswerError(f"{part.strip()!r} is no body with its mass; write e.g. frame 40 kg, stage 2 kg")
+            raise _AnswerError(f"{part.strip()!r} is not a body with its mass; write e.g. frame 40 kg, stage 2 kg")
         if match[1] in found or match[1] == GROUND:
             raise _AnswerError(f"the name {match[1]!r} is taken; give each body its own")
         body = Body(name=match[1], mass=float(match[2]), motion="rotation" if match[4] else "straight")
@@ -162,7 +162,7 @@ def _one_of(text: str, names: list[str], usual: str) -> str:
 def _number(text: str) -> float:
     match = re.match(NUMBER, text)
     if match is None or float(match[0]) < 0.0:
-        raise _AnswerError(f"{text!r} is no number of zero or more; write e.g. 25000")
+        raise _AnswerError(f"{text!r} is not a number of zero or more; write e.g. 25000")
     return float(match[0])
 
 
@@ -186,18 +186,22 @@ def _damped(text: str, link: Link, body: Body) -> Link:
 def _quantity(text: str) -> Quantity:
     allowed = get_args(Quantity)
     if text not in allowed:
-        raise _AnswerError(f"{text!r} is no quantity; give one of {', '.join(name for name in allowed if name != 'gain')}")
+        raise _AnswerError(f"{text!r} is not a quantity; give one of {', '.join(name for name in allowed if name != 'gain')}")
     return text  # type: ignore[return-value]
 
 
 def _drive(text: str, bodies: Mapping[str, Body]) -> Drive:
     words = text.split()
     if len(words) not in (3, 4):
-        raise _AnswerError("give channel, quantity and body, and where it is no force the newtons per unit: u voltage stage 4")
+        raise _AnswerError(
+            "give channel, quantity and body, and for other quantities than a force the newtons per unit: u voltage stage 4"
+        )
     channel, quantity, body = words[0], _quantity(words[1]), _one_of(words[2], list(bodies), "")
     own = quantity in ("force", "torque")
     if not own and len(words) == 3:
-        raise _AnswerError(f"a {quantity} is no force: add how many newtons one {SI_UNIT[quantity]} pushes with, if only a guess")
+        raise _AnswerError(
+            f"a {quantity} is not a force: add how many newtons one {SI_UNIT[quantity]} pushes with, if only a guess"
+        )
     factor = _number(words[3]) if len(words) == 4 else 1.0
     return Drive(channel=channel, quantity=quantity, factor=factor, pushes={body: 1.0})
 
@@ -212,7 +216,7 @@ def _sensor(text: str, parts: _Parts) -> Sensor | None:
         raise _AnswerError(f"the channel {words[0]!r} is there already; give each sensor its own")
     quantity, body = _quantity(words[2]), _one_of(words[1], list(parts.bodies), "")
     if quantity not in MOTION:
-        raise _AnswerError(f"a {quantity} is no motion of a body; give one of {', '.join(MOTION)}")
+        raise _AnswerError(f"a {quantity} is not a motion of a body; give one of {', '.join(MOTION)}")
     if quantity in ROTARY and parts.bodies[body].motion == "straight":
         raise _AnswerError(f"{body} moves straight and has no {quantity}; give displacement, velocity or acceleration")
     return Sensor(channel=words[0], body=body, quantity=quantity)

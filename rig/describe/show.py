@@ -42,7 +42,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     with wide.capture() as drawing:
         wide.print(drawn(model))
     print("\n".join(line.rstrip() for line in drawing.get().splitlines()))
-    print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? is fitted; the rest is taken as known\n")
+    print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? is fitted; the rest is treated as known\n")
     free = bool(model.free)
     paths = model.free or tuple(path for path in physical_parameters(model) if model.get(path) != 0.0)
     known: dict[str, str] = {}

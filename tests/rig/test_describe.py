@@ -178,7 +178,7 @@ def test_angles_are_simulated_as_angles() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('quantity = "displacement" },', 'quantity = "force" },', "is no motion of a body"),
+        ('quantity = "displacement" },', 'quantity = "force" },', "is not a motion of a body"),
         ('quantity = "displacement" },', 'quantity = "angle" },', 'give that body motion = "rotation"'),
         ("band = [0.1, 8.0]", "band = [0.1, 800.0]", "at most half of usual.sample_rate"),
         ("seconds = 30.0", "seconds = 0.0", "usual.seconds is 0"),
