@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib.metadata import version
 
@@ -34,6 +35,10 @@ COMMANDS = {
 }
 
 
+#: Exit status of a process that a closed pipe ended, as shells count signals: 128 and the number of SIGPIPE.
+READER_GONE = 141
+
+
 def _app(arguments: list[str]) -> App:
     # A command that is not called is not imported: the list uses its line from here. A called one has its own help page.
     app = App(
@@ -53,9 +58,14 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         _app(arguments)(arguments)
+        sys.stdout.flush()
     except REFUSALS as refusal:
         print(f"rig: {refusal}", file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        # The reader of a pipe, such as `head`, has read enough; what is still buffered goes nowhere, or Python would report it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return READER_GONE
     except KeyboardInterrupt:
         print("rig: stopped by the operator", file=sys.stderr)
         return 130

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from isorig.rig.cli import COMMANDS, main
+from isorig.rig.cli import COMMANDS, READER_GONE, main
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -42,3 +42,13 @@ def test_bash_completes_commands_and_options(tmp_path: Path) -> None:
     assert offered("ch") == {"check", "characterize"}
     assert {"--reference", "--resolution"} <= offered("frf", "--re")
     assert offered("frf", "--estimator", "") == {"H1", "H2", "Hv"}
+
+
+def test_a_reader_that_ends_early_causes_no_traceback() -> None:
+    call = [sys.executable, "-m", "isorig", "describe", "wire-bonder"]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == READER_GONE
