@@ -2,7 +2,8 @@
 
     python bench/run.py [--quick] [NAME ...]
 
-With names only these benchmarks run, and the table is printed without being kept. The exit status is 1 where a benchmark failed.
+With names only these benchmarks run, and only their sections of the page are replaced. The exit status is 1 where a benchmark
+failed.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -85,26 +87,32 @@ def machine(quick: bool) -> str:
     )
 
 
+def write_section(name: str, text: str) -> None:
+    """Put a benchmark's section into the page, in the place of the one before."""
+    page = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    parts = re.split(r"^## (.*)\n\n", page, flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], (part.strip() for part in parts[2::2]), strict=True)) | {NAMES[name]: text.strip()}
+    ordered = [f"## {title}\n\n{sections[title]}\n" for title in NAMES.values() if title in sections]
+    PAGE.write_text("\n".join([HEAD, *ordered]), encoding="utf-8")
+
+
 def main() -> int:
-    """Run the benchmarks and write the page."""
+    """Run the benchmarks and write the page, section by section."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[[], *NAMES], help="which benchmarks; all where none is named")
     parser.add_argument("--quick", action="store_true", help="fewer repeats")
     given = parser.parse_args()
-    parts, failures = [HEAD, machine(given.quick) + "\n"], []
+    failures = []
     for name in given.names or NAMES:
         print(f"\n== {name}", flush=True)
-        began = time.perf_counter()
+        began, where = time.perf_counter(), machine(given.quick)
         rows, wrong = measure(name, given.quick)
-        took = f"`python bench/{name}.py` took {time.perf_counter() - began:.0f} s."
-        parts.append(f"## {NAMES[name]}\n\n{wrong or table(rows)}\n\n{took}\n")
+        took = f"`python bench/{name}.py` took {time.perf_counter() - began:.0f} s. {where}"
+        write_section(name, f"{wrong or table(rows)}\n\n{took}\n")
         if wrong:
             failures.append(wrong)
-    page = "\n".join(parts)
-    print(f"\n{page}")
-    if not given.names:
-        PAGE.write_text(page, encoding="utf-8")
-        print(f"kept in {PAGE.relative_to(HERE.parent)}")
+    print("\n" + PAGE.read_text(encoding="utf-8"))
+    print("\n".join(failures) or f"kept in {PAGE.relative_to(HERE.parent)}")
     return 1 if failures else 0
 
 
