@@ -70,7 +70,7 @@ def frf(
     from isorig.rig.acquire.follow import follow as followed
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
-    from isorig.rig.transfer import faults_in, transfer_functions, unnamed_excitation
+    from isorig.rig.transfer import faults_in, narrow_peaks, transfer_functions, unnamed_excitation
 
     if band is not None and not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
@@ -82,7 +82,7 @@ def frf(
             measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
             overlap=overlap, found=wrong,
         )  # fmt: skip
-        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)]
+        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured), *narrow_peaks(found)]
 
     def write(found: tuple[list[Transfer], Sequence[str]], name: str) -> None:
         _pictures(found[0], output, view, band)

@@ -99,7 +99,12 @@ def test_noise_of_unnamed_excitation_is_averaged_and_reported(tmp_path: Path, ca
     (item,) = answered(path, "--reference", "force", "--window", "blackman", "--overlap", "0.75")["transfer_functions"]
     assert "hammer" not in item
     assert (item["window"], item["overlap"]) == ("blackman", 0.75)
-    assert "averaged as noise" in " ".join(capsys.readouterr().out.split())
+    said = " ".join(capsys.readouterr().out.split())
+    assert "averaged as noise" in said
+    # The bandwidth is 1 Hz, four bins of 0.25 Hz.
+    assert "the error bars do not include this bias" in said
+    answered(path, "--reference", "force", "--resolution", "0.05")
+    assert "the error bars do not include this bias" not in " ".join(capsys.readouterr().out.split())
 
 
 def test_two_drives_at_once_are_separated(tmp_path: Path) -> None:
