@@ -20,7 +20,7 @@ demo: setup
 
 # Files side by side on two cores (tests of a file may follow from each other): many wait for a wire, or for one core.
 test: setup
-	$(BIN)/python -m pytest -q -m "not study" -n 2 --dist loadfile
+	$(BIN)/python -m pytest -q -m "not study" -n 2 --dist loadfile --no-loadscope-reorder
 
 # Speed and accuracy beside peers in one run, which writes docs/bench.md. `make bench QUICK=--quick` takes fewer repeats.
 bench: .venv/bench

@@ -150,8 +150,8 @@ NARROW = 10.0
 
 
 def narrow_peaks(found: Sequence[Transfer]) -> tuple[str, ...]:
-    """A sentence for each transfer function whose highest peak is too narrow for its resolution: its error bars omit the bias."""
-    sentences = []
+    """One sentence on all transfer functions whose highest peak is too narrow: its error bars omit what leakage does to it."""
+    peaks = []
     for item in found:
         seen = item.within_band()
         size = np.abs(seen.value)
@@ -161,12 +161,16 @@ def narrow_peaks(found: Sequence[Transfer]) -> tuple[str, ...]:
         below = np.flatnonzero(size < size[top] / np.sqrt(2.0))
         left, right = below[below < top], below[below > top]
         if len(left) and len(right) and (bins := int(right[0] - left[-1] - 1)) < NARROW:
-            sentences.append(
-                f"{seen.response} over {seen.reference} ({item.label}): the peak at {seen.frequency[top]:.4g} Hz is only {bins} "
-                f"frequency bins wide, so leakage lowers and widens it; the error bars do not include this bias. Use a finer "
-                f"--resolution than {seen.resolution:g} Hz."
-            )
-    return tuple(sentences)
+            where = f"{seen.response} over {seen.reference}, {item.label}"
+            peaks.append((bins, f"{where} at {seen.frequency[top]:.4g} Hz", seen.resolution))
+    if not peaks:
+        return ()
+    bins, where, resolution = min(peaks)
+    more = f" and {len(peaks) - 1} more" if len(peaks) > 1 else ""
+    return (
+        f"Peaks less than {NARROW:g} frequency bins wide ({where}: {bins}{more}) are lowered and widened by leakage, which their "
+        f"error bars do not include; use a finer --resolution than {resolution:g} Hz.",
+    )
 
 
 def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[str, ...]:

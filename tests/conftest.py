@@ -24,3 +24,17 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder} is absent: tests against campaigns made by another program are skipped")
     return folder
+
+
+#: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
+LONGEST = ("tests/blind/", "tests/rig/test_demo.py", "tests/rig/test_commands.py", "tests/docs/", "tests/rig/test_fuzz.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order tests by file, the longest first; the order within a file stays."""
+
+    def place(item: pytest.Item) -> int:
+        path = item.path.relative_to(ROOT).as_posix()
+        return next((k for k, start in enumerate(LONGEST) if path.startswith(start)), len(LONGEST))
+
+    items.sort(key=place)

@@ -75,16 +75,16 @@ def frf(
     if band is not None and not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
 
-    def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[str]]:
+    def found_in(measured: Campaign) -> tuple[list[Transfer], Sequence[str], Sequence[str]]:
         drives = reference or references_of(measured)
         wrong = faults_in(measured, drives[0])
         found = transfer_functions(
             measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
             overlap=overlap, found=wrong,
         )  # fmt: skip
-        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured), *narrow_peaks(found)]
+        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], narrow_peaks(found)
 
-    def write(found: tuple[list[Transfer], Sequence[str]], name: str) -> None:
+    def write(found: tuple[list[Transfer], Sequence[str], Sequence[str]], name: str) -> None:
         _pictures(found[0], output, view, band)
         _tell(*found, output, name)
 
@@ -126,7 +126,7 @@ def _pictures(
             save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
 
 
-def _tell(found: Sequence[Transfer], wrong: Sequence[str], output: Path, name: str) -> None:
+def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:
     import numpy as np
 
     from isorig.rig.files.output import write_csv, write_json
@@ -149,7 +149,7 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], output: Path, name: s
             }  # fmt: skip
             write_csv(output / f"{item.name}-periods.csv", columns)
     rows = [about(item) for item in found]
-    content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": list(wrong)}
+    content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
     write_json(output / "frf.json", content)
     several = len({item.frf.reference for item in found}) > 1
     show_table(
@@ -167,7 +167,7 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], output: Path, name: s
         [_row(row, several) for row in rows],
     )
     hammers = dict.fromkeys(text for row in rows if "hammer" in row for text in row["hammer"]["text"])
-    for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row)]:
+    for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row), *remarks]:
         print(sentence)
 
 

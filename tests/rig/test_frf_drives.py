@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
+from isorig.rig.transfer import narrow_peaks
 
 RATE, FREQUENCY, DAMPING, STEP = 1024.0, 50.1, 0.01, 6144
 
@@ -102,7 +104,7 @@ def test_noise_of_unnamed_excitation_is_averaged_and_reported(tmp_path: Path, ca
     said = " ".join(capsys.readouterr().out.split())
     assert "averaged as noise" in said
     # The bandwidth is 1 Hz, four bins of 0.25 Hz.
-    assert "the error bars do not include this bias" in said
+    assert "which their error bars do not include" in said
     answered(path, "--reference", "force", "--resolution", "0.05")
     assert "the error bars do not include this bias" not in " ".join(capsys.readouterr().out.split())
 
@@ -146,3 +148,20 @@ def test_what_cannot_be_estimated_is_refused(
     assert expected in said
     assert len(said.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("bins", "sentences"), [(9, 1), (10, 0)])
+def test_a_peak_of_fewer_than_ten_bins_is_reported(bins: int, sentences: int) -> None:
+    """Bins between the half-power points, the peak among them."""
+    size = np.full(101, 0.1)
+    size[50 - bins // 2 : 50 - bins // 2 + bins] = 1.0
+    size[50] = 1.1
+    seen = SimpleNamespace(
+        value=size, frequency=0.25 * np.arange(101), window="hann", response="table", reference="head", resolution=0.25
+    )
+    item: Any = SimpleNamespace(within_band=lambda: seen, label="unlocked, gain 70")
+    said = narrow_peaks([item])
+    assert len(said) == sentences
+    if said:
+        assert "table over head, unlocked, gain 70 at 12.5 Hz: 9)" in said[0]
+        assert "2 more" in narrow_peaks([item] * 3)[0]
