@@ -1,4 +1,4 @@
-"""The friction simulator: any lumped rig, driven between samples by a band-limited force."""
+"""The friction simulator: any lumped rig, with a drive that is band-limited between samples."""
 
 from isorig.analysis.simulate.batch import Batch, scan, simulate_many
 from isorig.analysis.simulate.free_run import Response, record, simulate, true_drive

@@ -1,4 +1,4 @@
-"""Many parameter sets side by side: time-stepping in vector lanes and on all cores, for scans."""
+"""Simulation of many parameter sets at once, for scans: time-stepping in vector lanes and on all cores."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Singles = NDArray[np.float32]
 Records = Singles | FloatArray
 Engine = Literal["auto", "batch", "exact"]
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
-#: Simulations that share a kernel's vector lanes.
+#: Number of simulations in one call of the vectorised kernel.
 LANES = 128
 
 
@@ -34,7 +34,7 @@ LANES = 128
 class Batch:
     """The responses of many rigs to one drive.
 
-    Single precision where they come from the batch engine's own steps: its memory traffic is what takes the time.
+    Single precision if they come from the batch engine, whose time is determined by memory traffic.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Batch:
     names
         The sensors' channels.
     parts
-        Their records as they were simulated, some rigs at a time, each shape (sensors, n, rigs).
+        Their records in blocks of rigs, each shape (sensors, n, rigs).
     """
 
     sample_rate: float
@@ -55,7 +55,7 @@ class Batch:
 
     @cached_property
     def channels(self) -> dict[str, Records]:
-        """A record per sensor by channel, each shape (rigs, n); put together when first asked for."""
+        """Records of each sensor by channel, each shape (rigs, n); joined at the first access."""
         return {
             name: (np.concatenate([part[k] for part in self.parts], axis=1) if len(self.parts) > 1 else self.parts[0][k]).T
             for k, name in enumerate(self.names)
@@ -75,12 +75,12 @@ class Batch:
 def simulate_many(
     models: Sequence[RigModel], excitation: Excitation, *, configuration: str = "unlocked", engine: Engine = "auto"
 ) -> Batch:
-    """Many rigs under one drive, from rest, for scans: score the final ones with `simulate`.
+    """Simulate many rigs under one drive, from rest, for scans; evaluate the final ones with `simulate`.
 
-    Rigs of one structure (same parts, other numbers) that are linear but for at most one Coulomb contact take fixed
-    steps of the excitation's grid, each with its exact matrices, the friction's share of a step worked out from its
-    reversal within (a time-stepping after Moreau, with second-order events): within 1.2 % of `simulate` at 2048 Hz and
-    60 N rms, 2 % at 25 N. Others are simulated one by one on all cores.
+    Rigs of one structure (same parts, other values) that are linear except for at most one Coulomb contact take fixed
+    steps of the excitation's grid, each with its exact matrices; the mean friction of a step follows from the time of
+    its reversal within the step (time-stepping after Moreau, with second-order events): within 1.2 % of `simulate` at
+    2048 Hz and 60 N rms, 2 % at 25 N. Others are simulated one by one on all cores.
 
     To scan the isolation frequency of the built-in rig under moves::
 
@@ -94,19 +94,19 @@ def simulate_many(
     Parameters
     ----------
     models
-        The rigs; sensors and drive channel alike.
+        The rigs, with the same sensors and drive channel.
     excitation
-        The drive. With `oversample=1` steps are samples, joined by straight lines; finer grids cost in proportion and
-        are low-passed as recordings are.
+        The drive. With `oversample=1` the steps are the samples, linearly interpolated; finer grids take proportionally
+        longer and are low-pass filtered like recordings.
     configuration
-        How the rigs are set up.
+        Configuration of the rigs.
     engine
-        "batch" steps side by side, "exact" simulates one by one, "auto" takes the batch where it can.
+        "batch" steps many rigs at once, "exact" simulates one by one, "auto" uses the batch if it can simulate the rigs.
 
     Raises
     ------
     SimulationError
-        Where a rig's motion grows without bound, or the batch was asked for and cannot take these rigs.
+        If a rig's motion grows without bound, or the batch is requested and cannot simulate these rigs.
     """
     names = tuple(sensor.channel for sensor in models[0].sensors)
     alike = _alike(models, configuration)
@@ -132,26 +132,26 @@ def scan(
     *,
     configuration: str = "unlocked",
 ) -> FloatArray:
-    """A figure of many rigs under one drive, their records dropped as soon as it is taken.
+    """Compute a quantity of many rigs under one drive, without storing their records.
 
-    Records that are kept are written to fresh memory, which costs more than the simulation; here they share some.
+    Stored records are written to newly allocated memory, which takes longer than the simulation; here memory is reused.
 
     Parameters
     ----------
     models, excitation, configuration
         As for `simulate_many`.
     figure
-        What is wanted of some of the rigs, shape (rigs, ...); the records it is given are overwritten afterwards.
+        Computes the quantity for a block of rigs, shape (rigs, ...); the records passed to it are overwritten afterwards.
 
     Returns
     -------
     FloatArray
-        The figures of all rigs, shape (models, ...).
+        The quantity for all rigs, shape (models, ...).
 
     Raises
     ------
     SimulationError
-        Where a rig's motion grows without bound.
+        If a rig's motion grows without bound.
     """
     if not _alike(models, configuration):
         return np.asarray(figure(simulate_many(models, excitation, configuration=configuration)))
@@ -193,13 +193,13 @@ def _room(model: RigModel, excitation: Excitation, lanes: int) -> Singles:
 
 
 def _alike(models: Sequence[RigModel], configuration: str) -> bool:
-    # Whether they can share lanes.
+    # Whether the batch engine can simulate them together.
     pattern = _structure(models[0], configuration)
     return _steppable(models[0], configuration) and all(_structure(model, configuration) == pattern for model in models[1:])
 
 
 def _structure(model: RigModel, configuration: str) -> object:
-    # What must be the same for models to share lanes: everything but numbers that enter the matrices.
+    # What must be equal in models that are simulated together: everything except values that enter the matrices.
     return (
         [body.name for body in model.bodies],
         [(part.name, part.a, part.b, part.arms, [type(law) for law in part.laws]) for part in model.links],
@@ -226,7 +226,7 @@ def _steppable(model: RigModel, configuration: str) -> bool:
 
 
 def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: str, out: Singles) -> Singles:
-    # Responses of one chunk, written to `out`, shape (sensors, n, models).
+    # Responses of one block of models, written to `out`, shape (sensors, n, models).
     over = excitation.oversample
     h = 1.0 / (excitation.sample_rate * over)
     first = models[0]
@@ -287,12 +287,12 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
 
 
 def _assembled(rows: FloatArray, sizes: FloatArray) -> FloatArray:
-    # Sum over the parts of size * row' row, by model: parts' rows (parts, n), sizes (models, parts).
+    # Sum over the parts of size * row' row for each model; rows (parts, n), sizes (models, parts).
     return np.asarray(np.einsum("mp,pi,pj->mij", sizes, rows, rows))
 
 
 def _single(values: FloatArray) -> Singles:
-    # Half the memory traffic, which is what limits the kernel; rounding stays far below its own error.
+    # Single precision halves the memory traffic, which limits the kernel; rounding is far below the discretisation error.
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
@@ -326,11 +326,11 @@ def _step_many(
     central: NDArray[np.bool_],
     out: Singles,
 ) -> None:
-    """March one chunk through a drive; fills `out` (sensors, n, lanes).
+    """Step one block of rigs through a drive; fills `out` (sensors, n, lanes).
 
-    z1 = step z + start u0 + end u1 + impulse f, f the contact's mean force in the step: full friction while it slides,
-    what holds where it comes to rest, and where it reverses after a share of the step full friction one way for that
-    share, the other way for the rest. `central` sensors give their value's central difference.
+    z1 = step z + start u0 + end u1 + impulse f, where f is the contact's mean force in the step: sliding friction while it
+    slides, the static force if it comes to rest, and if it reverses the time-weighted mean of sliding friction in both
+    directions. `central` sensors record the central difference of their value.
     """
     m, lanes = step.shape[0], step.shape[2]
     n = m // 2
@@ -355,7 +355,7 @@ def _step_many(
         if not last:
             u0, u1 = u[t], u[t + 1]
             for i in range(m):
-                # Six columns, or two, in one loop: few trips to memory. There are twice as many as coordinates.
+                # Six columns, or two, in one loop, for less memory traffic. The number of columns is even: twice the coordinates.
                 if sixes:
                     for k in range(lanes):
                         z1[i, k] = (
@@ -386,7 +386,7 @@ def _step_many(
                     held = -free[k] / gain[k]
                     after = free[k] + gain[k] * turned
                     resting = held if side * after > ZERO else turned
-                    # From rest it moves once holding it takes more than the breakaway force.
+                    # From rest it slides if sticking requires more than the breakaway force.
                     stays = abs(held) <= friction[1, k] if v0 == ZERO else side * slid <= ZERO
                     rest = held if v0 == ZERO else resting
                     f = rest if stays else sliding

@@ -1,6 +1,6 @@
-"""A rig in a configuration as plain arrays for the kernel: a linear system, its guards and its steps for every mode.
+"""A rig in a configuration as arrays for the kernel: linear system, exit conditions and step matrices for each mode.
 
-A mode is one combination of its elements' states: which contacts hold, which way others slide, which stops touch.
+A mode is one combination of the elements' states: which contacts stick, in which direction others slide, which stops touch.
 """
 
 from __future__ import annotations
@@ -21,65 +21,66 @@ from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, m
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
 
-#: Modes that a rig may have: six contacts, or four end stops.
+#: Maximum number of modes of a rig: six contacts, or four end stops.
 MODES = 729
-#: Angle in rad that the quickest motion may turn in one step, so that its Taylor series and its roots are safe.
+#: Maximum phase in rad of the fastest motion in one step, so that its Taylor series converges and its roots are found.
 TURN = 1.2
-#: The same for what a curved force does at its steepest: so that passes settle.
+#: The same for a curved force at its steepest, so that the fixed-point passes converge.
 STEEP_TURN = 0.1
-#: Parts into which a step may be cut for that.
+#: Maximum number of parts into which a step is divided for that.
 CUTS = 4096
-#: How an element takes part when contacts change their states at one instant: not; as dry friction, which holds at speed zero;
-#: as Karnopp's, which holds at any speed within its band.
+#: Role of an element when contacts change state at one instant: none; dry friction, which sticks at zero speed; Karnopp's law,
+#: which sticks at any speed within its band.
 ALONE, SETTLING, BANDED = 0, 1, 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compiled:
-    """A rig as the kernel takes it, for steps of h / `cuts`.
+    """A rig as arrays for the kernel, for steps of h / `cuts`.
 
     The kernel's vector is y = (z, 1, u, u', f, f', f'' of every curved element, u, u' of every further drive): z the n
-    coordinates and their speeds, u the drives, straight within a step, f the curved forces, parabolas within a step; M long.
-    An imposed motion is a drive whose acceleration its coordinate has, whatever the forces. In units of a step: derivatives
-    in y are multiplied by the step's length (and f'' by its square).
+    coordinates and their speeds, u the drives, linear within a step, f the curved forces, parabolas within a step; its length is
+    M. For an imposed motion the drive is the acceleration of its coordinate, independent of the forces. Quantities are in units
+    of a step: derivatives in y are multiplied by the step's length (and f'' by its square).
 
     Parameters
     ----------
     basis
         Full coordinates from the free ones, shape (bodies, n).
     cuts
-        Parts into which a fine step is cut.
+        Number of parts into which a fine step is divided.
     whole
-        What follows from y after a step, in groups of eight rows by columns: by curved element its elongation and speed
-        (m, m/s) half-way and at the end, then z, then by exit its margin and the margin's slope, (modes, groups, M, 8).
+        Matrix from y to the values after a step, in groups of eight rows by columns: for each curved element its elongation and
+        speed (m, m/s) in the middle and at the end, then z, then for each exit its margin and the margin's slope, (modes,
+        groups, M, 8).
     blocks
         Groups of eight rows of `whole` that a mode needs, shape (modes,).
     series
-        Taylor coefficients in time, in the same groups term by term: by curved element its elongation and speed, then z,
+        Taylor coefficients in time, in the same groups term by term: for each curved element its elongation and speed, then z,
         then each exit's margin, (modes, terms * groups, M, 8).
     terms
         Number of terms.
     exits
-        Element whose state each exit ends, the mode that follows, and how far it is the contacts' matter: 0 not, 1 a contact
-        leaves a state of sliding, 2 held contacts break away; shape (modes, exits, 3), element -1 where a mode has fewer.
+        For each exit, the element whose state ends, the next mode, and the kind: 0 no contact, 1 a sliding contact changes state,
+        2 sticking contacts break away; shape (modes, exits, 3), element -1 if a mode has fewer exits.
     limits
-        What each exit's margin is measured by: the breakaway force, shape (modes, exits).
+        Reference of each exit's margin: the breakaway force, shape (modes, exits).
     settle
-        What makes settled contacts' speeds exactly zero, on the coordinates' speeds, shape (modes, n, n).
+        Projection of the coordinates' speeds that sets the speeds of sticking contacts exactly to zero, shape (modes, n, n).
     possible
-        Whether a mode's held contacts leave the sliding ones free to slide, shape (modes,).
+        Whether the contacts that slide in a mode are free to slide while the others stick, shape (modes,).
     kinds
-        How each element takes part when contacts change at one instant, see `SETTLING`.
+        Role of each element when contacts change state at one instant, see `SETTLING`.
     strides, states
         mode = sum of stride * state; the states of each mode's elements, shape (modes, elements).
     resistance
         Each element's resistance as a row on y, shape (modes, elements, M).
     holds
-        Whether each element holds, shape (modes, elements).
+        Whether each element sticks, shape (modes, elements).
     curve_of, codes, params, directions, gates
-        Of the curved elements: index of the element, law, parameters, direction, sign by state (0 beyond).
+        For the curved elements: index of the element, law, parameters, direction, sign by state (padded with 0).
     memories
-        Numbers that a law remembers at most.
+        Maximum number of state variables of a law.
     elements, rubs, across
         The elements' names, whether they are contacts, and their directions on the coordinates, shape (elements, n).
     """
@@ -111,14 +112,14 @@ class Compiled:
 
 
 def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -> Compiled:
-    """Arrays of a rig for fine steps of `h` seconds, cut into `finer` times as many parts as they must be.
+    """Arrays of a rig for fine steps of `h` seconds, divided into `finer` times the required number of parts.
 
-    Those of the rigs seen last are kept.
+    The results of the last rigs are cached.
 
     Raises
     ------
     ModelError
-        Where the rig has no such configuration, more modes than the engine holds, or motions far too quick for the step.
+        If the rig has no such configuration, more than `MODES` modes, or motions too fast for the step.
     """
     drives = [(drive.pushes, drive.factor, drive.imposes) for drive in model.drives]
     parts = (model.bodies, model.links, model.contacts, model.configurations, drives)
@@ -127,7 +128,7 @@ def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -
 
 @dataclass(frozen=True, kw_only=True)
 class _Moving:
-    # A rig by what moves: sensors and the faults of channels do not matter here.
+    # Cache key of a rig: its moving parts, without sensors and channel faults.
     model: RigModel = field(compare=False)
     parts: bytes
 
@@ -138,7 +139,7 @@ def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Comp
     basis, mass, damping, stiffness = linear_part(model, configuration)
     imposed = imposed_coordinates(model, basis)
     whole = basis.T @ mass @ basis
-    # What an imposed coordinate does, no force changes: it has no mobility.
+    # No force changes an imposed coordinate: its mobility is zero.
     inverse = np.zeros_like(whole)
     loose = np.setdiff1d(np.arange(len(whole)), list(imposed.values()))
     inverse[np.ix_(loose, loose)] = np.linalg.inv(whole[np.ix_(loose, loose)])
@@ -173,12 +174,12 @@ def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Comp
 def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Basis of the coordinates that a configuration leaves free, (bodies, free), and mass, damping and stiffness on all bodies.
 
-    A lock with a stiffness adds to the last two; the links of a perfect lock take coordinates out of the basis.
+    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis.
 
     Raises
     ------
     ModelError
-        Where the rig has no such configuration.
+        If the rig has no such configuration.
     """
     if configuration not in model.configurations:
         raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
@@ -194,23 +195,23 @@ def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatA
 
 
 def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
-    """Place of each imposed body's coordinate in a basis, by body."""
+    """Index of each imposed body's coordinate in a basis, by body."""
     rows = {body.name: row for body, row in zip(model.bodies, basis, strict=True)}
     return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
 
 
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
-    """Full coordinates from those that rigid links leave free, shape (bodies, free).
+    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free).
 
     Raises
     ------
     ModelError
-        Where a rigid link leaves an imposed motion no body to move.
+        If a rigid link joins two imposed motions.
     """
     basis = np.eye(len(model.bodies))
     for link in rigid:
         row = direction(model, link.a, link.b, link.arms) @ basis
-        # What is imposed stays a coordinate; the body that follows it does not.
+        # An imposed motion stays a coordinate; the body rigidly linked to it is removed.
         choice = np.abs(row)
         choice[list(imposed_coordinates(model, basis).values())] = 0.0
         if model.imposed and not choice.any():
@@ -223,7 +224,7 @@ def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
 
 
 def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray, loose: IntArray) -> list[Element]:
-    # A lock grips: across it neither laws nor contacts act.
+    # Across a closed lock neither laws nor contacts act.
     found: list[Element | None] = []
     for link in model.links:
         if link.name not in blocked:
@@ -233,8 +234,7 @@ def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray, loose
         if contact.name not in blocked:
             w = direction(model, contact.a, contact.b, contact.arms) @ basis
             found.append(_placed(contact.law.element(0.0), contact.name, w, rubs=True))
-    # An element whose two ends cannot move apart, for other links are locked, does nothing; one between imposed motions moves
-    # nothing.
+    # An element has no effect if locked links prevent relative motion of its ends, or if both ends are imposed motions.
     elements = [element for element in found if element is not None and np.abs(element.direction[loose]).max(initial=0.0) > 1e-12]
     if prod(len(element.states) for element in elements) > MODES:
         names = ", ".join(element.name for element in elements if len(element.states) > 1)
@@ -247,7 +247,7 @@ def _placed(element: Element | None, name: str, w: FloatArray, *, rubs: bool) ->
 
 
 def _steepness(element: Element, inverse: FloatArray) -> float:
-    # How fast the two ends swing or creep on the curved force alone, 1/s.
+    # Rate in 1/s at which the two ends oscillate or creep on the curved force alone.
     stiffness, damping = element.steepest
     mobility = float(element.direction @ inverse @ element.direction)
     return float(np.sqrt(stiffness * mobility) + damping * mobility)
@@ -255,7 +255,7 @@ def _steepness(element: Element, inverse: FloatArray) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class _Way:
-    # How a mode may end: the margin's row on y, and what `Compiled.exits` and `Compiled.limits` say of it.
+    # An exit of a mode: the margin's row on y, and its entries in `Compiled.exits` and `Compiled.limits`.
     row: FloatArray
     element: int
     target: int
@@ -269,13 +269,13 @@ def _kind(element: Element) -> int:
 
 
 def _grip(element: Element) -> float:
-    # Breakaway force, by which contacts that hold together share what the motion leaves open.
+    # Breakaway force: the weight by which contacts that stick together share an indeterminate force.
     forces = [way.const for way in element.states[0].exits if element.states[0].holds]
     return sum(forces) / len(forces) if sum(forces) > 0.0 else 1.0
 
 
 def _root(inverse: FloatArray) -> FloatArray:
-    # Of a matrix with rows of zeros where a motion is imposed.
+    # Cholesky factor of a matrix whose rows are zero for imposed motions.
     root, loose = np.zeros_like(inverse), np.flatnonzero(np.diag(inverse))
     root[np.ix_(loose, loose)] = np.linalg.cholesky(inverse[np.ix_(loose, loose)])
     return root
@@ -300,7 +300,7 @@ class _Systems:
         self.holds = np.zeros((modes, count), dtype=np.int64)
         w = np.array([element.direction for element in elements]).reshape(count, n)
         self.kinds = [_kind(element) for element in elements]
-        # In coordinates of unit mass.
+        # In mass-normalised coordinates.
         self.along = w @ _root(inverse)
         self.grips = np.array([_grip(element) for element in elements])
         self.strides = [prod(len(element.states) for element in elements[k + 1 :]) for k in range(count)]
@@ -319,7 +319,7 @@ class _Systems:
             self.holds[mode] = [element.states[s].holds for element, s in zip(elements, states, strict=True)]
             held = [k for k in range(count) if self.holds[mode, k]]
             if held:
-                # The force that keeps the relative acceleration zero.
+                # The force that keeps the relative acceleration at zero.
                 force = shared(self.along[held], self.grips[held]) @ w[held] @ moved
                 given[held] += force
                 moved = moved - inverse @ w[held].T @ force
@@ -330,7 +330,7 @@ class _Systems:
         self.w = w
 
     def square(self) -> FloatArray:
-        """The modes' systems without inputs, the curved forces at their steepest among the springs and dampers."""
+        """System matrices of the modes, with the curved forces linearised at their steepest."""
         m = self.m
         square = np.zeros((len(self.modes), m, m))
         square[:] = self.rate[:, :, :m]
@@ -351,7 +351,7 @@ class _Systems:
         return row
 
     def _ways(self, mode: int) -> list[_Way]:
-        """How a mode ends."""
+        """Exits of a mode."""
         states, found = self.modes[mode], []
         for k, element in enumerate(self.elements):
             state = element.states[states[k]]
@@ -382,7 +382,7 @@ class _Systems:
         return [k for k in range(len(self.kinds)) if self.kinds[k] == SETTLING and self.holds[mode, k]]
 
     def _forced(self, settled: list[int]) -> list[int]:
-        # Contacts that cannot slide while these hold.
+        # Contacts that cannot slide while these stick.
         return implied(self.along, settled, [k for k, kind in enumerate(self.kinds) if kind == SETTLING and k not in settled])
 
     def _landed(self, mode: int, k: int) -> int:
@@ -395,7 +395,7 @@ class _Systems:
         """The arrays for the kernel, in units of a step."""
         m, size, modes = self.m, self.size, len(self.modes)
         n, elements = m // 2, self.elements
-        # y in units of a step: speeds and the first derivatives by its length, second ones by its square.
+        # y in units of a step: speeds and first derivatives times its length, second derivatives times its square.
         scale = np.ones(size)
         scale[n:m] = step
         scale[m + 2] = step
@@ -429,7 +429,7 @@ class _Systems:
             series.append(series[-1] @ system / len(series))
         taylor = np.stack(series, axis=1)
         power = np.arange(len(series))
-        # Half-way, at the end, and the slope there.
+        # In the middle, at the end, and the slope at the end.
         half, moved, slopes = np.tensordot(np.array([0.5**power, power**0, power]), taylor, axes=(1, 1))
         met = np.stack([part[:, :bent].reshape(modes, -1, 2, size) for part in (half, moved)], axis=2).reshape(modes, -1, size)
         margins = np.stack([part[:, bent + m :] for part in (moved, slopes)], axis=2).reshape(modes, -1, size)

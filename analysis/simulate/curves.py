@@ -1,4 +1,4 @@
-"""Curved laws as the kernel evaluates them: the formulas of all laws that there are, told apart by their number."""
+"""Curved laws in the kernel: the formulas of all laws, selected by number."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from isorig.analysis.jit import inlined, kernel
 from isorig.analysis.laws import FORMULAS
 from isorig.analysis.laws.elements import Formula
 
-#: Codes from here on are of laws that remember.
+#: Codes from this one on are of laws with memory (state variables).
 MEMORY = sum(formula.carry is None for formula in FORMULAS)
 CODES = {formula: code for code, formula in enumerate(FORMULAS)}
 
@@ -21,7 +21,7 @@ def code_of(formula: Formula | None) -> int:
 
 
 def _chosen(kernels: Sequence[Callable[..., Any]], first: int, either: Callable[..., Any]) -> Callable[..., Any]:
-    """One kernel out of several, numbered from `first` on, which finds the right one by halving."""
+    """A kernel that selects one of several, numbered from `first` on, by bisection."""
     if len(kernels) == 1:
         return kernels[0]
     middle = len(kernels) // 2
@@ -90,7 +90,7 @@ def _either_carrying(border: int, first: Callable[..., None], second: Callable[.
     return carrying
 
 
-# Of the laws without a memory, and of those with one.
+# For the laws without memory, and for those with memory.
 _plain = _chosen([_resisting(formula.resist) for formula in FORMULAS[:MEMORY]], 0, _either_resisting)
 _recall = _chosen([_recalling(formula.resist) for formula in FORMULAS[MEMORY:]], MEMORY, _either_recalling)
 _carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.carry], MEMORY, _either_carrying)
@@ -98,7 +98,7 @@ _carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.ca
 
 @kernel
 def plain(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    """Resistance of a law without a memory at elongation d (m), speed v (m/s) and time t (s)."""
+    """Resistance of a law without memory at elongation d (m), speed v (m/s) and time t (s)."""
     return _plain(code, p, gate, d, v, t)
 
 
@@ -107,7 +107,7 @@ def carried(
     code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
     dm: float, vm: float, d1: float, v1: float, h: float, t: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """The same at the middle and the end of `h` seconds from t on for a law with a memory, carried from inner[c] to after[c]."""
+    """The same at the middle and the end of `h` seconds from t on for a law with memory; state from inner[c] to after[c]."""
     memory, end = inner[c], after[c]
     _carry(code, p, memory, half, d0, dm, v0, vm, v1, 0.0, 0.5, h)
     _carry(code, p, half, end, dm, d1, v0, vm, v1, 0.5, 1.0, h)
@@ -116,7 +116,7 @@ def carried(
 
 @kernel
 def resist(code: int, p: FloatArray, gate: float, inner: FloatArray, c: int, d: float, v: float, t: float) -> float:
-    """Resistance of curved element c, inner[c] being what it remembers."""
+    """Resistance of curved element c with the state variables inner[c]."""
     if code < MEMORY:
         return plain(code, p, gate, d, v, t)
     return _recall(code, p, gate, inner[c], d, v, t)
@@ -127,7 +127,7 @@ def advance(
     code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
     dm: float, vm: float, d1: float, v1: float, h: float, t: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Resistance at the middle and the end of `h` seconds from t on; what is remembered at the end goes to after[c]."""
+    """Resistance at the middle and the end of `h` seconds from t on; the state variables at the end are stored in after[c]."""
     if code < MEMORY:
         return plain(code, p, gate, dm, vm, t + 0.5 * h), plain(code, p, gate, d1, v1, t + h)
     return carried(code, p, gate, inner, half, after, c, d0, v0, dm, vm, d1, v1, h, t)
@@ -138,13 +138,13 @@ def step_on(
     code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
     dm: float, vm: float, d1: float, v1: float, h: float, t: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """As `advance`, for parts of steps: code that is rarely run stays short."""
+    """As `advance`, but not inlined, for parts of steps: this keeps rarely executed code short."""
     return advance(code, p, gate, inner, half, after, c, d0, v0, dm, vm, d1, v1, h, t)
 
 
 @kernel
 def remember(code: int, inner: FloatArray, after: FloatArray, c: int) -> None:
-    """Go on from what an element remembers at the end of a step."""
+    """Take over an element's state variables at the end of a step."""
     if code >= MEMORY:
         for i in range(inner.shape[1]):
             inner[c, i] = after[c, i]

@@ -46,7 +46,7 @@ def multisine(
 def sweep(
     *, samples: int, sample_rate: float, peak: float, band: tuple[float, float], of: int | None = None, first: int = 0
 ) -> FloatArray:  # fmt: skip
-    """Logarithmic sine sweep from band[0] to band[1] Hz over `of` samples (all where None), from its sample `first` on."""
+    """Logarithmic sine sweep from band[0] to band[1] Hz over `of` samples (all if None), from its sample `first` on."""
     t = (first + np.arange(samples)) / sample_rate
     rate = np.log(band[1] / band[0]) * sample_rate / ((of or samples) - 1)
     return np.asarray(peak * np.sin(2 * np.pi * band[0] * np.expm1(rate * t) / rate))
@@ -65,9 +65,9 @@ def half_sine(*, samples: int, sample_rate: float, peak: float, length: float, s
 
 
 def hits(*, samples: int, sample_rate: float, peak: float, length: float, every: float, start: float, seed: int) -> FloatArray:
-    """Hits of a hammer, shape (n,): half sines of `length` seconds, one in `every` seconds from `start` on.
+    """Hammer hits, shape (n,): half sines of `length` seconds, one in `every` seconds from `start` on.
 
-    Like those of a hand, the peaks vary at random within a fifth of `peak`.
+    As with a hand-held hammer, the peaks vary at random within a fifth of `peak`.
     """
     generator = np.random.default_rng(seed)
     times = np.arange(start, samples / sample_rate - length, every)
@@ -103,7 +103,7 @@ def steps(
 ) -> FloatArray:  # fmt: skip
     """Moves back and forth by `distance` (m), accelerated in the first half and decelerated in the second, with long pauses.
 
-    A constant acceleration of `peak` one way and then the other for T / 2 each moves peak T^2 / 4. The rests (s) are long
+    A constant acceleration of `peak` one way and then the other for T / 2 each moves peak T^2 / 4. The pauses (s) are long
     enough for the rig to come to rest.
     """
     period = 2.0 * float(np.sqrt(distance / peak))

@@ -6,28 +6,28 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: Terms of the series: enough for a norm of one half to the last bit.
+#: Number of terms of the series: accurate to rounding for a norm of one half.
 TERMS = 14
 
 
 def exponentials(matrices: FloatArray, power: int = 1) -> FloatArray:
     """exp of each matrix, shape (..., n, n), by scaling and squaring a Taylor series.
 
-    Much quicker for stacks of small matrices than a library's one by one. Scaling by a diagonal similarity is not
-    needed: the series is taken where the norm is below one half.
+    Much faster for stacks of small matrices than a library function called for each. No balancing is needed, because the
+    series is evaluated at a norm below one half.
 
     Parameters
     ----------
     matrices
         Shape (..., n, n).
     power
-        Multiply the exponents by this.
+        Factor on the exponents.
     """
     scaled = np.asarray(matrices) * float(power)
     norm = float(np.abs(scaled).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / 0.5))))
     scaled = scaled / 2.0**squarings
-    # Without the identity, so that small increments keep their digits through the squarings.
+    # Without the identity, so that small increments keep their precision in the squarings.
     term = scaled.copy()
     total = scaled.copy()
     for k in range(2, TERMS):

@@ -1,4 +1,4 @@
-"""The free run: a rig, a drive, and what the sensors would say."""
+"""Free-run simulation: the sensors' response of a rig to a drive."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.kernel import run
 from isorig.analysis.simulate.sampling import AS_IT_IS, TAPS, Excitation, interpolate, sampled, shift
 
-#: Times as many steps that a run takes where curved forces bend too much within one, in turn.
+#: Refinements of the time step, tried in this order, if curved forces need more than one parabola per step.
 FINER = (1, 2, 4, 8, 16)
-#: Share of the steps that may bend so much: cut into pieces one takes as long as two dozen others.
+#: Maximum share of such steps before the refinement: a divided step takes as long as about 24 others.
 SPLIT = 0.1
-#: Nothing is imposed.
+#: No imposed motion.
 NOWHERE: Mapping[str, tuple[float, float]] = MappingProxyType({})
-#: What the kernel says where contacts cannot be settled.
+#: The kernel's result if no consistent combination of contact states is found.
 UNSETTLED = -3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """What the sensors would say: a record per sensor by channel, each shape (n,), at `sample_rate` Hz."""
+    """The sensors' simulated records by channel, each shape (n,), at `sample_rate` Hz."""
 
     sample_rate: float
     channels: dict[str, FloatArray]
 
 
 def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> dict[str, FloatArray]:
-    """Put the faults of the measurement chains on true values, by channel; see `Chain`."""
+    """Apply the faults of the measurement chains to true values, by channel; see `Chain`."""
     chains = {drive.channel: drive.chain for drive in model.drives} | {s.channel: s.chain for s in model.sensors}
     out = {}
     for name, true in motion.items():
@@ -67,7 +67,7 @@ def _bent(values: FloatArray, bend: tuple[tuple[float, float], ...]) -> FloatArr
 
 
 def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drive channel's true values, its own chain's offset, gain and delay undone."""
+    """The drive channel's true values: the record with its chain's offset, gain and delay corrected."""
     return _true(model.drive.chain, excitation.recorded, excitation.sample_rate)
 
 
@@ -84,12 +84,12 @@ def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
 
 
 def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
-    """The drives of a run as they were recorded, up to sample `stop`.
+    """The recorded drives of a run, up to sample `stop`.
 
     Raises
     ------
     DataError
-        Where the run lacks one of them.
+        If the run lacks one of them.
     """
     first, *others = [run.channel(drive.channel).read(0, stop) for drive in model.drives]
     return Excitation.prepare(first, run.sample_rate, oversample=oversample, others=others)
@@ -104,14 +104,14 @@ def simulate(
     as_recorded: bool = False,
     samples: int | None = None,
 ) -> Response:
-    """The rig's free run from rest, or from the initial state of the configuration.
+    """Simulate the rig from rest, or from the initial state of the configuration.
 
     Parameters
     ----------
     model
         The rig.
     excitation
-        The drive channel as recorded; gain and delay of its own chain are corrected.
+        The drive channel as recorded; offset, gain and delay of its chain are corrected.
     configuration
         Configuration of the rig.
     start_time
@@ -124,7 +124,7 @@ def simulate(
     Raises
     ------
     SimulationError
-        Where the motion grows without bound.
+        If the motion grows without bound.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def simulate(
 
 
 def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
-    """What the sensors need of the coordinates and their speeds, shape (sensors, 2 n): an acceleration's is the speed."""
+    """Matrix from coordinates and their speeds to the sensors, shape (sensors, 2 n); for an acceleration it gives the speed."""
     order = compiled.basis.shape[1]
     sense = np.zeros((len(model.sensors), 2 * order))
     for k, sensor in enumerate(model.sensors):
@@ -192,23 +192,23 @@ def run_rig(
     modes: IntArray | None = None,
     log: FloatArray | None = None,
 ) -> tuple[int, Compiled]:
-    """Run a rig through its true drives on steps of `h` seconds; give the number of changes of state, and what was run.
+    """Simulate a rig under its true drives with steps of `h` seconds; return the number of changes of state, and the arrays used.
 
     Parameters
     ----------
     drive
-        See `true_fine`, shape (drives, steps); (steps,) where there is one.
+        See `true_fine`, shape (drives, steps); (steps,) if there is one.
     sense, out
-        Rows on the coordinates and their speeds, (sensors, 2 n), and where their values go, (sensors, steps).
+        Rows on the coordinates and their speeds, (sensors, 2 n), and the array for their values, (sensors, steps).
     begun
-        Position and velocity of the bodies whose motion is imposed, at first; see `imposed_start`.
+        Initial position and velocity of the bodies whose motion is imposed; see `imposed_start`.
     curved, modes, log
-        Where wanted: the curved forces (curves, steps), the mode (steps,), the changes (room, 3); see `kernel.run`.
+        Optional arrays for the curved forces (curves, steps), the mode (steps,), the changes (n, 3); see `kernel.run`.
 
     Raises
     ------
     SimulationError
-        Where the motion grows without bound.
+        If the motion grows without bound.
     """
     changes = 0
     first, *others = np.atleast_2d(drive)
@@ -247,10 +247,10 @@ def run_rig(
 
 
 def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drives' true values on the fine grid, each chain's gain and delay undone, shape (drives, steps).
+    """The drives' true values on the fine grid, each chain's offset, gain and delay corrected, shape (drives, steps).
 
-    Of an imposed motion its acceleration: straight between the points of the grid, it integrates to the recorded motion there
-    (the second derivative of a cubic spline is a polygon).
+    For an imposed motion its acceleration: linear between the grid points, it integrates to the recorded motion at them (the
+    second derivative of a cubic spline is piecewise linear).
     """
     rows = []
     for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True):
@@ -276,7 +276,7 @@ def _splined(key: bytes, order: int, rate: float, over: int) -> tuple[FloatArray
     from scipy.interpolate import CubicSpline
 
     values = np.frombuffer(key)
-    # Band-limited interpolation takes what comes before the record as zero.
+    # Band-limited interpolation treats the signal before the record as zero.
     fine = values[0] + interpolate(values - values[0], over, AS_IT_IS)
     time = np.arange(len(fine)) / (rate * over)
     spline = CubicSpline(time, fine)
@@ -298,12 +298,12 @@ def _imposed(drive: Drive, excitation: Excitation) -> tuple[FloatArray, FloatArr
 def initial_state(
     model: RigModel, configuration: str, compiled: Compiled, imposed: Mapping[str, tuple[float, float]]
 ) -> tuple[FloatArray, int]:
-    """Coordinates and speeds at first, shape (2 n,), and the mode that the engine begins in: contacts that move then slide.
+    """Initial coordinates and speeds, shape (2 n,), and the initial mode: contacts with a relative speed slide.
 
     Raises
     ------
     SimulationError
-        Where links that are rigid in this configuration do not allow the initial state.
+        If links that are rigid in this configuration do not allow the initial state.
     """
     setup = model.configurations[configuration]
     order = compiled.basis.shape[1]
@@ -315,7 +315,7 @@ def initial_state(
         position[name], velocity[name] = at, speed
     for half, given in ((slice(0, order), position), (slice(order, None), velocity)):
         whole = np.array([given.get(body.name, 0.0) for body in model.bodies])
-        # Bodies that nobody gives a value follow the others through rigid links.
+        # Bodies without a given value follow the others through rigid links.
         named = [k for k, body in enumerate(model.bodies) if body.name in given]
         if named:
             start[half] = np.linalg.lstsq(compiled.basis[named], whole[named])[0]

@@ -1,8 +1,8 @@
-"""Contacts that hold at the same time: how they share the force, what one being held forces on others, how they break away.
+"""Contacts that stick at the same time: how they share the force, which others they block, how they break away.
 
-Rows are the contacts' directions in coordinates of unit mass, shape (contacts, n): a contact's speed is its row times the
+Rows are the contacts' directions in mass-normalised coordinates, shape (contacts, n): a contact's speed is its row times the
 coordinates' speeds. Where contacts form a loop (two between the same bodies, or motor-table, table-ground and motor-ground)
-the rows are dependent, and their forces are not determined by the motion.
+the rows are linearly dependent, and the motion does not determine their forces.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: Share of a row below which what is left of it, once others are taken out, is rounding.
+#: Share of a row below which its remainder after projection onto others is rounding.
 ROUNDING = 1e-9
 
 
 def shared(rows: FloatArray, grips: FloatArray) -> FloatArray:
-    """Forces of held contacts from the relative accelerations that they must undo, shape (contacts, contacts).
+    """Matrix from relative accelerations to the forces of the sticking contacts that cancel them, shape (contacts, contacts).
 
-    Where the motion leaves their shares open, they are those with the least sum of force^2 / grip: contacts side by side
-    carry in proportion to their breakaway forces.
+    If the motion does not determine the forces, the sum of force^2 / grip is minimised: parallel contacts share the force in
+    proportion to their breakaway forces.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def shared(rows: FloatArray, grips: FloatArray) -> FloatArray:
 
 
 def implied(rows: FloatArray, held: list[int], others: list[int]) -> list[int]:
-    """Those of the other contacts that cannot move while the held ones do not."""
+    """Those of the other contacts that cannot slide while the held ones stick."""
     if not held or not others:
         return []
     _, sizes, right = np.linalg.svd(_unit(rows[held]), full_matrices=False)
@@ -51,11 +51,11 @@ def implied(rows: FloatArray, held: list[int], others: list[int]) -> list[int]:
 
 
 def patterns(rows: FloatArray) -> FloatArray:
-    """The relative speeds with which as few of the held contacts as possible move, shape (patterns, contacts).
+    """Patterns of relative speeds in which as few sticking contacts as possible slide, shape (patterns, contacts).
 
-    Independent contacts break away one by one. In a loop none moves alone: the contacts hold as long as along no pattern c
-    the holding forces' power sum c f exceeds that of their breakaway forces, sum |c| F (these are the facets of the set of
-    forces that they can bear together).
+    Independent contacts break away one by one. In a loop none slides alone: the contacts stick as long as for every pattern c
+    the power of the static forces, sum c f, does not exceed that of the breakaway forces, sum |c| F (these are the facets of
+    the set of forces that they can bear together).
     """
     count = len(rows)
     if count == 1:

@@ -1,11 +1,11 @@
-"""One instant at which contacts change: the joint state in which all of them go on.
+"""Instants at which contacts change state: the consistent combination of all contacts' states afterwards.
 
-Every contact at rest may hold, slide forward or slide backward. A combination is right where no margin falls below zero right
-after the instant: held forces within breakaway, what slides sliding its own way. With breakaway equal to sliding friction this is
-a linear complementarity problem, whose motion is unique. Where breakaway is greater several combinations may be right. Taken is
-the one that the present leads to: what holds goes on holding as long as it can, and where several cannot, the one
-furthest above its breakaway force lets go first. Only where that runs in a circle are all combinations looked through, those with
-the fewest changes first.
+Every contact at rest may stick, slide forward or slide backward. A combination is consistent if no margin falls below zero right
+after the instant: the forces of sticking contacts stay within breakaway, and each sliding contact slides in its direction. If
+breakaway equals sliding friction this is a linear complementarity problem with a unique motion. If breakaway is larger, several
+combinations may be consistent. The one reached from the present state is chosen: sticking contacts stick as long as they can; if
+several cannot, the one furthest above its breakaway force slides first. Only if this repeats in a cycle are all combinations
+searched, those with the fewest changes first.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from isorig.analysis.jit import inlined, kernel
 from isorig.analysis.simulate.curves import resist, step_on
 from isorig.analysis.simulate.workspace import Motion, Rig, first_margin, force_at
 
-#: Share of the terms of a sum that is rounding.
+#: Ratio of a sum to the sum of its absolute terms below which it is rounding.
 ROUNDING = 1e-11
-#: Share of a breakaway force, or of a margin's change in a step, that is surely more than rounding.
+#: Share of a breakaway force, or of a margin's change in a step, that is certainly larger than rounding.
 CLEAR = 1e-6
-#: Share of a curved force that the parabola of a step may miss.
+#: Maximum relative error of the parabola of a curved force in a step.
 DRAWN = 4e-6
-#: Share of a step over which the rate of a curved force is taken.
+#: Share of a step over which the rate of a curved force is computed.
 SHORT = 1e-3
-#: States of a contact that it may go on in from rest: held, forward, backward. Sliding outside of Karnopp's band has others.
+#: Number of states that may follow rest: sticking, sliding forward, sliding backward. Karnopp's law has more, beyond its band.
 AT_REST = 3
-#: Combinations tried in turn, by the one that lets go first, for each element.
+#: Maximum number of combinations tried one after another, per element, before all are searched.
 TRIALS = 4
 
 
@@ -43,7 +43,7 @@ def along(direction: FloatArray, y: FloatArray, n: int, step: float) -> tuple[fl
 
 @inlined
 def stop(settle: FloatArray, y: FloatArray, n: int, work: FloatArray) -> None:
-    """Take the speeds of settled contacts to zero."""
+    """Set the speeds of sticking contacts to zero."""
     for i in range(n):
         work[i] = 0.0
         for j in range(n):
@@ -56,22 +56,22 @@ def stop(settle: FloatArray, y: FloatArray, n: int, work: FloatArray) -> None:
 def begins(
     series: FloatArray, groups: int, row: int, y: FloatArray, n: int, largest: FloatArray, clear: float, p: FloatArray
 ) -> int:
-    """Sign of a margin right after now: that of its first Taylor coefficient beyond rounding; 0 where all are rounding.
+    """Sign of a margin right after now: that of its first Taylor coefficient beyond rounding; 0 if all are rounding.
 
     Parameters
     ----------
     series
         Taylor coefficients of a mode, see `Compiled`.
     groups, row
-        Groups of eight rows by term; the margin's row.
+        Number of groups of eight rows per term; the margin's row.
     y, n
         The vector, and the number of coordinates.
     largest
-        Size of each curved force, which is known to a share of `DRAWN`.
+        Magnitude of each curved force; its relative error is `DRAWN`.
     clear
-        Size from which on a margin is surely more than rounding.
+        Magnitude above which a margin is certainly larger than rounding.
     p
-        Filled with the margin's coefficients up to the first that counts, those before it zero.
+        Filled with the margin's coefficients up to the first beyond rounding, those before it zero.
     """
     block, lane = row // 8, row % 8
     value, before, free = 0.0, 0.0, 0.0
@@ -88,7 +88,7 @@ def begins(
             p[0] = value
             return 1 if value > 0.0 else -1
         if k > 0:
-            # What is uncertain in one coefficient comes from motion that the next one tells of.
+            # The uncertainty of a coefficient depends on motion that appears in the next one.
             p[k - 1] = known
             if abs(known) > ROUNDING * (before + size) + DRAWN * (free + drawn):
                 return 1 if known > 0.0 else -1
@@ -99,7 +99,7 @@ def begins(
 
 @inlined
 def start_curves(rig: Rig, motion: Motion, mode: int, now: float) -> None:
-    """Curved forces as they are in a mode, and their rates."""
+    """Compute the curved forces in a mode, and their rates."""
     n, step, y, rows = rig.n, rig.step, motion.y, rig.series[mode]
     groups = len(rows) // rig.terms
     for c in range(len(rig.codes)):
@@ -110,7 +110,7 @@ def start_curves(rig: Rig, motion: Motion, mode: int, now: float) -> None:
         y[f + 1] = y[f + 2] = 0.0
     for c in range(len(rig.codes)):
         d, v = along(rig.directions[c], y, n, step)
-        # The speed's own rate is the second row of the curve's two, one term further.
+        # The acceleration is in the second of the curve's two rows, one term further.
         row, acceleration = 2 * c + 1, 0.0
         for j in range(len(y)):
             acceleration += rows[groups + row // 8, j, row % 8] * y[j]
@@ -125,7 +125,7 @@ def start_curves(rig: Rig, motion: Motion, mode: int, now: float) -> None:
 
 @inlined
 def resting(rig: Rig, motion: Motion, mode: int, which: int) -> int:
-    """Mark the contacts that may hold or slide from now on; give the mode in which all of them are held."""
+    """Mark the contacts that may stick or slide from now on; return the mode in which all of them stick."""
     y, kinds, exits, rests, rows = motion.y, rig.kinds, rig.exits, motion.rests, rig.series[mode]
     first, groups = first_margin(rig), len(rows) // rig.terms
     target, held = exits[mode, which, 1], mode
@@ -155,14 +155,14 @@ def resting(rig: Rig, motion: Motion, mode: int, which: int) -> int:
 
 @inlined
 def weakest(rig: Rig, motion: Motion, mode: int) -> int:
-    """The exit by which a mode ends at once, -1 where it goes on: what slides the wrong way first, then the most overloaded."""
+    """Exit by which a mode ends at once, -1 if it continues: contacts sliding the wrong way first, then the most overloaded."""
     exits, limits, rows, p = rig.exits, rig.limits, rig.series[mode], motion.p
     first, groups = first_margin(rig), len(rows) // rig.terms
     found, most = -1, -1.0
     for g in range(exits.shape[1]):
         if exits[mode, g, 0] < 0:
             break
-        # Springs are far from a million million times as strong as the friction beside them.
+        # Spring forces are assumed to be less than 1e12 times the friction forces.
         clear = CLEAR * limits[mode, g] if exits[mode, g, 2] == 2 and len(rig.codes) == 0 else np.inf
         if begins(rows, groups, first + g, motion.y, rig.n, motion.largest, clear, p) < 0:
             if exits[mode, g, 2] < 2:
@@ -174,9 +174,9 @@ def weakest(rig: Rig, motion: Motion, mode: int) -> int:
 
 @inlined
 def follow(rig: Rig, motion: Motion, mode: int, which: int, now: float, late: bool) -> int:
-    """The mode in which the motion goes on after exit `which` of `mode`, speeds and curved forces made ready; -1 if none.
+    """Prepare speeds and curved forces after exit `which` of `mode`; return the mode that follows, -1 if none.
 
-    `late` says that the margin is below zero already, as after a jump of the force: then others may be further below.
+    `late` states that the margin is already below zero, for example after a jump of the force; others may then be further below.
     """
     exits, kinds, states = rig.exits, rig.kinds, rig.states
     stop(rig.settle[resting(rig, motion, mode, which)], motion.y, rig.n, motion.speeds)
@@ -190,7 +190,7 @@ def follow(rig: Rig, motion: Motion, mode: int, which: int, now: float, late: bo
         if g < 0:
             break
         if exits[trial, g, 2] == 0:
-            # A stop or a play changes too: contacts begin from there.
+            # A stop or a backlash changes state too: the contacts follow from that.
             e = exits[trial, g, 0]
             target += (states[exits[trial, g, 1], e] - states[target, e]) * rig.strides[e]
         trial = exits[trial, g, 1]
@@ -199,7 +199,7 @@ def follow(rig: Rig, motion: Motion, mode: int, which: int, now: float, late: bo
 
 @kernel
 def look_through(rig: Rig, motion: Motion, mode: int, target: int, now: float) -> int:
-    """The right combination of the contacts at rest with the fewest changes against `target`; -1 if there is none."""
+    """The consistent combination of the contacts at rest with the fewest changes from `target`; -1 if there is none."""
     states, rests = rig.states, motion.rests
     combinations = 1
     for e in range(len(rests)):
@@ -213,7 +213,7 @@ def look_through(rig: Rig, motion: Motion, mode: int, target: int, now: float) -
                     continue
                 state, choice = states[target, e], left % (AT_REST + 1)
                 left //= AT_REST + 1
-                # The last choice is a state beyond those at rest: Karnopp's outside of the band.
+                # The last choice is a state that does not follow rest: of Karnopp's law outside its band.
                 to = choice if choice < AT_REST else max(state, states[mode, e])
                 known = known and (choice < AT_REST or to >= AT_REST)
                 changed += to != state

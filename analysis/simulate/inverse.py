@@ -1,7 +1,7 @@
-"""The force that a measured motion takes: how a rig is judged whose bodies no spring holds.
+"""Inverse dynamics: the drive force from the measured motion, for rigs with bodies that no spring holds.
 
-A free run of such a rig drifts, whatever its friction. Its motion is measured, so the drive follows from the equations of
-motion: positions through a zero-phase low-pass, central differences, then force and prediction decimated alike
+A simulated run of such a rig drifts away from the measurement. The measured force is therefore compared with the force from the
+equations of motion: positions through a zero-phase low-pass, central differences, then both forces decimated in the same way
 (Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Syst. Technol. 21, 428).
 """
 
@@ -16,13 +16,13 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, matrices, single_drive
 
-#: Corner of the low-pass as a share of the sample rate, its order, and the decimation behind it.
+#: Corner frequency of the low-pass as a share of the sample rate, its order, and the decimation factor after it.
 CORNER = 0.08
 ORDER = 4
 DECIMATION = 10
-#: A motion whose stiffness is this share of what its bodies have each by itself is held by no spring but rounding.
+#: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
-#: Decimated samples at either end that are left out.
+#: Number of decimated samples dropped at each end.
 EDGE = 20
 
 
@@ -37,9 +37,9 @@ class Motion:
 
 
 def floats(model: RigModel) -> bool:
-    """Whether some body is held by no spring, directly or through others: some motion stretches none of them."""
+    """Whether no spring holds some body, directly or through others: a rigid-body motion exists."""
     if model.free_free:
-        # Its accelerations are those of a free run, wherever it floats to.
+        # Its accelerations are compared in a free run, independent of its drift.
         return False
     loose = [k for k, body in enumerate(model.bodies) if body.name not in model.imposed]
     if not loose:
@@ -52,7 +52,7 @@ def floats(model: RigModel) -> bool:
 
 
 def motion_from(positions: Mapping[str, FloatArray], rate: float) -> Motion:
-    """Smooth positions by body, and differentiate them twice."""
+    """Low-pass filter the positions of each body, and differentiate them twice."""
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(ORDER, CORNER * rate, fs=rate, output="sos")
@@ -63,25 +63,25 @@ def motion_from(positions: Mapping[str, FloatArray], rate: float) -> Motion:
 
 
 def decimated(values: FloatArray) -> FloatArray:
-    """A record at a tenth of its rate, without delay and without the ends, where the filters have not settled."""
+    """A record decimated by `DECIMATION` without delay, without the filter transients at its ends."""
     from scipy.signal import decimate
 
     return np.asarray(decimate(values, DECIMATION, ftype="iir", zero_phase=True))[EDGE:-EDGE]
 
 
 def required_drive(model: RigModel, motion: Motion) -> FloatArray:
-    """What the drive's channel would have recorded for a motion, decimated.
+    """The drive channel's record computed from a motion, decimated.
 
     Raises
     ------
     SimulationError
-        Where the model has what a motion does not tell: a body that nobody measured, a fault of a sensor.
+        If the motion does not determine the drive: a body is not measured, a sensor has a fault, or several bodies are driven.
     """
     single_drive(model, "a rig that is judged by its drive")
     pushed = [name for name, weight in model.drive.pushes.items() if weight]
     unseen = [body.name for body in model.bodies if body.name not in motion.position]
     faults = [sensor.chain != Chain() for sensor in model.sensors]
-    # What is compared is the drive's own record: nothing else could witness a fault of its channel, but for an offset.
+    # The drive's record itself is compared: of its channel's faults only an offset is identifiable.
     faults.append(model.drive.chain != Chain(offset=model.drive.chain.offset))
     if len(pushed) != 1 or unseen or any(faults):
         raise SimulationError(f"the rig {model.name!r} cannot be judged by its drive; every body must be measured, one be pushed")

@@ -1,6 +1,6 @@
-"""The compiled inner loop: linear motion from mode to mode, exits located to the last bit, curved forces as parabolas.
+"""The compiled inner loop: exact linear motion within a mode, changes of mode located to rounding, curved forces as parabolas.
 
-All in units of a step; see `Compiled` for the vector y and the arrays.
+All quantities are in units of a step; see `Compiled` for the vector y and the arrays.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ from isorig.analysis.simulate.instant import CLEAR, along, begins, follow
 from isorig.analysis.simulate.step import first_exit, point
 from isorig.analysis.simulate.workspace import Motion, Record, Rig, first_margin, force_at, room
 
-#: Steps of a run that may bend too much for one parabola before their share counts.
+#: Number of steps that may need more than one parabola before the limit on their share applies.
 PATIENCE = 64
-#: Changes of mode that one step may see; a motion that has more comes to no end.
+#: Maximum number of changes of mode within one step; beyond it the run is refused as not converging.
 TRIPS = 10_000
-#: Passes of the curved forces over a step, and the share of a force that may be left unsettled when they end.
+#: Maximum number of fixed-point passes for the curved forces in a step, and their relative convergence tolerance.
 PASSES, SETTLED = 10, 1e-8
-#: Share of a force by which a parabola may miss it between its points where a step is looked at closely. Elsewhere the last
-#: parabola, continued, may miss the step's end by so much, 64 times of what the step's own then misses in between.
+#: FINE: relative error of a parabola between its points above which a step is halved. ROUGH: relative error at the end of the
+#: step, of the extrapolated parabola of the last step, above which that error is checked; it is 64 times the error in between.
 FINE, ROUGH = 1e-6, 64 * 4e-6
-#: Shortest piece of a step that is taken to meet that.
+#: Shortest part of a step to which halving may lead.
 SHORTEST = 1e-4
-#: What is left after a step of the size that a force lately had.
+#: Factor per step by which the recent magnitude of a force decays.
 FADING = 0.9998
-#: Forces below this share of the drive are not worth being exact.
+#: Share of the drive below which a curved force need not be exact in relative terms.
 LEAST = 0.1
-#: How much worse than last seen a pass may settle, and how much a step on which it was not seen adds to that.
+#: Safety factor on the last observed convergence ratio, and its growth in each step without an observation.
 CAUTION, WEAR = 4.0, 1.02
 
 
 @kernel
 def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int, base: FloatArray, out: FloatArray) -> None:
-    """base + the columns from `first` up to `last` times y, eight rows at a time: their sums stay in wide registers."""
+    """Add columns `first` up to `last` times y to base, eight rows at a time, so that the sums stay in vector registers."""
     for b in range(blocks):
         a0, a1, a2, a3 = base[b, 0], base[b, 1], base[b, 2], base[b, 3]
         a4, a5, a6, a7 = base[b, 4], base[b, 5], base[b, 6], base[b, 7]
@@ -55,7 +55,7 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 @kernel
 def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
-    """Sensors' values, and where wanted the curved forces and the mode, at a point of the grid."""
+    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
     for r in range(len(record.filled)):
         acc = 0.0
         for k in range(record.filled[r]):
@@ -71,12 +71,12 @@ def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
 def march(
     rig: Rig, motion: Motion, record: Record, u: FloatArray, more: FloatArray, cuts: int, t0: float, mode: int, q: int
 ) -> int:
-    """Whole steps from step `q` on in one mode, up to the first in which a margin may fall below zero; that step's number."""
+    """Take whole steps from step `q` on in one mode; return the first step in which a margin may fall below zero."""
     y, base, ends, largest, d0, v0 = motion.y, motion.base, motion.ends, motion.largest, motion.d0, motion.v0
     after8, after, ratio, codes = motion.ahead, motion.ahead.reshape(-1), motion.ratio, rig.codes
     columns, blocks, step, n = rig.whole[mode], rig.blocks[mode], rig.step, rig.n
     m, size, curves = 2 * n, len(y), len(codes)
-    state, looks, ways = 4 * curves, -(-4 * curves // 8), 0
+    state, curve_blocks, ways = 4 * curves, -(-4 * curves // 8), 0
     while ways < rig.exits.shape[1] and rig.exits[mode, ways, 0] >= 0:
         ways += 1
     share = 1.0 / cuts
@@ -86,7 +86,7 @@ def march(
         d0[c], v0[c] = along(rig.directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
-            # As in `read_out`; a call costs as much as the step.
+            # As in `read_out`, inlined: a call takes as long as the step.
             for r in range(len(record.filled)):
                 acc = 0.0
                 for k in range(record.filled[r]):
@@ -110,7 +110,7 @@ def march(
                 f = force_at(n, c)
                 ends[c] = y[f] + y[f + 1] + 0.5 * y[f + 2]
             for attempt in range(PASSES):
-                ahead(columns, looks, y, m + 3, size, base, after8)
+                ahead(columns, curve_blocks, y, m + 3, size, base, after8)
                 worst = 0.0
                 for c in range(curves):
                     f, k = force_at(n, c), 4 * c
@@ -123,7 +123,7 @@ def march(
                     worst = max(worst, abs(f1 - ends[c]) / largest[c])
                     ends[c] = f1
                     if codes[c] >= MEMORY and v0[c] * after[k + 3] < 0.0:
-                        # A memory's rate has a corner where the speed turns.
+                        # The rate of a law with memory has a kink where the speed changes sign.
                         worst = max(worst, 1.0)
                 if attempt == 0 and worst > ROUGH:
                     return at * cuts + cut
@@ -135,14 +135,14 @@ def march(
             ahead(columns, blocks, y, m + 3, size, base, after8)
         for g in range(ways):
             g1, slope1 = after[state + m + 2 * g], after[state + m + 2 * g + 1]
-            # Below zero, or perhaps there and back: the tangent at the end began below zero.
+            # Below zero at the end, or possibly in between: the tangent at the end is below zero at the start.
             if not (g1 >= 0.0 and slope1 <= g1):
                 return at * cuts + cut
         for i in range(m):
             y[i] = after[state + i]
         for c in range(curves):
             f = force_at(n, c)
-            # The next step's first guess: this one's parabola, continued.
+            # Starting value of the next step: this step's parabola, extrapolated.
             y[f], y[f + 1] = ends[c], y[f + 1] + y[f + 2]
             d0[c], v0[c] = after[4 * c + 2], after[4 * c + 3]
             remember(codes[c], motion.inner, motion.after, c)
@@ -154,7 +154,7 @@ def march(
 
 @kernel
 def further(more: FloatArray, at: int, cut: int, share: float, y: FloatArray) -> None:
-    """Set the further drives and their rates at the start of a step; they are the last entries of the vector."""
+    """Set the further drives and their rates, the last entries of the vector, at the start of a step."""
     first = len(y) - 2 * len(more)
     for e in range(len(more)):
         slope = (more[e, at + 1] - more[e, at]) * share
@@ -163,17 +163,17 @@ def further(more: FloatArray, at: int, cut: int, share: float, y: FloatArray) ->
 
 @kernel
 def bend(y: FloatArray, f: int, f0: float, fm: float, f1: float, left: float) -> None:
-    """Make the curved force at y[f] a parabola through its values at start, middle and end of `left` of a step."""
+    """Set the curved force at y[f] to the parabola through its values at start, middle and end of the share `left` of a step."""
     y[f + 1] = (-3.0 * f0 + 4.0 * fm - f1) / left
     y[f + 2] = 4.0 * (f0 - 2.0 * fm + f1) / (left * left)
 
 
 @inlined
 def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) -> None:
-    """Taylor coefficients and end of a part of a step, the curved forces as parabolas that agree with the motion."""
+    """Compute Taylor coefficients and end of a part of a step, iterating the curved forces until they agree with the motion."""
     n, y, ends, largest, d0, v0, ratio = rig.n, motion.y, motion.ends, motion.largest, motion.d0, motion.v0, motion.ratio
     rows, curves, middle, end = rig.series[mode], len(rig.codes), motion.middle, motion.end
-    known, drive, size, looks = motion.known, 2 * n + 3, len(y), -(-2 * curves // 8)
+    known, drive, size, curve_blocks = motion.known, 2 * n + 3, len(y), -(-2 * curves // 8)
     for c in range(curves):
         d0[c], v0[c] = along(rig.directions[c], y, n, rig.step)
         f = force_at(n, c)
@@ -183,8 +183,8 @@ def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) 
         ahead(rows, len(rows), y, drive, size, known, motion.taylor)
     before = 0.0
     for attempt in range(PASSES if curves > 0 else 0):
-        point(motion.columns, 0.5 * part, looks, middle)
-        point(motion.columns, part, looks, end)
+        point(motion.columns, 0.5 * part, curve_blocks, middle)
+        point(motion.columns, part, curve_blocks, end)
         worst = 0.0
         for c in range(curves):
             f = force_at(n, c)
@@ -207,15 +207,15 @@ def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) 
 
 @inlined
 def missed(rig: Rig, motion: Motion, part: float, now: float) -> float:
-    """Largest share of a curved force by which its parabola misses it half-way through the first half of a part of a step."""
+    """Largest relative error of the curved forces' parabolas at a quarter of a part of a step."""
     curves, middle, quarter = len(rig.codes), motion.middle, motion.quarter
-    looks, worst = -(-2 * curves // 8), 0.0
+    curve_blocks, worst = -(-2 * curves // 8), 0.0
     if curves > 0:
-        point(motion.columns, 0.5 * part, looks, middle)
-        point(motion.columns, 0.25 * part, looks, quarter)
+        point(motion.columns, 0.5 * part, curve_blocks, middle)
+        point(motion.columns, 0.25 * part, curve_blocks, quarter)
     for c in range(curves):
         f = force_at(rig.n, c)
-        # A point that the parabola was not drawn through.
+        # The parabola does not interpolate this point.
         fq, _ = step_on(
             rig.codes[c], rig.params[c], motion.gate[c], motion.inner, motion.half, motion.spare, c, motion.d0[c], motion.v0[c],
             quarter[2 * c], quarter[2 * c + 1], middle[2 * c], middle[2 * c + 1], 0.5 * part * rig.step, now,
@@ -227,9 +227,9 @@ def missed(rig: Rig, motion: Motion, part: float, now: float) -> float:
 
 @inlined
 def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, passed: int) -> tuple[float, int]:
-    """Part of a step after which the first margin falls below zero, and its number; -1 where none does.
+    """Share of a step after which the first margin falls below zero, and its number; -1 if none does.
 
-    `calm` says that no change came right before; `passed` is an exit that was found to be none.
+    `calm` is true unless the mode has just changed; `passed` is an exit to ignore, because it did not change the mode.
     """
     taylor, p, exits, terms, rows = motion.columns, motion.p, rig.exits, rig.terms, rig.series[mode]
     first, groups = first_margin(rig), len(rows) // terms
@@ -239,20 +239,20 @@ def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, pass
         if exits[mode, g, 0] < 0:
             break
         g0, g1 = taylor[0, row], motion.end[row]
-        # Right after a change no margin is below zero but by rounding.
-        look = g1 < 0.0 or (g0 < 0.0 and calm)
-        if not look and taylor[1, row] < 0.0:
-            # Two crossings within the step: where the tangents at its ends meet below zero.
+        # Right after a change a margin below zero is rounding.
+        crosses = g1 < 0.0 or (g0 < 0.0 and calm)
+        if not crosses and taylor[1, row] < 0.0:
+            # Possibly two crossings within the step: if the tangents at its ends meet below zero.
             slope0, slope1 = taylor[1, row], 0.0
             for k in range(terms - 1, 0, -1):
                 slope1 = slope1 * part + k * taylor[k, row]
             if slope1 * part > g1:
                 meet = (g1 - slope1 * part - g0) / (slope0 - slope1)
-                look = g0 + slope0 * meet < 0.0
-        if look and g != passed:
+                crosses = g0 + slope0 * meet < 0.0
+        if crosses and g != passed:
             for k in range(terms):
                 p[k] = taylor[k, row]
-            # Only a margin that starts near zero may do so by rounding.
+            # Only the sign of a margin near zero is in doubt from rounding.
             clear = g0 > CLEAR * abs(g1)
             sign = 1 if clear else begins(rows, groups, row, motion.y, rig.n, motion.largest, np.inf, p)
             tau = 0.0 if sign < 0 else first_exit(p, part) if sign > 0 else 2.0
@@ -263,7 +263,7 @@ def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, pass
 
 @inlined
 def begin(rig: Rig, motion: Motion, peaks: FloatArray, start: FloatArray, mode: int, t0: float) -> None:
-    """The initial state, the curved forces in the first mode and their least sizes."""
+    """Set the initial state, the curved forces in the first mode and the magnitudes below which they need not be exact."""
     n, curves, whole = rig.n, len(rig.codes), rig.whole
     motion.y[2 * n] = motion.ratio[0] = 1.0
     for i in range(n):
@@ -286,10 +286,10 @@ def begin(rig: Rig, motion: Motion, peaks: FloatArray, start: FloatArray, mode: 
 
 @inlined
 def note(rig: Rig, log: FloatArray, mode: int, new_mode: int, now: float, events: int) -> int:
-    """Log the changes of state between two modes, as far as there is room; the number of changes so far."""
+    """Log the changes of state between two modes, up to the length of the log; return the number of changes so far."""
     for e in range(len(rig.kinds)):
         old, new = rig.states[mode, e], rig.states[new_mode, e]
-        # A contact that turns round is held for that instant.
+        # A contact that reverses sticks at that instant.
         for state in (0, new) if old > 0 and new != old and rig.kinds[e] == 1 else (new, new):
             if state != old:
                 if events < len(log):
@@ -304,7 +304,7 @@ def from_event_to_event(
     rig: Rig, motion: Motion, record: Record, u: FloatArray, more: FloatArray, peaks: FloatArray, start: FloatArray, mode: int,
     cuts: int, t0: float, split_share: float,
 ) -> int:  # fmt: skip
-    """The run itself, see `run`."""
+    """Simulate the run, see `run`."""
     n, y, curves = rig.n, motion.y, len(rig.codes)
     m, share, bent = 2 * n, 1.0 / cuts, 2 * curves
     calm, events, q, splits = True, 0, 0, 0
@@ -372,7 +372,7 @@ def from_event_to_event(
             if new_mode < 0:
                 return -3
             if new_mode == mode and tau == 0.0:
-                # It only seemed to end, by what the curved forces' parabolas miss.
+                # The exit is an artefact of the parabolas' error in the curved forces.
                 passed = which
             events = note(rig, record.log, mode, new_mode, now, events)
             mode = new_mode
@@ -418,7 +418,7 @@ def run(
     split_share: float,
     memories: int,
 ) -> int:
-    """Run a rig through its drives on a fine grid.
+    """Simulate a rig under its drives on a fine grid.
 
     Parameters
     ----------
@@ -429,31 +429,31 @@ def run(
     peaks
         Largest magnitude of each drive, shape (drives,).
     start, mode
-        Coordinates (m) and speeds (m/s) at first, shape (2 n,), and the mode that they are in.
+        Initial coordinates (m) and speeds (m/s), shape (2 n,), and the initial mode.
     n
         Number of coordinates.
     whole, blocks, series, terms, exits, limits, settle, possible, kinds, strides, states, curve_of, codes, params, directions,
     gates
         See `Compiled`.
     sense
-        Rows on z for what is wanted on the grid, shape (sensors, m).
+        Rows on z that give the sensors' values on the grid, shape (sensors, m).
     out, curved, modes
         Filled with the sensors' values (sensors, n), the curved forces (curves, n) and the mode (n,); the last two only
-        where `modes` is not empty.
+        if `modes` is not empty.
     log
-        Filled with (time, element, state) of every change of state as far as there is room.
+        Filled with (time, element, state) of each change of state, up to its length.
     split_share
-        Share of the steps up to which curved forces may bend too much for one parabola.
+        Maximum share of the steps in which curved forces may need more than one parabola.
     memories
-        Numbers that a law remembers at most.
+        Maximum number of state variables of a law.
 
     Returns
     -------
     int
-        Number of changes of state; -1 where the motion grows without bound, -2 where more steps bend too much, -3 where
-        contacts change without end, or no combination of their states is right.
+        Number of changes of state; -1 if the motion grows without bound, -2 if too many steps need more than one parabola,
+        -3 if contacts change without end, or no combination of their states is consistent.
     """
-    # Sensors read few coordinates: keep their weights in front.
+    # Sensors read few coordinates: store only their non-zero weights.
     weights = sense.copy()
     places, filled = np.zeros(sense.shape, dtype=np.int64), np.zeros(len(sense), dtype=np.int64)
     for r in range(len(sense)):

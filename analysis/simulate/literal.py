@@ -1,4 +1,4 @@
-"""The thesis's own way of simulating friction, for comparison only: its literal law under an adaptive Runge-Kutta 4(5)."""
+"""The thesis's simulation of friction, for comparison only: its law as printed, integrated by an adaptive Runge-Kutta 4(5)."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, matrices
 
-#: Speed in m/s below which the thesis calls a contact at rest.
+#: Speed in m/s below which the thesis treats a contact as at rest.
 BAND = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiteralRun:
-    """What the literal law makes of a drive.
+    """The simulated response with the law as printed.
 
     Parameters
     ----------
     states
         Coordinates in m and their speeds in m/s at every sample, shape (n, 2 bodies).
     friction
-        The contact's force in N as the law gives it at every sample, shape (n,).
+        The contact's friction force in N at every sample, shape (n,).
     evaluations
-        How often the solver asked for the right-hand side.
+        Number of evaluations of the right-hand side.
     """
 
     states: FloatArray
@@ -52,8 +52,8 @@ def literal_run(
     """Simulate a rig with one Coulomb contact as the thesis does.
 
     |v| > 1e-6 m/s: fr = Fc sign(v); else fr = Fnet where |Fnet| < Fc, and Fc sign(Fnet) beyond; Fnet is the force on the
-    contact's first body alone. On a base that moves that force does not hold the two together: the body leaves the band at once
-    and the sign of the speed alternates.
+    contact's first body alone. On a moving base that force does not keep the bodies together: the relative speed leaves the band
+    at once and its sign alternates.
 
     Parameters
     ----------
@@ -64,21 +64,21 @@ def literal_run(
     sample_rate
         Hz.
     velocity
-        The contact's speed, or the thesis's shortcut, the first body's own.
+        The contact's relative speed, or as in the thesis's shortcut the speed of the first body.
     holding
-        What holds at rest: the thesis's Fnet, the force on the contact's first "body" alone, or the force that keeps both sides
-        of the "contact" together, (force_a / m_a - force_b / m_b) / (1 / m_a + 1 / m_b).
+        Static friction force: the thesis's Fnet, the force on the contact's first "body" alone, or the force that keeps both
+        sides of the "contact" together, (force_a / m_a - force_b / m_b) / (1 / m_a + 1 / m_b).
     smoothing
-        In place of the law (2 / pi) Fc arctan(v / smoothing), m/s.
+        Speed in m/s of the law (2 / pi) Fc arctan(v / smoothing), which replaces the law above; None for the law above.
     between
-        The force at a time: of the nearest sample, as in the thesis, or on the straight line between samples.
+        Drive force between samples: of the nearest sample, as in the thesis, or linearly interpolated.
     method, rtol, atol
-        Of scipy's `solve_ivp`.
+        Arguments of scipy's `solve_ivp`.
 
     Raises
     ------
     ModelError
-        Where the rig has other laws.
+        If the rig has other laws.
     """
     from scipy.integrate import solve_ivp
 
@@ -122,7 +122,7 @@ def literal_run(
         return np.concatenate([z[n:], (forces - rub * friction) / weights])
 
     times = np.arange(len(force)) / sample_rate
-    # A step of the solver may jump over a short pulse.
+    # A step of the solver may miss a short pulse.
     found = solve_ivp(rates, (0.0, times[-1]), np.zeros(2 * n), method=method, t_eval=times, rtol=rtol, atol=atol)
     states: FloatArray = found.y.T
     friction = np.array([resistance(t, z)[0] for t, z in zip(times, states, strict=True)])

@@ -1,4 +1,4 @@
-"""Move profiles: what the head is told to do, as an acceleration that moves it exactly so far."""
+"""Move profiles: the commanded acceleration of the head, which moves it by the exact distance."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Shape = Literal["sine", "constant"]
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A move from rest to rest, and the rest after it.
+    """A move from rest to rest, and the pause after it.
 
     Parameters
     ----------
     distance
-        m, either way.
+        Signed distance, m.
     acceleration
         Largest acceleration, m/s^2.
     pause
-        Rest after the move, s.
+        Pause after the move, s.
     shape
         "sine": one period of a sine, lasting T = sqrt(2 pi |d| / a); "constant": forward for the first half, backward for the
         second, lasting T = sqrt(4 |d| / a).
@@ -63,21 +63,21 @@ class Move:
 def head_acceleration(moves: Sequence[Move], sample_rate: float, *, lead: float = 0.02, tail: float = 1.0) -> FloatArray:
     """The head's acceleration in consecutive moves, shape (n,), m/s^2.
 
-    Each sample is the mean over its step, so that the sum keeps every move's momentum whatever the rate.
+    Each sample is the mean over its step, so that the sum conserves the momentum of every move at any rate.
 
     Parameters
     ----------
     moves
-        In their order.
+        The moves in order.
     sample_rate
         Hz; the shortest move must last four samples.
     lead, tail
-        Rest before and after, s.
+        Pause before and after, s.
 
     Raises
     ------
     DataError
-        Where there are no moves, or one is shorter than four samples.
+        If there are no moves, or one is shorter than four samples.
     """
     if not moves:
         raise DataError("the profile has no moves; give at least one")

@@ -11,7 +11,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.compiled import imposed_coordinates, linear_part
 
-#: Roots slower than this share of the fastest are motions that no spring holds.
+#: Ratio to the largest root below which a root counts as a motion that no spring holds.
 HELD = 1e-6
 
 
@@ -24,9 +24,9 @@ class NaturalMode:
     frequency
         Undamped natural frequency |root| / 2 pi, Hz.
     damping
-        Damping ratio; 1 or more where it does not swing.
+        Damping ratio, below 1.
     shape
-        How far each body moves, shape (bodies,), the largest 1.
+        Motion of each body, shape (bodies,), the largest 1.
     """
 
     frequency: float
@@ -35,10 +35,9 @@ class NaturalMode:
 
 
 def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...]:
-    """The modes in ascending frequency, by the roots of the damped equations of motion; friction and laws are left out.
+    """The modes in ascending frequency, from the roots of the damped equations of motion without friction and laws.
 
-    Motions that no spring holds are no modes, nor are those that creep back without swinging; bodies whose motion is imposed
-    stand still.
+    Motions that no spring holds and overdamped motions are not included; bodies whose motion is imposed are fixed.
     """
     basis, mass, damping, stiffness = linear_part(model, configuration)
     loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
@@ -54,7 +53,7 @@ def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...
     for root, vector in zip(roots, vectors.T, strict=True):
         if root.imag > least:
             shape = basis @ vector[:n]
-            # Turned so that most of it is real: bodies then move with or against each other.
+            # Rotated in the complex plane to be as real as possible: bodies then move in phase or in antiphase.
             turned = np.real(shape * np.exp(-0.5j * np.angle((shape**2).sum())))
             largest = turned[int(np.argmax(np.abs(turned)))]
             size = float(abs(root))

@@ -1,4 +1,4 @@
-"""Between the sampled world and the fine grid: band-limited interpolation, differentiating decimation, delays."""
+"""Conversion between samples and the fine grid: band-limited interpolation, differentiating decimation, delays."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from isorig.analysis.jit import fast_kernel
 
 #: Half the length of the filters, in samples.
 TAPS = 16
-#: Samples kept beyond a beginning.
+#: Number of samples kept after the end of a shortened drive.
 AFTER = 256
-#: Straight lines between values dampen a line by sinc^2, which this undoes up to the fourth power of the step.
+#: Linear interpolation between values attenuates a spectrum by sinc^2; this filter compensates it to fourth order in the step.
 STRAIGHTENED = np.array([-1.0, 14.0, -1.0]) / 12.0
-#: Joined by anything else.
+#: No compensation, for other kinds of interpolation.
 AS_IT_IS = np.ones(1)
-#: Central difference whose error is of the fourth power of the step, and the plain one where no filter follows.
+#: Central differences: of fourth order in the step, and of second order for use without a filter.
 SLOPE = np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12.0
 PLAIN = np.array([0.5, 0.0, -0.5])
 
@@ -33,7 +33,7 @@ def _lowpass(factor: int, half: int) -> FloatArray:
 
 
 def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -> FloatArray:
-    """Band-limited interpolation by a whole factor, shape (n * factor,); by default to be joined by straight lines."""
+    """Band-limited interpolation by an integer factor, shape (n * factor,); by default compensated for linear interpolation."""
     from scipy.signal import upfirdn
 
     if factor == 1:
@@ -46,7 +46,7 @@ def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
-    """A drive made ready once for many simulations.
+    """A drive prepared once for many simulations.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ class Excitation:
     oversample
         Fine steps per sample.
     fine
-        The drive on the fine grid, shape (n * oversample,); joined by straight lines it has the drive's spectrum.
+        The drive on the fine grid, shape (n * oversample,); with linear interpolation it has the drive's spectrum.
     others
-        Further drives of the same rig, in its order.
+        Further drives of the same rig, in the rig's order.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Excitation:
         Raises
         ------
         DataError
-            Where the drive is shorter than two samples or not finite, or the rate is not positive.
+            If the drive is shorter than two samples or not finite, or the rate is not positive.
         """
         recorded = np.asarray(drive, dtype=np.float64)
         if recorded.ndim != 1 or len(recorded) < 2:
@@ -111,7 +111,7 @@ class Excitation:
         return Excitation.prepare(recorded, self.sample_rate, oversample=self.oversample, others=others)
 
     def beginning(self, samples: int) -> Excitation:
-        """The first samples of the same drive, and what filters and delays need beyond them."""
+        """The first samples of the same drive, and the further ones that filters and delays need."""
         kept = samples + AFTER
         others = tuple(other.beginning(samples) for other in self.others)
         return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample], others=others)
@@ -121,7 +121,7 @@ class Excitation:
 def _sampler(factor: int, differentiate: bool) -> FloatArray:
     h = _lowpass(factor, TAPS)
     g = np.convolve(h, SLOPE if factor > 1 else PLAIN) if differentiate else h
-    # zeros in front bring the filter's middle onto the decimated grid
+    # Leading zeros align the filter's centre with the decimated grid.
     return np.concatenate([np.zeros(-(len(g) // 2) % factor), g])
 
 
@@ -134,7 +134,7 @@ def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatA
     for k in range(n):
         last = (k + lead) * down
         first = last - length + 1
-        # Slices, because an index that might be negative keeps the sum out of vector lanes.
+        # Slices, because a possibly negative index prevents vectorisation of the sum.
         inside = x[max(0, first) : last + 1]
         weights = flipped[max(0, -first) :]
         acc = 0.0
@@ -147,10 +147,11 @@ def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatA
 def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: bool) -> FloatArray:
     """Low-pass (linear phase, -6 dB at half the sample rate) and decimate; with `differentiate` the derivative.
 
-    Accelerations have steps where friction reverses, and sampling steps aliases: velocities are continuous.
+    Accelerations are differentiated from velocities: they jump where friction reverses, and a sampled jump aliases, while
+    velocities are continuous.
     """
     tail = TAPS * factor + 2
-    # Beyond the record's end the motion goes on straight.
+    # After the record's end the motion is extrapolated linearly.
     slope = fine[-1] - fine[-2]
     fine = np.concatenate([fine, fine[-1] + slope * np.arange(1, tail)])
     g = _sampler(factor, differentiate)
@@ -160,12 +161,12 @@ def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: b
     begun = float(fine[0])
     if begun == 0.0:
         return fir(g / h if differentiate else g, fine, factor, lead, n)
-    # Before the record's beginning the motion stood where it begins.
+    # Before the record's start the motion is constant at its first value.
     return fir(g / h if differentiate else g, fine - begun, factor, lead, n) + (0.0 if differentiate else begun)
 
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
-    """x(t - delay), band-limited, on zero-padded spectrum."""
+    """x(t - delay), band-limited, by a phase shift of the zero-padded spectrum."""
     if delay == 0.0:
         return x
     n = len(x)

@@ -1,4 +1,4 @@
-"""Parts of a step: the motion as a polynomial in time, and where along it a margin falls below zero."""
+"""Parts of a step: the motion as a polynomial in time, and the time at which a margin falls below zero."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from isorig.analysis.jit import kernel
 
 @kernel
 def point(coefficients: FloatArray, x: float, groups: int, out: FloatArray) -> None:
-    """The rows at the share x of a step from their Taylor coefficients (terms, 8 * groups), by Horner, eight at a time."""
+    """Evaluate the rows at the share x of a step from their Taylor coefficients (terms, 8 * groups), by Horner's method."""
     last = len(coefficients) - 1
     for b in range(0, 8 * groups, 8):
         a0, a1, a2, a3, a4, a5, a6, a7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -36,7 +36,7 @@ def polynomial(p: FloatArray, x: float) -> float:
 
 @kernel
 def falls(p: FloatArray, high: float, below: float) -> float:
-    """Where the polynomial, positive at zero and `below` zero at `high`, crosses zero: Newton, kept between the two."""
+    """Zero of a polynomial that is positive at zero and has the negative value `below` at `high`, by bracketed Newton."""
     low, above = 0.0, p[0]
     x = low + (high - low) * above / (above - below) if above > below else 0.5 * (low + high)
     for _ in range(80):
@@ -49,7 +49,7 @@ def falls(p: FloatArray, high: float, below: float) -> float:
         else:
             high = x
         new = x - value / slope if slope != 0.0 else -1.0
-        # Newton doubles the digits with every step: the next one would lie below rounding.
+        # Newton converges quadratically: the next correction would be below rounding.
         if abs(new - x) <= 1e-9 * high:
             return max(new, 0.0)
         if not low <= new <= high:
@@ -62,15 +62,15 @@ def falls(p: FloatArray, high: float, below: float) -> float:
 
 @kernel
 def first_exit(p: FloatArray, left: float) -> float:
-    """Part of a step after which a margin falls below zero; 2 where it does not.
+    """Share of a step after which a margin falls below zero; 2 if it does not.
 
     Parameters
     ----------
     p
-        Taylor coefficients of the margin, the first that is not zero above zero. Where the margin begins from zero, for its
-        state has just begun, that zero is divided out; the array is overwritten.
+        Taylor coefficients of the margin; the first non-zero one is positive. If the margin starts at zero, because its state
+        has just begun, that zero is divided out; the array is overwritten.
     left
-        What is left of the step.
+        Remaining share of the step.
     """
     zeros = 0
     while p[zeros] == 0.0:
@@ -84,7 +84,7 @@ def first_exit(p: FloatArray, left: float) -> float:
         value = value * left + p[k]
     if value < 0.0:
         return falls(p, left, value)
-    # It may dip below zero in between: where the tangents at both ends meet below zero, look at its lowest point.
+    # It may fall below zero in between: if the tangents at both ends meet below zero, evaluate its minimum.
     if p[1] >= 0.0 or slope <= 0.0 or p[0] + p[1] * (value - slope * left - p[0]) / (p[1] - slope) >= 0.0:
         return 2.0
     low, high = 0.0, left

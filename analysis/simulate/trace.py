@@ -1,4 +1,4 @@
-"""Internal quantities of a free run: forces of contacts and links, and when each contact sticks and slides."""
+"""Internal quantities of a simulated run: forces of contacts and links, and the times at which contacts stick and slide."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from isorig.analysis.simulate.compiled import Compiled, compile_rig, imposed_coo
 from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
 
-#: Initial memory for changes of state, per second; it grows as needed.
+#: Memory added for changes of state whenever the log is full.
 ROOM = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A contact changes its state.
+    """A change of state of a contact.
 
     Parameters
     ----------
     time
         Seconds from the drive's first sample, located to rounding error.
     contact
-        Its name.
+        Name of the contact.
     slides
         0 if it sticks from now on, 1 if it slides forward (a relative to b), -1 backward.
     """
@@ -38,7 +38,7 @@ class Change:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """A free run with its internal quantities.
+    """A simulated run with its internal quantities.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Trace:
         Force that passes through each link with its laws and the contacts between the same two ends, from body a to body
         b, N, by link; shape (n,).
     changes
-        Every stick and slip in order. Laws that never stick have none.
+        All changes between sticking and sliding in order. Laws that never stick have none.
     """
 
     response: Response
@@ -71,7 +71,7 @@ def trace(
     start_time: float = 0.0,
     as_recorded: bool = False,
 ) -> Trace:
-    """The rig's free run from rest with its internal forces; parameters and errors as for `simulate`.
+    """Simulate the rig from rest with its internal forces; parameters and errors as for `simulate`.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def trace(
 
 @dataclass(frozen=True, kw_only=True)
 class _Inside:
-    # A run with everything that goes on inside, on the fine grid: coordinates and speeds, drives, forces of the elements, modes.
+    # Internal quantities of a run on the fine grid: coordinates and speeds, drives, forces of the elements, modes.
     compiled: Compiled
     drives: FloatArray
     states: FloatArray
@@ -164,7 +164,7 @@ def _motion(inside: _Inside, w: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> FloatArray:
-    """The force of a link's laws or of a contact; where no free body feels it, from the motion that is imposed on both ends."""
+    """The force of a link's laws or of a contact; if both ends are imposed, it is computed from the imposed motions."""
     compiled, rubs = inside.compiled, isinstance(part, Contact)
     own = [k for k, name in enumerate(compiled.elements) if name == part.name and compiled.rubs[k] == rubs]
     force = np.zeros(inside.states.shape[1])
@@ -180,7 +180,7 @@ def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> Fl
 
 
 def _through(model: RigModel, inside: _Inside, link: Link, configuration: str) -> FloatArray:
-    # What passes from a to b through the link, its laws and the contacts between the same two ends.
+    # Force from a to b through the link, its laws and the contacts between the same two ends.
     d, v = _motion(inside, direction(model, link.a, link.b, link.arms))
     force = link.stiffness * d + link.damping * v + _element_force(model, inside, link)
     blocked = model.configurations[configuration].rigid
@@ -191,7 +191,7 @@ def _through(model: RigModel, inside: _Inside, link: Link, configuration: str) -
 
 
 def _imposing(model: RigModel, inside: _Inside, which: int, configuration: str) -> FloatArray:
-    # What it takes to impose a motion: what the body's mass needs, and what all joints and other drives put on it.
+    # Force that imposes a motion: the inertial force of the body plus resistance of all joints minus forces of other drives.
     drive = model.drives[which]
     basis, mass, damping, stiffness = linear_part(model, configuration)
     order = basis.shape[1]
@@ -250,18 +250,18 @@ def with_forces(
     samples: int,
     steps: int,
 ) -> Response:
-    """A free run of a rig of which some sensors record forces, see `isorig.analysis.simulate.free_run.simulate`."""
+    """Simulate a rig in which some sensors record forces, see `isorig.analysis.simulate.free_run.simulate`."""
     inside = _run(model, excitation, configuration, start_time, steps)
     return _response(model, excitation, inside, configuration, samples, as_recorded=as_recorded)
 
 
 def _in_time(values: FloatArray, changes: FloatArray) -> None:
-    # A jump between two points of the grid counts from its moment on, not from the middle between the points.
+    # Correct the samples for the time of a jump between two grid points, which would otherwise count as half-way.
     first = np.minimum(changes.astype(np.int64), len(values) - 2)
     late = changes - first - 0.5
     np.add.at(values, first + (late > 0.0), (values[first] - values[first + 1]) * late)
 
 
 def _way(state: int) -> int:
-    # Of a contact: held, then forward and backward in turns.
+    # States of a contact: sticking, then forward and backward alternately.
     return 0 if state == 0 else 1 if state % 2 == 1 else -1

@@ -1,4 +1,4 @@
-"""What the kernels of a run work on, in three parts: the rig, the state of the motion, the record."""
+"""Data structures of the simulation kernels: the rig, the state of the motion, the record."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from isorig.analysis.jit import allocating_kernel, inlined, kernel
 
 
 class Rig(NamedTuple):
-    """The rig for one length of step; see `Compiled` for the arrays.
+    """The rig for one step length; see `Compiled` for the arrays.
 
     Parameters
     ----------
     step
-        Seconds.
+        Step length, s.
     n
         Number of coordinates.
     """
@@ -42,34 +42,34 @@ class Rig(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The state of the motion, and room for what a step computes.
+    """The state of the motion, and memory for the intermediate results of a step.
 
     Parameters
     ----------
     y
         The kernel's vector, see `Compiled`.
     gate, largest, floor
-        By curved element: sign in its present state, size of its force lately, least size that is worth being exact.
+        By curved element: sign in its present state, recent magnitude of its force, magnitude below which it need not be exact.
     d0, v0, ends
         By curved element: elongation (m) and speed (m/s) at the start of the step, force at its end.
     inner, half, after, spare
-        What laws remember, shape (curves, memories): at the start of the step, half-way of one law (memories,), at its end, and
-        at the end of parts that are only looked at.
+        State variables of the laws, shape (curves, memories): at the start of the step, in the middle for one law (memories,), at
+        its end, and at the end of trial parts.
     ratio
-        How far a pass leaves the curved forces from where the next one takes them, as last seen; one number.
+        Last observed convergence ratio of the passes for the curved forces; one number.
     base, ahead
-        For a whole step in groups of eight rows: what is known beforehand, and all.
+        Results of a whole step in groups of eight rows: the part without the curved forces, and the total.
     still, known, taylor, columns
-        Taylor coefficients in groups of eight rows: zeros, what is known beforehand, all; `columns` is the view of `taylor` by
-        term, shape (terms, rows).
+        Taylor coefficients in groups of eight rows: zeros, the part without the curved forces, the total; `columns` is the view
+        of `taylor` by term, shape (terms, rows).
     end, middle, quarter
-        The rows at shares of a step.
+        The rows at the end, the middle and a quarter of a part of a step.
     p
         Taylor coefficients of a margin.
     speeds
-        Of the coordinates.
+        Speeds of the coordinates.
     rests
-        Contacts that may hold or slide from now on.
+        Contacts that may stick or slide from now on.
     """
 
     y: FloatArray
@@ -99,12 +99,12 @@ class Motion(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What is kept of the motion; see `run` for `out`, `curved`, `modes` and `log`.
+    """The recorded part of the motion; see `run` for `out`, `curved`, `modes` and `log`.
 
     Parameters
     ----------
     weights, places, filled
-        By sensor: weights that are not zero, their places in the vector, and their number.
+        By sensor: its non-zero weights, their places in the vector, and their number.
     """
 
     weights: FloatArray
@@ -118,7 +118,7 @@ class Record(NamedTuple):
 
 @allocating_kernel
 def room(rig: Rig, memories: int) -> Motion:
-    """Room for the motion of a rig whose laws remember up to so many numbers; all zeros."""
+    """Allocate the motion of a rig whose laws have up to `memories` state variables; all zeros."""
     curves, blocks, groups = len(rig.codes), rig.whole.shape[1], rig.series.shape[1]
     rows = 8 * (groups // rig.terms)
     taylor = np.zeros((groups, 8))
