@@ -1,4 +1,4 @@
-"""The parameter table of a rig: a joint fit of all runs with friction in the model."""
+"""Parameter table of a rig: a joint fit of all runs with friction in the model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation")
 #: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
 #: recordings with filters of 0.75 to 2.5 times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
-#: Relative step by which the slopes of a mode's frequency and damping are taken, and the relative change that is rounding.
+#: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
 SLOPE, ROUNDING = 1e-4, 1e-9
 #: The drive's factor: the head's mass.
 HEAD = "drive.factor"
@@ -35,8 +35,8 @@ HEAD = "drive.factor"
 CALIBRATION = "calibration_std"
 MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
 WEIGHED = "weighed"
-NO_SLIDING = "it leaves no trace in these runs: take one in which the contact slides"
-NO_TRACE = "it leaves no trace in these runs: take one in which it moves"
+NO_SLIDING = "not identifiable from these runs; record one in which the contact slides"
+NO_TRACE = "not identifiable from these runs; record one that excites it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +54,10 @@ class Entry:
 class Characterization:
     """The table by name, its fit, the runs, and the held-out error with the noise floor.
 
-    Of the wire bonder the table has its bodies' masses, frequencies and damping ratios; of another rig the parameters of its
-    description by their paths, and the frequency and damping ratio of the modes of every configuration that was measured.
-    `faults` are of the records: runs with spoilt channels took no part where their configuration has others. `head_mass` is
-    fitted where nobody has weighed it. `calibrated` says whether the recording tells how well its sensors are calibrated.
+    For the wire bonder the table has its bodies' masses, frequencies and damping ratios; for another rig the parameters of its
+    description by their paths, and the frequency and damping ratio of the modes of every measured configuration. `faults` are
+    faults in the records: runs with faulty channels are not used if their configuration has others. `head_mass` is fitted if it
+    is not given. `calibrated` states whether the recording gives the calibration uncertainty of its sensors.
     """
 
     table: dict[str, Entry]
@@ -92,7 +92,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     campaign
         The measurement; needs locked and unlocked runs for all values.
     model
-        The rig with first guesses.
+        The rig with starting values.
     progress
         Called with one line for each stage.
 
@@ -110,7 +110,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
     bonder = is_wire_bonder(model)
     given = dict(campaign.known)
     if bonder and campaign.description is not None:
-        # What a description does not mark as free it gives.
+        # Values that a description does not mark as free are given.
         given |= {f"{body}_mass": model.body(body).mass for body, _ in BODIES}
         given |= {"head_mass": model.drive.factor}
     if bonder and "head_mass" not in given:
@@ -136,7 +136,7 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
 
 
 def is_wire_bonder(model: RigModel) -> bool:
-    """Whether a rig has the bodies and links by which the wire bonder's table is named."""
+    """Whether a rig has the bodies and links of the wire bonder's table."""
     bodies, links = {body.name for body in model.bodies}, {link.name for link in model.links}
     return all(body in bodies and link in links for body, link in BODIES) and model.drive.quantity == "acceleration"
 
@@ -180,7 +180,7 @@ def _kind(path: str) -> str:
 
 
 def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
-    # How frequency and damping of each mode change with the fitted values, by central differences; only where they do.
+    # Non-zero derivatives of each mode's frequency and damping with respect to the fitted values, by central differences.
     modes = natural_modes(fitted.model, configuration)
     slopes: list[tuple[dict[str, float], dict[str, float]]] = [({}, {}) for _ in modes]
     for path, value in fitted.values.items():

@@ -9,19 +9,19 @@ from cyclopts import Parameter
 
 
 def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
-    """Fit a rig's free parameters to all runs, and write the parameter table with standard deviations.
+    """Fit a rig's free parameters to all runs, and write the parameter table with standard uncertainties.
 
-    Of the wire bonder these are masses, frequencies, damping ratios and friction, with the thesis's own readings set-up by
-    set-up. Of another rig they are the parameters of its description, and the frequency and damping ratio of its modes.
+    For the wire bonder these are masses, frequencies, damping ratios and friction, and the values from the thesis's method for
+    each set-up. For another rig they are the parameters of its description, and the frequency and damping ratio of its modes.
 
     Example: rig characterize campaign.h5 -o parameters
 
     Parameters
     ----------
     campaign
-        A recording; of the wire bonder locked and unlocked.
+        A recording; for the wire bonder with locked and unlocked runs.
     output
-        The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit over its data, and of
+        The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit and its data, and for
         the wire bonder set-ups.png and error-surface.png.
     """
     from rich.console import Console
@@ -40,7 +40,7 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
             write_text(output / "fits.html", fits_page(measured, found))
             more = {}
         else:
-            status.update("reading the set-ups one by one")
+            status.update("evaluating the set-ups separately")
             more = {"set_ups": about(write_set_ups(output, measured, found))}
     path = write_characterization(output, measured, found, more)
     head = {} if found.head_mass is None else {"head_mass": found.head_mass}
@@ -56,7 +56,7 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
         size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:
-        print("The recording gives no calibration_std of its sensors, so the uncertainties include the noise only.")
+        print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")
     for fault in found.faults:
         print(fault.text)
     print(path)

@@ -32,15 +32,15 @@ def export(
     output
         The file to write.
     what
-        Samples in SI, or transfer functions.
+        Samples in SI units, or transfer functions.
     run
         Only these runs; by default all.
     reference
-        The channel that drives, for transfer functions; the first drive of the rig's description where absent.
+        Reference channel of transfer functions; by default the first drive of the rig's description.
     resolution
         Frequency resolution of transfer functions, Hz.
     text
-        Write universal files as text, not binary.
+        Write universal files as text instead of binary.
     """
     from isorig.rig.exchange.target import export_campaign, export_parameters
 

@@ -1,4 +1,4 @@
-"""rig isolation: the isolation ratio, measured and simulated, stitched from several gains."""
+"""rig isolation: the isolation ratio, measured and simulated, composed of runs at several gains."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def isolation(
     response: str | None = None,
     configurations: tuple[str, str] | None = None,
 ) -> None:
-    """Compute how much of the drive reaches a channel in one configuration relative to another, measured and simulated.
+    """Compute the response of a channel to the drive in one configuration relative to another, measured and simulated.
 
-    Of the wire bonder: how much reaches the heatblock, unlocked over locked. Of another rig, or with a reference, a response or
-    configurations given: the magnitude of response over reference, relative to the second configuration where there is one.
+    For the wire bonder: the response of the heatblock, unlocked over locked. For another rig, or with a given reference, response
+    or configurations: the magnitude of response over reference, relative to the second configuration if there is one.
 
     Example: rig isolation campaign.h5 --parameters parameters/parameters.json -o isolation
 
@@ -35,26 +35,26 @@ def isolation(
     Parameters
     ----------
     campaign
-        A recording with broad-band runs; of the wire bonder unlocked and locked.
+        A recording with broad-band runs; for the wire bonder unlocked and locked.
     output
         The folder for isolation.csv, isolation.json and isolation.png.
     model
-        A model.json to be simulated and evaluated in the same way; by default none.
+        A model.json that is simulated and evaluated in the same way; by default none.
     parameters
         The parameters.json of rig characterize: the wire bonder with these values is simulated, by the joint fit and by
         half-power, and both are plotted with the measured ratio.
     method
-        Use only one of the two.
+        Use only one of these two methods.
     stitch
         Upper frequency limit of the highest gain, where the next gain takes over, Hz.
     resolution
-        Distance of lines, Hz.
+        Frequency resolution, Hz.
     reference
-        The channel in the denominator; the first drive of the rig's description where absent.
+        The channel in the denominator; by default the first drive of the rig's description.
     response
-        The channel in the numerator; the last sensor of the description where absent.
+        The channel in the numerator; by default the last sensor of the description.
     configurations
-        Numerator and denominator; the first two of the description that were measured where absent.
+        Numerator and denominator; by default the first two measured ones of the description.
     """
     import numpy as np
 

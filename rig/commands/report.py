@@ -13,8 +13,8 @@ def report(
 ) -> None:
     """Write one page about a recording, for readers who were not present.
 
-    Runs, transfer functions with coherence, parameters, simulated over measured, of the wire bonder the isolation ratio, and
-    what the simulation gets wrong. The page works offline, from a mail attachment too.
+    It has the runs, transfer functions with coherence, parameters, measured and simulated records, for the wire bonder the
+    isolation ratio, and the errors of the simulation. The page works offline, for example as a mail attachment.
 
     Example: rig report campaign.h5 -o report
 
@@ -25,7 +25,7 @@ def report(
     output
         The folder for report.html, parameters.json, parameters.csv and model.json.
     history
-        The parameters.json of earlier campaigns on this rig, to be compared with the new ones.
+        The parameters.json of earlier campaigns on this rig, for comparison.
     """
     from rich.console import Console
 

@@ -25,8 +25,8 @@ def campaign(
 ) -> None:
     """Simulate a whole session on a virtual rig.
 
-    Of the wire bonder: three gains unlocked, two locked, a series of moves. Of another rig: three runs in every configuration,
-    driven as its description says in usual.
+    For the wire bonder: three gains unlocked, two locked, a series of moves. For another rig: three runs in every configuration,
+    with the usual drive of its description.
 
     Example: rig virtual campaign -o campaign.h5 --seed 1
 
@@ -35,18 +35,18 @@ def campaign(
     output
         The recording to write.
     model
-        A description in .toml, the name of one that rig describe lists, or a model.json; the thesis's wire bonder where absent.
+        A description in .toml, the name of one that rig describe lists, or a model.json; by default the thesis's wire bonder.
     seed
         Random seed of drives and noise.
     noise
-        Standard deviation of every sensor's noise: of the wire bonder in m/s^2, of another rig as a share of the channel's rms.
+        Standard deviation of every sensor's noise: for the wire bonder in m/s^2, for another rig as a share of the channel's rms.
     seconds
-        Length of a run of another rig than the wire bonder; as its description says where absent.
+        Length of a run, s, for rigs other than the wire bonder; by default as in the description.
     session
         The first session, or other runs measured later on the same rig.
     hide
-        An effect hidden in the rig: a cause of the catalogue, e.g. end_stop, "outside: hose" or another one outside the
-        catalogue, or "two". The seed determines its place and parameters.
+        An effect hidden in the rig: a cause of the catalogue, e.g. end_stop, "outside: hose" or another effect outside
+        the catalogue, or "two". The seed determines its place and parameters.
     size
         Relative size of the effect; 1 is full size.
     """
@@ -63,7 +63,7 @@ def campaign(
     rig = given.model
     if not is_wire_bonder(rig):
         if hide is not None or session != "first":
-            raise PlanError(f"--hide and --session are of the wire bonder; {rig.name} has neither, so leave them out")
+            raise PlanError(f"--hide and --session are available for the wire bonder only; omit them for {rig.name}")
         write(output, described_campaign(given, seed=seed, noise=noise, seconds=seconds))
         print(output)
         return
@@ -154,7 +154,7 @@ def instrument(
         SimulatedFramed(wire, plant, faults=faults, speed=speed).serve(seconds)
         return
     if hide is not None:
-        raise RigError(f"--hide needs an instrument that plays a drive; a {kind} plays none, so choose framed")
+        raise RigError(f"--hide needs an instrument that plays a drive; {kind} does not, so use --kind framed")
     peer = far_end(kind, rig, noise=noise, seed=seed, speed=speed or 1.0, seconds=min(seconds, 600.0), faults=faults)
     wire = TcpWire() if tcp else PtyWire()
     print(wire.port, flush=True)

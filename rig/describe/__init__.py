@@ -1,1 +1,1 @@
-"""A rig's description: drawn in the terminal, written from answers, and what its sensors determine."""
+"""A rig's description: drawing, questions, and which parameters its sensors determine."""

@@ -14,7 +14,7 @@ from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.prediction import predicted
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
 
-#: Longest run that is simulated for this, s.
+#: Maximum length of a simulated run, s.
 LONGEST = 8.0
 
 
@@ -24,7 +24,7 @@ def from_usual_runs(model: RigModel, paths: Sequence[str]) -> Identifiability:
     Raises
     ------
     AnalysisError, PlanError
-        Where the rig cannot be simulated or fitted.
+        If the rig cannot be simulated or fitted.
     """
     runs = []
     for k, name in enumerate(model.configurations):
@@ -36,7 +36,7 @@ def from_usual_runs(model: RigModel, paths: Sequence[str]) -> Identifiability:
 
 
 def sentences(found: Identifiability, free: bool) -> list[str]:
-    """The result in words; `free` says whether the parameters are those marked as free."""
+    """The result as sentences; `free` states whether the parameters are those marked as free."""
     said = []
     remedy = "Remove at least one of them from free and give its value, or add a sensor or a configuration." if free else ""
     for group in found.indistinguishable:
@@ -52,7 +52,7 @@ def sentences(found: Identifiability, free: bool) -> list[str]:
 
 
 def uncertainties(found: Identifiability) -> dict[str, str]:
-    """The relative standard uncertainty by path, as it is shown."""
+    """The relative standard uncertainty by path, as text."""
     return {
         path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
         for path, std in zip(found.paths, found.std, strict=True)

@@ -1,4 +1,4 @@
-"""A rig asked for: a few questions, and the model that the answers make."""
+"""Questions about a rig, and the model from the answers."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from isorig.rig.errors import PlanError
 
 Ask = Callable[[str], str]
 T = TypeVar("T")
-#: Times that an answer may be unusable before the questions end: a script that answers wrongly must not go on for ever.
+#: Maximum number of unusable answers to a question, so that a script with wrong answers ends.
 TRIES = 5
 NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 
 
 class _AnswerError(Exception):
-    """An answer that cannot be used; the sentence says why."""
+    """An unusable answer; the sentence gives the reason."""
 
 
 @dataclass
@@ -34,17 +34,17 @@ class _Parts:
 
 
 def asked(ask: Ask) -> RigModel:
-    """The rig that the answers make.
+    """Ask for a rig; return the model from the answers.
 
     Parameters
     ----------
     ask
-        Shows a question and gives the answer's line, as `input` does.
+        Shows a question and returns the answer's line, as `input` does.
 
     Raises
     ------
     PlanError
-        Where the answers end too early, or one question is answered unusably `TRIES` times.
+        If the answers end too early, or a question has no usable answer after `TRIES` tries.
     """
     print("Press Enter alone to accept the answer in [brackets]. SI units: kg, N/m, Hz, s.\n")
     parts = _Parts()
@@ -56,11 +56,11 @@ def asked(ask: Ask) -> RigModel:
     for body in parts.bodies.values():
         _joints(ask, parts, body)
     drive = _answer(
-        ask, "What drives it: channel, quantity, body pushed, and force per unit where it is not a force itself\n"
+        ask, "Its drive: channel, quantity, driven body, and force per unit if the quantity is not a force\n"
         "  (e.g.: hammer force frame / u voltage stage 4): ", lambda text: _drive(text, parts.bodies),
     )  # fmt: skip
     while True:
-        more = "" if not parts.sensors else " (Enter: no more)"
+        more = "" if not parts.sensors else " (Enter: no further sensor)"
         sensor = _answer(
             ask, f"A sensor: channel, body, quantity (e.g.: a1 frame acceleration){more}: ", lambda text: _sensor(text, parts)
         )
@@ -68,7 +68,7 @@ def asked(ask: Ask) -> RigModel:
             break
         parts.sensors.append(sensor)
     masses = _answer(
-        ask, "Bodies whose mass is not known and is to be fitted [none]: ", lambda text: _names(text, parts.bodies)
+        ask, "Bodies with unknown mass, which is fitted [none]: ", lambda text: _names(text, parts.bodies)
     )  # fmt: skip
     known_factor = drive.quantity in ("force", "torque") or _answer(
         ask, "Is the drive's factor known? y/n [n] ", lambda text: text.lower().startswith("y")
@@ -82,7 +82,7 @@ def asked(ask: Ask) -> RigModel:
             drive=drive, sensors=tuple(parts.sensors), free=tuple(free),
         )  # fmt: skip
     except ModelError as error:
-        raise PlanError(f"these answers make no rig: {error}; call rig describe --new again") from None
+        raise PlanError(f"these answers do not describe a rig: {error}; run rig describe --new again") from None
 
 
 def _answer(ask: Ask, question: str, use: Callable[[str], T]) -> T:
@@ -101,9 +101,9 @@ def _bodies(text: str) -> dict[str, Body]:
     for part in text.split(","):
         match = re.fullmatch(rf"\s*(\w+)\s+({NUMBER})\s*(kg)?\s*(m\^?2|m²)?\s*", part)
         if match is None:
-            raise _AnswerError(f"{part.strip()!r} is not a body with its mass; write e.g. frame 40 kg, stage 2 kg")
+            raise _AnswerError(f"{part.strip()!r} is not a body with its mass; write for example frame 40 kg, stage 2 kg")
         if match[1] in found or match[1] == GROUND:
-            raise _AnswerError(f"the name {match[1]!r} is taken; give each body its own")
+            raise _AnswerError(f"the name {match[1]!r} is already used; give each body another name")
         body = Body(name=match[1], mass=float(match[2]), motion="rotation" if match[4] else "straight")
         if not body.mass > 0.0:
             raise _AnswerError(f"{body.name} has mass {body.mass:g}; give one above zero")
@@ -115,7 +115,7 @@ def _joints(ask: Ask, parts: _Parts, body: Body) -> None:
     earlier = [GROUND, *(name for name in parts.bodies if name != body.name)]
     first = True
     while True:
-        more = "[ground]" if first else "[nothing more]"
+        more = "[ground]" if first else "[no further joint]"
         base = _answer(
             ask, f"What is {body.name} joined to ({', '.join(earlier)})? {more} ",
             lambda text, first=first: _one_of(text, earlier, GROUND if first else ""),  # type: ignore[misc]
@@ -149,20 +149,20 @@ def _joints(ask: Ask, parts: _Parts, body: Body) -> None:
         if force > 0.0:
             parts.contacts.append(Contact(name=name, a=body.name, b=base, law=Coulomb(friction_force=force)))
         if not (link.stiffness or link.damping or force):
-            print(f"  Nothing joins {body.name} to {base} then.")
+            print(f"  {body.name} is not joined to {base}.")
 
 
 def _one_of(text: str, names: list[str], usual: str) -> str:
     name = text or usual
     if name and name not in names:
-        raise _AnswerError(f"{name!r} is none of {', '.join(names)}; name one of these")
+        raise _AnswerError(f"{name!r} is unknown; allowed are {', '.join(names)}")
     return name
 
 
 def _number(text: str) -> float:
     match = re.match(NUMBER, text)
     if match is None or float(match[0]) < 0.0:
-        raise _AnswerError(f"{text!r} is not a number of zero or more; write e.g. 25000")
+        raise _AnswerError(f"{text!r} is not a number of zero or more; write for example 25000")
     return float(match[0])
 
 
@@ -194,14 +194,12 @@ def _drive(text: str, bodies: Mapping[str, Body]) -> Drive:
     words = text.split()
     if len(words) not in (3, 4):
         raise _AnswerError(
-            "give channel, quantity and body, and for other quantities than a force the newtons per unit: u voltage stage 4"
+            "give channel, quantity and body, and the newtons per unit of any other quantity than a force: u voltage stage 4"
         )
     channel, quantity, body = words[0], _quantity(words[1]), _one_of(words[2], list(bodies), "")
     own = quantity in ("force", "torque")
     if not own and len(words) == 3:
-        raise _AnswerError(
-            f"a {quantity} is not a force: add how many newtons one {SI_UNIT[quantity]} pushes with, if only a guess"
-        )
+        raise _AnswerError(f"a {quantity} is not a force; add the newtons per {SI_UNIT[quantity]}, at least as a first guess")
     factor = _number(words[3]) if len(words) == 4 else 1.0
     return Drive(channel=channel, quantity=quantity, factor=factor, pushes={body: 1.0})
 
@@ -211,14 +209,14 @@ def _sensor(text: str, parts: _Parts) -> Sensor | None:
         return None
     words = text.split()
     if len(words) != 3:
-        raise _AnswerError("give channel, body and quantity, e.g. x1 stage displacement")
+        raise _AnswerError("give channel, body and quantity, for example x1 stage displacement")
     if any(sensor.channel == words[0] for sensor in parts.sensors):
-        raise _AnswerError(f"the channel {words[0]!r} is there already; give each sensor its own")
+        raise _AnswerError(f"the channel {words[0]!r} is already used; give each sensor another channel")
     quantity, body = _quantity(words[2]), _one_of(words[1], list(parts.bodies), "")
     if quantity not in MOTION:
         raise _AnswerError(f"a {quantity} is not a motion of a body; give one of {', '.join(MOTION)}")
     if quantity in ROTARY and parts.bodies[body].motion == "straight":
-        raise _AnswerError(f"{body} moves straight and has no {quantity}; give displacement, velocity or acceleration")
+        raise _AnswerError(f"{body} moves in a straight line and has no {quantity}; give displacement, velocity or acceleration")
     return Sensor(channel=words[0], body=body, quantity=quantity)
 
 

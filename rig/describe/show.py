@@ -1,4 +1,4 @@
-"""What `rig describe` prints."""
+"""Output of `rig describe`."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.terminal import show_table
 
-#: Share of a mode's largest motion below which a body is not listed.
+#: Share of a mode's largest motion below which a body is omitted.
 STILL = 0.02
-#: Letters of a line of the drawing.
+#: Maximum number of characters in a line of the drawing.
 WIDEST = 1 << 10
 
 
 def listed() -> None:
-    """The descriptions that come with the package."""
+    """Print the descriptions that come with the package."""
     models = {name: read_rig(path).model for name, path in SHIPPED.items()}
     show_table(
         "Descriptions that come with the package",
-        ("name", "bodies", "drive", "what it is"),
+        ("name", "bodies", "drive", "description"),
         [
             (name, str(len(model.bodies)), f"{model.drive.channel} ({model.drive.quantity})", model.note)
             for name, model in models.items()
         ],
     )
-    print("rig describe NAME shows one, rig describe NAME -o my-rig.toml copies it, rig describe --new asks for another.")
+    print("rig describe NAME shows one, rig describe NAME -o my-rig.toml copies it, rig describe --new asks for a new one.")
 
 
 def shown(model: RigModel, *, sensors: bool) -> None:
-    """The drawing, the parameters, the modes, and what the sensors determine."""
+    """Print the drawing, the parameters, the modes, and which parameters the sensors determine."""
     print(f"{model.name}{f': {model.note}' if model.note else ''}\n")
-    # Lines as long as they are: a number is never cut.
+    # Without line breaks, so that no number is truncated.
     wide = Console(width=WIDEST)
     with wide.capture() as drawing:
         wide.print(drawn(model))
     print("\n".join(line.rstrip() for line in drawing.get().splitlines()))
-    print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? is fitted; the rest is treated as known\n")
+    print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? fitted; all other values are treated as known\n")
     free = bool(model.free)
     paths = model.free or tuple(path for path in physical_parameters(model) if model.get(path) != 0.0)
     known: dict[str, str] = {}
@@ -52,8 +52,8 @@ def shown(model: RigModel, *, sensors: bool) -> None:
             found = from_usual_runs(model, paths)
             known, said = uncertainties(found), sentences(found, free)
         except (AnalysisError, PlanError) as error:
-            said = [f"What the sensors determine is not available: {error}."]
-    title = "Fitted" if free else "Nothing is marked as free, so nothing would be fitted; all numbers"
+            said = [f"Which parameters the sensors determine is not available: {error}."]
+    title = "Fitted" if free else "No parameter is marked as free, so none would be fitted; all parameters"
     columns = ("parameter", "value", "unit", *(("uncertainty",) if known else ()))
     show_table(
         title,
@@ -61,7 +61,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
         [(path, f"{model.get(path):.6g}", unit_of(path, model), *((known[path],) if known else ())) for path in paths],
     )
     if known:
-        print("(uncertainty: relative standard uncertainty after a usual run, for noise of 1 % of its rms on every channel)")
+        print("(uncertainty: relative standard uncertainty from a usual run with noise of 1 % of the rms on every channel)")
     for sentence in said:
         print(sentence)
     print()
@@ -69,7 +69,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
 
 
 def show_modes(model: RigModel) -> None:
-    """The modes of every configuration."""
+    """Print the modes of every configuration."""
     found = [
         (name, f"{mode.frequency:.4g}", f"{mode.damping:.3g}", _shape(model, mode))
         for name in model.configurations

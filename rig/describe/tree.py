@@ -1,4 +1,4 @@
-"""A rig drawn in the terminal: what hangs on what, what pushes, what is measured, what is known."""
+"""Drawing of a rig in the terminal: bodies, joints, drives and sensors, and which values are known."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from isorig.rig.files.rigtext import plain
 
 
 def drawn(model: RigModel) -> Tree:
-    """The rig as a tree from the ground up: springs, dampers and contacts with their values, bodies with drive and sensors.
+    """The rig as a tree from the ground: springs, dampers and contacts with their values, bodies with drive and sensors.
 
-    A joint between two bodies that are in the tree already is shown at one of them, with an arrow to the other.
+    A joint between two bodies that are already in the tree is shown at one of them, with an arrow to the other.
     """
     tree = Tree("ground (fixed)", highlight=False)
     places = {GROUND: tree}
@@ -21,7 +21,7 @@ def drawn(model: RigModel) -> Tree:
     waiting = [body.name for body in model.bodies]
     while left:
         joint = next((one for one in left if one.a in places or one.b in places), None)
-        if joint is None:  # bodies that no joint leads to from the ground
+        if joint is None:  # a body that no joint connects to the ground
             name = next(name for name in waiting if name not in places)
             places[name] = Tree(_body(model, name), highlight=False)
             tree.add(places[name])

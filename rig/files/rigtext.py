@@ -1,4 +1,4 @@
-"""A rig as the text of its description in TOML."""
+"""Text of a rig's description in TOML."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import msgspec
 
 from isorig.analysis.model.rig_model import RigModel
 
-#: Parts that stand one to a line.
+#: Lists with one entry per line.
 LISTS = ("bodies", "links", "contacts", "more_drives", "sensors")
-#: Tables with a heading, at the end of the file.
+#: Tables with their own heading, at the end of the file.
 HEADED = ("configurations", "limits", "usual")
 
 
 def description_text(model: RigModel, notes: Mapping[str, str] | None = None) -> str:
-    """The description of a rig, to be read and changed by people; what has its default is left out.
+    """The description of a rig, formatted for reading and editing; fields with their default value are omitted.
 
     Parameters
     ----------
     model
         The rig.
     notes
-        What to write as a comment above a key of the top level, in front of the file under "".
+        Comments above keys of the top level, by key; the comment under "" is at the start of the file.
     """
     tree, said = plain(model), notes or {}
     lines = _comment(said.get("", ""))
@@ -47,7 +47,7 @@ def description_text(model: RigModel, notes: Mapping[str, str] | None = None) ->
 
 
 def plain(part: msgspec.Struct) -> dict[str, Any]:
-    """A part as plain values, without the keys that have their default; a law begins with its name."""
+    """A part as plain values, without keys that have their default; the first key of a law is its name."""
     kind = part.__struct_config__
     found: dict[str, Any] = {} if kind.tag is None else {str(kind.tag_field): kind.tag}
     for field in msgspec.structs.fields(type(part)):
@@ -81,5 +81,5 @@ def _value(value: Any) -> str:
         return "{ " + ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items()) + " }" if value else "{}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "[" + ", ".join(map(_value, value)) + "]"
-    # A text, a number and a truth value of JSON are the same in TOML.
+    # Strings, integers and booleans are written alike in JSON and TOML.
     return msgspec.json.encode(value).decode() if not isinstance(value, float) else repr(value)

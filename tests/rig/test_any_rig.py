@@ -105,7 +105,7 @@ def test_a_table_of_another_rig_is_no_wire_bonder(tmp_path: Path, capsys: pytest
     assert main(["simulate", "--parameters", str(tmp_path / "parameters.json"), "-o", str(tmp_path / "a.h5")]) == 2
     assert "another rig than the wire bonder" in capsys.readouterr().err
     assert main(["virtual", "campaign", "--model", "two-carts", "--hide", "end_stop", "-o", str(tmp_path / "a.h5")]) == 2
-    assert "two carts has neither" in capsys.readouterr().err
+    assert "omit them for two carts" in capsys.readouterr().err
 
 
 def test_isolation_between_two_configurations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
