@@ -1,6 +1,6 @@
-"""What a fleet costs beside its diagnoses, how fast ten thousand answers are queried and drawn, and what a second worker brings.
+"""Overhead of a fleet beyond its diagnoses, time to query and plot ten thousand answers, and speed-up by a second worker.
 
-`python bench/fleet.py` prints seconds. The workers' part wants a machine that does nothing else; the load is printed beside it.
+`python bench/fleet.py` prints seconds. The part with workers needs an otherwise idle computer; the load is printed next to it.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from isorig.rig.fleet.query import asked
 from isorig.rig.fleet.report import fleet_page
 from isorig.rig.fleet.update import update, work_of
 
-#: Recordings that are diagnosed, rigs and campaigns of the catalogue that is queried, jobs that the workers share.
+#: Number of diagnosed recordings, of rigs and campaigns in the queried catalogue, and of jobs for the workers.
 RECORDINGS, RIGS, CAMPAIGNS, JOBS = 8, 200, 50, 16
-#: Steps of one job that stands for a diagnosis: about a second.
+#: Steps of a job that replaces a diagnosis: about one second.
 STEPS = 15_000_000
 
 
 def timed(function: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Seconds that a call takes."""
+    """Duration of a call, s."""
     begun = clock()
     function()
     return clock() - begun
 
 
 def overhead(folder: Path) -> list[Row]:
-    """Processor time of the fleet beside that of the diagnoses."""
+    """Processor time of the fleet, without that of the diagnoses, and of the diagnoses."""
     measured, store = folder / "measured", Catalogue(folder / "fleet")
     draw = np.random.default_rng(1)
     for k in range(RECORDINGS):

@@ -1,8 +1,8 @@
-"""All benchmarks one after the other, and one table of them with ratios to their peers: docs/bench.md.
+"""Run all benchmarks and write docs/bench.md: their results with ratios to other packages.
 
     python bench/run.py [--quick] [NAME ...]
 
-With names only these benchmarks run, and only their sections of the page are replaced. The exit status is 1 where a benchmark
+With names, only these benchmarks run, and only their sections of the page are replaced. The exit status is 1 if a benchmark
 failed.
 """
 
@@ -25,7 +25,7 @@ from table import Row
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "bench.md"
-#: Each benchmark and what it measures.
+#: Title of each benchmark's section.
 NAMES = {
     "simulate": "The simulator: time and error",
     "spectra": "Transfer functions: time and memory",
@@ -36,19 +36,19 @@ NAMES = {
     "diagnose": "Diagnoses: time",
     "fleet": "A fleet: time",
 }
-#: Seconds after which a benchmark is stopped: several times what the longest takes on two processors.
+#: Time limit of a benchmark in s: several times the duration of the longest one on two processors.
 LONGEST = 900.0
 PEERS = ("numpy", "scipy", "numba", "pyFRF", "pyEMA", "diffrax", "jax")
 HEAD = """# Benchmarks
 
 `make bench` runs all benchmarks and writes this page; `make bench QUICK=--quick` uses fewer repetitions. Each benchmark is one
-file in `bench/`, which prints more figures than this page has. The ratio is the other package's value divided by ours: a ratio
-above 1 means that the other package takes longer or has the larger error. Absolute times depend on the machine; ratios hardly do.
+file in `bench/`, which prints further figures. The ratio is the other value divided by that of isorig: a ratio above 1 means that
+the other package or method takes longer or has the larger error. Times depend on the computer, ratios only slightly.
 """
 
 
 def measure(name: str, quick: bool) -> tuple[list[Row], str]:
-    """The rows of a benchmark, and what went wrong, if anything did."""
+    """Run a benchmark; return its rows, and the reason if it failed."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "rows.json"
         call = [sys.executable, str(HERE / f"{name}.py"), "--rows", str(path), *(["--quick"] if quick else [])]
@@ -72,7 +72,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def machine(quick: bool) -> str:
-    """Where the figures come from."""
+    """The computer, its load, and the versions of the packages."""
     versions = []
     for name in PEERS:
         try:
@@ -88,7 +88,7 @@ def machine(quick: bool) -> str:
 
 
 def write_section(name: str, text: str) -> None:
-    """Put a benchmark's section into the page, in the place of the one before."""
+    """Write a benchmark's section into the page, replacing the previous one."""
     page = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
     parts = re.split(r"^## (.*)\n\n", page, flags=re.MULTILINE)
     sections = dict(zip(parts[1::2], (part.strip() for part in parts[2::2]), strict=True)) | {NAMES[name]: text.strip()}
@@ -99,8 +99,8 @@ def write_section(name: str, text: str) -> None:
 def main() -> int:
     """Run the benchmarks and write the page, section by section."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[[], *NAMES], help="which benchmarks; all where none is named")
-    parser.add_argument("--quick", action="store_true", help="fewer repeats")
+    parser.add_argument("names", nargs="*", choices=[[], *NAMES], help="the benchmarks to run; by default all")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions")
     given = parser.parse_args()
     failures = []
     for name in given.names or NAMES:
@@ -112,7 +112,7 @@ def main() -> int:
         if wrong:
             failures.append(wrong)
     print("\n" + PAGE.read_text(encoding="utf-8"))
-    print("\n".join(failures) or f"kept in {PAGE.relative_to(HERE.parent)}")
+    print("\n".join(failures) or f"written to {PAGE.relative_to(HERE.parent)}")
     return 1 if failures else 0
 
 

@@ -1,8 +1,8 @@
-"""The simulator's speed and error beside peers, on the three-mass rig with 20 N of friction under 60 N rms at 2048 Hz.
+"""Speed and error of the simulator and of other packages: three-mass rig, 20 N of friction, drive of 60 N rms, 2048 Hz.
 
-Run `python bench/simulate.py`. Times are the least of several repeats, in ms of one core per simulated second. Errors are of
-the motor's speed relative to the table, rms over rms, against an integrator of tests/analysis/reference.py (DOP853 at 1e-12,
-events located) over one second. diffrax comes with the extra `bench`, and is left out where it is not installed.
+Run `python bench/simulate.py`. Times are the shortest of several repetitions, in ms of one core per simulated second. Errors are
+those of the motor's speed relative to the table, rms over rms, compared with an integrator of tests/analysis/reference.py
+(DOP853 at 1e-12, events located) over one second. diffrax comes with the extra `bench`, and is omitted if it is not installed.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ TRUTH = {"sliding": lambda v, s: FRICTION * s, "static": FRICTION}
 
 
 def rig() -> RigModel:
-    """The thesis's three-mass rig, pushed at the motor."""
+    """The thesis's three-mass rig, driven by a force on the motor."""
     push = Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force")
     return replace(wire_bonder(THESIS), drive=push, free=())
 
 
 def least(work: Callable[[], object], repeats: int) -> float:
-    """Seconds of one core, the least of the repeats."""
+    """Seconds of one core, the shortest of the repetitions."""
     spent = []
     for _ in range(repeats):
         began = time.thread_time()
@@ -51,7 +51,7 @@ def least(work: Callable[[], object], repeats: int) -> float:
 
 
 def ours(model: RigModel, force: FloatArray) -> FloatArray:
-    """Speeds of the three bodies by the exact engine, shape (3, n); the rig is made ready each time."""
+    """Speeds of the three bodies by the exact engine, shape (3, n); includes the preparation of the rig."""
     out = np.zeros((3, len(force)))
     run_rig(model, "unlocked", force, 1.0 / RATE, 0.0, np.eye(3, 6, 3), out)
     return out
@@ -59,7 +59,7 @@ def ours(model: RigModel, force: FloatArray) -> FloatArray:
 
 @numba.njit(error_model="numpy", fastmath={"contract"})
 def recurrence(step: FloatArray, start: FloatArray, end: FloatArray, u: FloatArray, out: FloatArray) -> None:
-    """The bare linear motion and nothing else: the limit of any method that goes from sample to sample."""
+    """The linear motion alone: the lower limit of any method that steps from sample to sample."""
     z, z1 = np.zeros(6), np.zeros(6)
     for k in range(len(u) - 1):
         for i in range(6):

@@ -1,8 +1,8 @@
-"""CPU and memory of transfer functions with coherence, beside peers: 600 s at 25.6 kHz, 1 input, 4 outputs, 8192-point segments.
+"""CPU and memory of transfer functions with coherence, compared: 600 s at 25.6 kHz, 1 input, 4 outputs, 8192-point segments.
 
-Run `python bench/spectra.py`; the peers come with the extra `bench`. Each method has a process of its own, so that its peak
-memory is its own; its CPU time is the least of its repeats. Memory is the peak above the loaded record (for the recording
-on disk: above the process before it opened the file).
+Run `python bench/spectra.py`; the peers come with the extra `bench`. Each method runs in a separate process, so that its peak
+memory is measured separately; its CPU time is the shortest of its repetitions. Memory is the peak above the loaded record (for
+the recording on disk: above the process before it opened the file).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def ours(data: FloatArray) -> float:
 
 
 def transform_alone(data: FloatArray) -> float:
-    """rfft of the windowed segments and nothing else: what no method can go below."""
+    """rfft of the windowed segments alone: the lower limit of any method."""
     window, block, spent = HANN.samples(LENGTH), np.empty((8, LENGTH)), 0.0
     for row in data:
         segments = np.lib.stride_tricks.sliding_window_view(row, LENGTH)[:: LENGTH // 2]
@@ -68,7 +68,7 @@ def transform_alone(data: FloatArray) -> float:
 
 
 def pyfrf(data: FloatArray) -> float:
-    """pyFRF, told not to copy."""
+    """pyFRF, without copies."""
     import pyFRF
 
     start = time.process_time()

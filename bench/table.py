@@ -1,4 +1,4 @@
-"""What every benchmark has in common: its options, and the rows that it adds to the table of `bench/run.py`."""
+"""Options of every benchmark, and the rows that it adds to the table of `bench/run.py`."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from pathlib import Path
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One figure of ours, beside a peer's where there is one.
+    """A result of isorig, and that of another package or method if there is one.
 
     Parameters
     ----------
     what, unit
-        What is measured.
+        The measured quantity and its unit.
     ours
-        Our figure.
+        The value of isorig.
     peer, theirs
-        The peer and its figure; empty and None where there is none.
+        The other package or method and its value; empty and None if there is none.
     limit
-        What our figure must keep, and whether it does.
+        The limit of our value, and whether it is met.
     """
 
     what: str
@@ -34,24 +34,24 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """The peer's figure over ours."""
+        """The other value over ours."""
         return None if self.theirs is None or self.ours == 0.0 else abs(self.theirs / self.ours)
 
 
 def within(figure: float, limit: float, unit: str) -> str:
-    """The words of an upper limit, and whether a figure keeps it."""
-    return f"at most {limit:g} {unit}: {'kept' if figure <= limit else 'broken'}"
+    """An upper limit, and whether a value meets it, as text."""
+    return f"at most {limit:g} {unit}: {'met' if figure <= limit else 'not met'}"
 
 
 def options(description: str | None) -> argparse.ArgumentParser:
-    """The options that every benchmark takes."""
+    """The options of every benchmark."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer repeats: figures are coarser")
-    parser.add_argument("--rows", type=Path, help="where the rows of the common table are written, as JSON")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions, less precise results")
+    parser.add_argument("--rows", type=Path, help="file for the rows of the common table, as JSON")
     return parser
 
 
 def keep(rows: Sequence[Row], path: Path | None) -> None:
-    """Write the rows for `bench/run.py`, where it asked for them."""
+    """Write the rows for `bench/run.py`, if it requested them."""
     if path is not None:
         path.write_text(json.dumps([asdict(row) for row in rows]), encoding="utf-8")
