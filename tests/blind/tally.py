@@ -1,7 +1,7 @@
-"""What the study has found so far: rates with their intervals, the confusion matrix as a table and a picture.
+"""Results of the study: rates with their intervals, and the confusion matrix as a table and a picture.
 
-`python tests/blind/tally.py` writes docs/study.md and docs/pictures/study-*.png from docs/study/results.csv, and beside them
-the rates of the diagnosis before it had free shapes, from docs/study/results-forms-only.csv.
+`python tests/blind/tally.py` writes docs/study.md and docs/pictures/study-*.png from docs/study/results.csv, with the rates of
+the diagnosis before it had free shapes, from docs/study/results-forms-only.csv, for comparison.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from isorig.rig.virtual.campaign import SESSION
 DOCS = Path(__file__).parents[2] / "docs"
 OTHER = DOCS / "study" / "other-rigs.csv"
 INVESTIGATIONS, PLANNED = DOCS / "study" / "investigations.csv", DOCS / "study" / "standard-plan.csv"
-#: Seconds of measuring of the standard plan of seven runs.
+#: Measuring time in s of the standard plan of seven runs.
 STANDARD = sum(take.seconds for take in SESSION)
 PAGE, PICTURE = DOCS / "study.md", DOCS / "pictures" / "study-confusion.png"
-#: What the diagnosis came to that knew catalogued forms alone.
+#: Results of the diagnosis with catalogued forms only.
 EARLIER = DOCS / "study" / "results-forms-only.csv"
-#: Sizes by how far the fitted baseline's held-out error stands above the noise floor.
+#: Size classes by the ratio of the fitted baseline's held-out error to the noise floor.
 CLASSES = (("full size (10 floors or more)", 10.0, np.inf), ("a third (3.3 to 10 floors)", 10 / 3, 10.0), ("less", 0.0, 10 / 3))
 
 
@@ -43,12 +43,12 @@ def rate(right: int, of: int) -> str:
 
 
 def said(row: pd.Series) -> str:
-    """What was answered, as a column of the confusion matrix."""
+    """The answer, as a column of the confusion matrix."""
     return str(row["named"]).split("+")[0].split(" at ")[0] if row["named"] else str(row["verdict"])
 
 
 def confusion(table: pd.DataFrame) -> pd.DataFrame:
-    """Counts of what was hidden (rows) against the first name that was given (columns)."""
+    """Counts by hidden effect (rows) and first name given (columns)."""
     kinds = [k for k in ("none", *CAUSES, "two", *(f"outside: {o}" for o in OUTSIDE)) if (table["kind"] == k).any()]
     counts = pd.crosstab(table["kind"], table.apply(said, axis=1))
     columns = [c for c in (*CAUSES, "unexplained", "adequate") if c in counts.columns]
@@ -56,7 +56,7 @@ def confusion(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw(counts: pd.DataFrame, target: Path) -> None:
-    """The matrix as a picture."""
+    """Draw the matrix."""
     figure = Figure(figsize=(10.0, 8.5), layout="constrained")
     axes = figure.add_subplot()
     share = counts.div(counts.sum(axis=1), axis=0)
@@ -74,19 +74,19 @@ def draw(counts: pd.DataFrame, target: Path) -> None:
 
 
 def markdown(rows: list[tuple[str, ...]], head: tuple[str, ...]) -> str:
-    """A table."""
+    """A table in Markdown."""
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
 
 
 def rates(table: pd.DataFrame) -> list[tuple[str, ...]]:
-    """The figures that the study is for."""
+    """The main rates of the study."""
     hidden = table[table["kind"].isin([*CAUSES, "two"])]
     above = hidden["baseline"] / hidden["floor"]
     none, outside = table[table["kind"] == "none"], table[table["kind"].str.startswith("outside")]
     named, two = table[table["named"] != ""], table[table["kind"] == "two"]
     gained = hidden[hidden["verdict"] == "explained"]
-    # Later runs have another mix of gains and so a floor of their own: what is below this campaign's counts as all.
+    # Later runs have other gains and therefore another noise floor: an error below this campaign's floor counts as fully removed.
     removed = (gained["later_baseline"] - gained["later_extended"]) / (gained["later_baseline"] - gained["floor"])
     removed = removed.clip(upper=1.0)
     found = []
@@ -94,12 +94,12 @@ def rates(table: pd.DataFrame) -> list[tuple[str, ...]]:
         part = hidden[(above >= low) & (above < high)]
         found.append((f"right cause and place, {name}", rate(int(part["right"].sum()), len(part))))
     found += [
-        ("right where it names a cause", rate(int(named["right"].sum()), len(named))),
-        ("named where there is no effect (false alarm)", rate(int((none["named"] != "").sum()), len(none))),
-        ("no effect, said to be adequate", rate(int((none["verdict"] == "adequate").sum()), len(none))),
+        ("right if a cause is named", rate(int(named["right"].sum()), len(named))),
+        ("cause named without an effect (false alarm)", rate(int((none["named"] != "").sum()), len(none))),
+        ("no effect, verdict adequate", rate(int((none["verdict"] == "adequate").sum()), len(none))),
         ("cause outside the catalogue, no name given", rate(int((outside["named"] == "").sum()), len(outside))),
         (
-            "cause outside the catalogue, said to be unexplained",
+            "cause outside the catalogue, verdict unexplained",
             rate(int((outside["verdict"] == "unexplained").sum()), len(outside)),
         ),
         ("two causes at once, both named", rate(int((two["named"].str.count(" at ") >= 2).sum()), len(two))),
@@ -130,17 +130,17 @@ def causes(table: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def other_rigs(table: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Answers on rigs that are not the wire bonder, by what was hidden."""
+    """Answers on rigs other than the wire bonder, by hidden effect."""
     catalogued = set(CAUSES) | {"coulomb_friction", "stop that damps"}
     groups = {
         "no effect": table["kind"] == "none",
         "a catalogued form": table["kind"].isin(catalogued),
-        "a form of no catalogue": ~table["kind"].isin({"none", "two"} | catalogued),
+        "a form outside the catalogue": ~table["kind"].isin({"none", "two"} | catalogued),
         "two causes": table["kind"] == "two",
     }
     rows = []
     for name, chosen in groups.items():
-        for soil, dirt in ((0.0, "clean"), (0.02, "soiled by 2 %")):
+        for soil, dirt in ((0.0, "clean"), (0.02, "with 2 % of disturbances")):
             part = table[chosen & (table["soil"] == soil)]
             answers = part["answer"].value_counts()
             near = int(answers.get("right", 0) + answers.get("kind", 0))
@@ -152,24 +152,24 @@ def other_rigs(table: pd.DataFrame) -> list[tuple[str, ...]]:
     return rows
 
 
-#: Seeds of the first round, with which the study was made, are below this.
+#: Seeds below this one were used during the development of the study.
 MADE_WITH = 200_000
 ENVELOPE = ["kind", "size", "seed"]
 
 
 def investigation_groups(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
-    """The envelopes of investigations by what is hidden."""
+    """The envelopes of investigations by hidden effect."""
     caused = table["kind"].isin(CAUSES)
     return [
         ("catalogued cause, full size", table[caused & (table["size"] == 1.0)]),
-        ("catalogued cause, a third of it", table[caused & (table["size"] < 1.0)]),
-        ("a form of no catalogue (right: no name given)", table[table["kind"].str.startswith("outside")]),
+        ("catalogued cause, a third of full size", table[caused & (table["size"] < 1.0)]),
+        ("a form outside the catalogue (right: no name given)", table[table["kind"].str.startswith("outside")]),
         ("no effect", table[table["kind"] == "none"]),
     ]
 
 
 def investigations(found: pd.DataFrame, standard: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Investigations and the standard plan on the same envelopes, by what was hidden."""
+    """Investigations and the standard plan on the same envelopes, by hidden effect."""
     proposed = found[found["way"] == "proposed"]
     both = proposed.merge(standard, on=ENVELOPE, suffixes=("", "_standard"))
     rows = []
@@ -187,7 +187,7 @@ def investigations(found: pd.DataFrame, standard: pd.DataFrame) -> list[tuple[st
 
 
 def further_runs(found: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Further runs until the right cause is the only one left, where proposals needed some: proposals, and other choices."""
+    """Number of further runs until only the right cause remains, for proposals and for other choices of the next run."""
     shared = set.intersection(*(set(found[found["way"] == way]["seed"]) for way in ("proposed", "repeat", "random")))
     rows = []
     words = {"proposed": "proposed by the program", "repeat": "the last run repeated", "random": "an allowed run at random"}
@@ -195,7 +195,7 @@ def further_runs(found: pd.DataFrame) -> list[tuple[str, ...]]:
         part = found[(found["way"] == way) & found["seed"].isin(shared)]
         done = (part["right"] == 1) & (part["open"] == "")
         needed = np.where(done, part["further"], np.inf)
-        # The lower one of two middle values: half of the investigations needed no more.
+        # The lower of two middle values: half of the investigations needed no more runs.
         middle = float(np.quantile(needed, 0.5, method="lower")) if len(needed) else np.nan
         most = "more than twice those proposed" if np.isinf(middle) else f"{middle:g}"
         rows.append((text, f"{int(done.sum())} of {len(part)}", most, f"{int(part['further'].sum())}"))
@@ -203,7 +203,7 @@ def further_runs(found: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def pairs_parted(found: pd.DataFrame, standard: pd.DataFrame) -> str:
-    """What became of causes that the standard plan could not distinguish."""
+    """Result of investigations for causes that the standard plan cannot distinguish."""
     proposed = found[found["way"] == "proposed"]
     both = proposed.merge(standard, on=ENVELOPE, suffixes=("", "_standard"))
     alike = both[both["alike"] != ""]
@@ -213,8 +213,8 @@ def pairs_parted(found: pd.DataFrame, standard: pd.DataFrame) -> str:
     ended, named = begun[begun["open"] == ""], begun["ended"].str.contains("No allowed run|same equations")
     return (
         f"The standard plan left indistinguishable causes in {len(alike)} of {len(both)} envelopes; investigations distinguished "
-        f"{parted} of these and said of {said} that no allowed run does.\nAfter their own first stage {len(begun)} of "
-        f"{len(proposed)} investigations had several causes left: {len(ended)} ended with one, {int(named.sum())} with the\n"
+        f"{parted} of these and reported for {said} that no allowed run does.\nAfter the first stage {len(begun)} of "
+        f"{len(proposed)} investigations had several possible causes: {len(ended)} ended with one, {int(named.sum())} with the\n"
         "statement that no allowed run distinguishes them."
     )
 
@@ -222,8 +222,8 @@ def pairs_parted(found: pd.DataFrame, standard: pd.DataFrame) -> str:
 def _compared(found: pd.DataFrame) -> str:
     if not (found["way"] == "repeat").any():
         return "Proposals have not been compared with repeated or random runs yet."
-    head = ("next run", "right cause alone", "median of further runs", "further runs in all")
-    return f"""Causes found after further runs were looked for again from the first stage on, in up to twice as many runs:
+    head = ("next run", "right cause alone", "median of further runs", "total of further runs")
+    return f"""Investigations that needed further runs were repeated from the first stage, with up to twice as many runs:
 
 {markdown(further_runs(found), head)}"""
 
@@ -236,7 +236,7 @@ def investigation_section(found: pd.DataFrame, standard: pd.DataFrame) -> str:
         "hidden",
         "right (95 % interval)",
         "right on the same envelopes, and standard plan",
-        "median of measuring",
+        "median measuring time",
     )
     share = proposed["seconds"].astype(float).median() / STANDARD
     known = set(proposed["kind"])
@@ -244,19 +244,20 @@ def investigation_section(found: pd.DataFrame, standard: pd.DataFrame) -> str:
     return f"""
 ## Investigations
 
-{len(proposed)} sealed rigs ({seeds_of(proposed)}) were investigated from nothing by `tests/blind/investigation_study.py`, as
-`rig investigate` does it: the rig plays the proposed runs, and what is hidden is disclosed after the last answer. The standard
-plan is the session of seven runs, {STANDARD:g} s of measuring. Every investigation has a line in
-`docs/study/investigations.csv`, the standard plan on the same rigs one in `docs/study/standard-plan.csv`. The study shared its
-computer with other work: a proposal compares candidates for 20 s at most, so that a free computer compares more of them.
-The {int((proposed["seed"] < MADE_WITH).sum())} with seeds below {MADE_WITH} were investigated while the study was made, by the
-program before it repeated runs whose error no candidate cause explains.
+{len(proposed)} sealed rigs ({seeds_of(proposed)}) were investigated without earlier runs by `tests/blind/investigation_study.py`,
+as by `rig investigate`: the rig runs the proposed drives, and the hidden effect is disclosed after the last answer.
+The standard plan is the session of seven runs, {STANDARD:g} s of measuring. Every investigation has a line in
+`docs/study/investigations.csv`, the standard plan on the same rigs one in `docs/study/standard-plan.csv`. The computer
+had other work during the study. A proposal compares candidates for at most 20 s, so an idle computer compares more of them.
+The {int((proposed["seed"] < MADE_WITH).sum())} with seeds below {MADE_WITH} were investigated during the development of
+the study, with a program that did not yet repeat runs whose error no candidate cause explains.
 
 {markdown(investigations(found, standard), head)}
 
-The median of measuring over all investigations is {100 * share:.0f} % of the standard plan's. The limit of the stroke was
-exceeded in {int((found["broken"] != "").sum())} of {len(found)} investigations. A proposal took {times.median():.0f} s in the
-median and {times.max():.0f} s at most. A rig in which nothing is named although something is hidden counts as wrong.
+The median measuring time of all investigations is {100 * share:.0f} % of that of the standard plan.
+The stroke limit was exceeded in {int((found["broken"] != "").sum())} of {len(found)} investigations. A proposal
+took {times.median():.0f} s in the median, and at most {times.max():.0f} s. A rig with a hidden effect for
+which no cause is named counts as wrong.
 
 Not investigated yet: {", ".join(missing) or "nothing"}.
 
@@ -272,20 +273,20 @@ def seeds_of(table: pd.DataFrame) -> str:
 
 
 def sensitivity_section() -> str:
-    """What other thresholds of the verdict would have changed; empty before any campaign has been counted."""
+    """Effect of other thresholds on the verdicts; empty if no campaign has been evaluated."""
     count, rows = sensitivity((TABLE, OTHER))
     if not count:
         return ""
-    head = ("threshold", "value", "at half: rules, answers", "at double: rules, answers")
+    head = ("threshold", "value", "half: rules, answers", "double: rules, answers")
     cells = [(f"`{name}`", value, f"{half[0]}, {half[1]}", f"{double[0]}, {double[1]}") for name, value, half, double in rows]
     return f"""
-## How much the thresholds matter
+## Sensitivity to the thresholds
 
-The rules of `analysis/diagnose/policy.py` decide from errors alone, so the study keeps what each rule was asked and asks it
-again with other thresholds. Of {count} campaigns: in how many any rule decides otherwise, and in how many the verdict or the
-number of causes changes, with a threshold at half and at double. Of thresholds near one, half and double of what they lack to
-one are taken; of ratios, half and double of what they exceed one by. Thresholds that steer the search itself are not in the
-table.
+The rules of `analysis/diagnose/policy.py` depend on errors only. The study stores the inputs of each rule and evaluates the rules
+again with other thresholds. The table gives, of {count} campaigns, the number in which any rule decides differently, and the
+number in which the verdict or the number of causes changes, with half and with double the threshold. For thresholds near one,
+their difference to one is halved and doubled; for ratios, their excess over one. The table does not include thresholds that
+control the search itself.
 
 {markdown(cells, head)}
 """
@@ -305,8 +306,8 @@ def main() -> None:
 ## Other rigs
 
 {len(others)} campaigns ({seeds_of(others)}) of driven chains, two carts with a voltage, and a stage with position and
-acceleration, drawn as above by `tests/blind/study_other.py`: with forms that no catalogue has, with 2 % of every signal made of
-loose parts, a shaking floor and bent sensors, and a third of them with rest before the drive. Every campaign has a
+acceleration, drawn as above by `tests/blind/study_other.py`: with forms outside the catalogue, with 2 % of every signal from
+loose parts, floor vibration and nonlinear sensors, and a third of them with rest before the drive. Every campaign has a
 line in `docs/study/other-rigs.csv`.
 
 {markdown(other_rigs(others), head)}
@@ -314,28 +315,28 @@ line in `docs/study/other-rigs.csv`.
     if INVESTIGATIONS.exists():
         section += investigation_section(*(pd.read_csv(path, keep_default_na=False) for path in (INVESTIGATIONS, PLANNED)))
     section += sensitivity_section()
-    text = f"""# How often it is right
+    text = f"""# Accuracy of the diagnosis
 
-{len(table)} campaigns{seeds} were drawn blind, each with a rig of its own, an effect of a drawn size or none, or one
-that no catalogue names; the virtual rig recorded it, `rig diagnose` answered on the recording alone, and only then was the draw
-opened. An answer is right where every name it gives, or one that it calls indistinguishable from it, was hidden there at that
-place. The intervals are for 95 %. `make study` draws further campaigns and writes this page anew; every campaign has a line
-in a table of the folder `docs/study`.
+{len(table)} campaigns{seeds} were drawn blind. Each has another rig with an effect of random size, no effect, or an effect
+outside the catalogue. The virtual rig was recorded, `rig diagnose` answered from the recording alone, and only then was the
+effect disclosed. An answer is right if every named cause, or one that it reports as indistinguishable from it, was hidden at the
+named place. All intervals are 95 % intervals. `make study` draws further campaigns and rewrites this page; every campaign has a
+line in a table of the folder `docs/study`.
 
-{markdown(rates(table), ("what", "rate (95 % interval)")) if len(table) else "The present program has not been counted yet."}
+{markdown(rates(table), ("what", "rate (95 % interval)")) if len(table) else "The present version has not been evaluated yet."}
 {section}
 ## Before free shapes
 
-The diagnosis that knew catalogued forms alone was counted on {len(earlier)} campaigns (seeds {earlier["seed"].min()} to
-{earlier["seed"].max()}; `docs/study/results-forms-only.csv`). These rates are not those of the present program. The picture
-and the table below are from the same campaigns as long as the present program has been counted on none.
+The earlier diagnosis with catalogued forms only was evaluated on {len(earlier)} campaigns (seeds {earlier["seed"].min()} to
+{earlier["seed"].max()}; `docs/study/results-forms-only.csv`). These rates do not apply to the present version. The
+picture and the table below are from the same campaigns until the present version has been evaluated.
 
 {markdown(rates(earlier), ("what", "rate (95 % interval)"))}
 
 ![Confusion matrix](pictures/{PICTURE.name})
 
-Right answers by kind, and by how far the fitted baseline's held-out error stood above the noise floor (where nothing was
-hidden, and outside the catalogue, right means that no name was given):
+Right answers by kind and by the ratio of the fitted baseline's held-out error to the noise floor. If there is no hidden effect,
+or one outside the catalogue, an answer without a name is right:
 
 {markdown(causes(table if len(table) else earlier), ("hidden", *(name for name, _, _ in CLASSES)))}
 """

@@ -26,7 +26,7 @@ def test_the_standard_plan_takes_so_many_seconds() -> None:
 
 def test_counts_by_what_is_hidden() -> None:
     rows = {row[0]: row[1:] for row in investigations(FOUND, PLAN)}
-    assert list(rows) == ["catalogued cause, full size", "catalogued cause, a third of it", "no effect"]
+    assert list(rows) == ["catalogued cause, full size", "catalogued cause, a third of full size", "no effect"]
     right, shared, seconds = rows["catalogued cause, full size"]
     assert right.startswith("1 of 1")
     assert shared == "1 and 0 of 1"
@@ -45,5 +45,5 @@ def test_further_runs_count_where_the_right_cause_is_left_alone() -> None:
 
 def test_pairs_that_the_standard_plan_left() -> None:
     said = pairs_parted(FOUND, PLAN)
-    assert "indistinguishable causes in 2 of 2 envelopes; investigations distinguished 1 of these and said of 1" in said
-    assert "2 of 3 investigations had several causes left: 1 ended with one, 1 with the" in said
+    assert "indistinguishable causes in 2 of 2 envelopes; investigations distinguished 1 of these and reported for 1" in said
+    assert "2 of 3 investigations had several possible causes: 1 ended with one, 1 with the" in said
