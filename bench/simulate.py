@@ -198,7 +198,7 @@ def main() -> list[Row]:
         "one figure, three sensors simulated": lambda: scan(rigs, head, lambda batch: batch.channels["motor"].max(axis=1)),
         "all records stored": lambda: simulate_many(rigs, head),
     }
-    for told, call in ways.items():
+    for what_is_kept, call in ways.items():
         call()
         whole = []
         for _ in range(5):
@@ -207,10 +207,10 @@ def main() -> list[Row]:
             whole.append(time.process_time() - began)
         each = min(whole) * 1000.0 / 10.0 / len(rigs)
         print(
-            f"batch of {len(rigs)}, {told}: {each:.4f} ms per simulated second, simulation and core ({cores} cores), "
+            f"batch of {len(rigs)}, {what_is_kept}: {each:.4f} ms per simulated second, simulation and core ({cores} cores), "
             f"{each / bare:.2f} of the bare recurrence"
         )
-        what = f"a rig of a batch of {len(rigs)}, {told}, one simulated second"
+        what = f"a rig of a batch of {len(rigs)}, {what_is_kept}, one simulated second"
         kept.append(Row(what=what, unit="ms", ours=each, peer="bare 6x6 recurrence", theirs=bare))
     return [*kept, import_time()]
 

@@ -86,8 +86,8 @@ def parse(words: Sequence[str], kinds: Sequence[Kind], *, who: str, command: str
     """
     values = tuple(kind.read(word) for kind, word in zip(kinds, words, strict=False))
     if len(words) != len(kinds) or any(value is None for value in values):
-        told = " ".join(words)
-        shown = repr(told if len(told) <= SHOWN else told[:SHOWN] + "...") if told else "nothing"
+        received = " ".join(words)
+        shown = repr(received if len(received) <= SHOWN else received[:SHOWN] + "...") if received else "nothing"
         allowed = ", then ".join(kind.allowed for kind in kinds)
         raise ProtocolError(
             f"{who} answered {command} with {shown} where {allowed} is allowed; check the cable and that the plan names the "

@@ -122,21 +122,23 @@ class FramedInstrument:
         SettingError
             The instrument answers with another gain.
         """
-        (told,) = self._ask(f"GAIN {gain:.9g}")
-        if abs(told - gain) > GAIN_STEP * abs(gain):
-            raise SettingError(f"{self._name} was set to gain {gain:g} and answers {told:g}; give a gain that it has in the plan")
+        (reply,) = self._ask(f"GAIN {gain:.9g}")
+        if abs(reply - gain) > GAIN_STEP * abs(gain):
+            raise SettingError(
+                f"{self._name} was set to gain {gain:g} and answers {reply:g}; give a gain that it has in the plan"
+            )
 
     def set_configuration(self, name: str) -> bool:
         """Lock or unlock the rig; False if the operator has to do it."""
         words = self._told(f"CONF {name}")
-        (told,) = parse((" ".join(words),), (one_of(name, "manual"),), who=self._name, command="CONF")
-        return bool(told != "manual")
+        (answer,) = parse((" ".join(words),), (one_of(name, "manual"),), who=self._name, command="CONF")
+        return bool(answer != "manual")
 
     def load_drive(self, drive: Values) -> bool:
         """Load the drive at gain 1 (m/s^2 of the head), one value per tick; False if the instrument has no drive output."""
         words = self._told(f"DRIVE {len(drive)}", drive=drive)
-        (told,) = parse(words, (one_of(str(len(drive)), "none"),), who=self._name, command="DRIVE")
-        return bool(told != "none")
+        (answer,) = parse(words, (one_of(str(len(drive)), "none"),), who=self._name, command="DRIVE")
+        return bool(answer != "none")
 
     def start(self) -> None:
         """Start streaming; the first sample has tick 0."""
@@ -266,10 +268,10 @@ class FramedInstrument:
         end = time.monotonic() + (ports.PATIENCE if patience is None else patience)
         while True:
             while self._texts:
-                told = self._texts.popleft()
-                head = told.split()[:2]
+                answer = self._texts.popleft()
+                head = answer.split()[:2]
                 if head and (head[0] == word or (head[0] == "ERR" and head[1:] in ([asked], [word]))):
-                    return told
+                    return answer
             if time.monotonic() >= end:
                 return None
             self._receive()

@@ -81,10 +81,10 @@ class Hp35670aInstrument:
         self._send(f"SOUR:VOLT {level:.6g} VPK")
         self._send("OUTP ON")
         self._errors()
-        told = self._ask("SOUR:VOLT?")
-        if abs(told - level) > STEP * level or not self._ask("OUTP?"):
+        answer = self._ask("SOUR:VOLT?")
+        if abs(answer - level) > STEP * level or not self._ask("OUTP?"):
             raise SettingError(
-                f"the source of {self._port.name} was set to {level:g} V and answers {told:g} V; set it on its panel"
+                f"the source of {self._port.name} was set to {level:g} V and answers {answer:g} V; set it on its panel"
             )
 
     def measure(self, timeout: float) -> None:
@@ -156,14 +156,14 @@ class Hp35670aInstrument:
         for _ in range(ERRORS):
             if self._no_error(first):
                 return
-            told = self._ask("SYST:ERR?")
-            if self._no_error(told):
+            answer = self._ask("SYST:ERR?")
+            if self._no_error(answer):
                 break
         raise InstrumentError(f"{self._port.name} reports {first}; correct the plan or its settings")
 
     @staticmethod
-    def _no_error(told: str) -> bool:
-        return told.replace(" ", "").lstrip("+").startswith("0,")
+    def _no_error(answer: str) -> bool:
+        return answer.replace(" ", "").lstrip("+").startswith("0,")
 
     def _send(self, command: str) -> None:
         self._port.expect_nothing()
@@ -171,8 +171,8 @@ class Hp35670aInstrument:
 
     def _ask(self, command: str) -> Any:
         self._send(command)
-        told = self._port.line(b"\n").strip().decode("ascii", "replace")
-        return parse((told,), (ANSWERS[command],), who=self._port.name, command=command)[0]
+        answer = self._port.line(b"\n").strip().decode("ascii", "replace")
+        return parse((answer,), (ANSWERS[command],), who=self._port.name, command=command)[0]
 
 
 def _far_end(shaken: Shaken, asked: Simulation) -> Peer:

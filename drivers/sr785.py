@@ -80,11 +80,11 @@ class Sr785Instrument:
         self._send(f"{LEVELS[kind]} {1e3 * level:.6g} mVpk")
         self._send("SRCO 1")
         self._events()
-        told, _, unit = self._ask(f"{LEVELS[kind]}?", "level").partition(",")
-        (value,) = parse((told,), (number(),), who=self._port.name, command=LEVELS[kind])
+        answer, _, unit = self._ask(f"{LEVELS[kind]}?", "level").partition(",")
+        (value,) = parse((answer,), (number(),), who=self._port.name, command=LEVELS[kind])
         if unit not in UNITS or abs(value * UNITS[unit] - level) > STEP * level or not self._ask("SRCO?"):
             raise SettingError(
-                f"the source of {self._port.name} was set to {level:g} V and answers {told} {unit}; set it on its panel"
+                f"the source of {self._port.name} was set to {level:g} V and answers {answer} {unit}; set it on its panel"
             )
 
     def measure(self, timeout: float) -> None:
@@ -135,12 +135,12 @@ class Sr785Instrument:
         # The byte order is not documented: one point read as text decides.
         little, big = np.frombuffer(data, "<f4"), np.frombuffer(data, ">f4")
         place = points // 2
-        told = self._ask(f"DSPY?{display},{place}")
+        answer = self._ask(f"DSPY?{display},{place}")
         for values in (little, big):
-            if np.isfinite(values).all() and np.isclose(values[place], told, rtol=1e-4, atol=1e-30):
+            if np.isfinite(values).all() and np.isclose(values[place], answer, rtol=1e-4, atol=1e-30):
                 return values.astype(np.float64)
         raise ProtocolError(
-            f"{self._port.name} sent {little[place]:g} and {told:g} for one point of display {display}; measure again"
+            f"{self._port.name} sent {little[place]:g} and {answer:g} for one point of display {display}; measure again"
         )
 
     def _dump(self, display: int, points: int) -> bytes:
@@ -165,9 +165,9 @@ class Sr785Instrument:
 
     def _ask(self, command: str, kind: str = "") -> Any:
         self._send(command)
-        told = self._port.line(b"\n").strip().decode("ascii", "replace")
+        answer = self._port.line(b"\n").strip().decode("ascii", "replace")
         word = command.partition("?")[0]
-        return parse((told,), (ANSWERS[kind or word],), who=self._port.name, command=command)[0]
+        return parse((answer,), (ANSWERS[kind or word],), who=self._port.name, command=command)[0]
 
 
 def _far_end(shaken: Shaken, asked: Simulation) -> Peer:

@@ -193,11 +193,11 @@ def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> 
             )
             top = int(np.argmin(np.abs(frf.frequency - at)))
             axis.plot(frf.frequency[top], np.abs(frf.value[top]), "o", mfc="none", ms=6, color=colour)
-    told = [
+    sentences = [
         f"{name} {r.peaks.ratio:.3f} ± {r.peaks.std:.1g} (at equal frequency {r.peaks.by_line:.3f})" for name, r in ratios.items()
     ]
     # A line for each ratio, so that no title is wider than its figure.
-    title = "\n".join(["Ratio of the peaks at their own frequencies, unlocked / locked:", *told])
+    title = "\n".join(["Ratio of the peaks at their own frequencies, unlocked / locked:", *sentences])
     axis.set(yscale="log", xlabel="frequency, Hz", ylabel=f"|heatblock / head|, {PER}", title=title)
     axis.title.set_fontsize(9)
     axis.legend(fontsize=8)

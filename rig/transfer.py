@@ -262,7 +262,7 @@ def _about_hits(test: HammerTest) -> dict[str, Any]:
 def _about_periods(found: PeriodicFrf) -> dict[str, Any]:
     size = np.abs(found.value)
     noise, distortion = float(np.median(found.noise / size)), float(np.median(found.distortion / size))
-    told = (
+    text = (
         f"its distortion {100 * distortion:.2g} %"
         if np.isfinite(distortion)
         else "its distortion cannot be determined from one realization of the drive; repeat with other phases"
@@ -271,5 +271,5 @@ def _about_periods(found: PeriodicFrf) -> dict[str, Any]:
         "periods": found.periods, "realizations": found.realizations, "lines": len(found.frequency), "relative_noise": noise,
         "relative_distortion": distortion if np.isfinite(distortion) else None,
         "text": f"Over {found.periods} periods of {found.realizations} runs the noise of {found.response} over "
-        f"{found.reference} is {100 * noise:.2g} % (median over frequency bins), {told}.",
+        f"{found.reference} is {100 * noise:.2g} % (median over frequency bins), {text}.",
     }  # fmt: skip

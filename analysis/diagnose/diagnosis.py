@@ -242,8 +242,8 @@ class _Search:
         tries, repeated = 0, False
         while len(stages) <= MOST_STEPS and not self._adequate(stages[-1].score, _allowed(quiet), enough):
             now, floors = stages[-1], _allowed(quiet)
-            told = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
-            if self.out_of_time(f"{told}; searching for a cause"):
+            text = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
+            if self.out_of_time(f"{text}; searching for a cause"):
                 break
             left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
             try:

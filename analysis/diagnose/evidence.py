@@ -259,8 +259,8 @@ def _configurations(pairs: Sequence[Double]) -> list[Sign]:
     if len(names) < 2:
         return []
     error = {name: _misfit([p for p in pairs if p.trial.run.configuration == name]) for name in names}
-    told = ", ".join(f"{name} by {100 * e:.2g} %" for name, e in error.items())
-    text = f"Configurations: the error of the fitted baseline is {told} of the signal"
+    shares = ", ".join(f"{name} by {100 * e:.2g} %" for name, e in error.items())
+    text = f"Configurations: the error of the fitted baseline is {shares} of the signal"
     unlocked, locked = error.get("unlocked"), error.get("locked")
     if unlocked is None or locked is None or max(unlocked, locked) < LEAST:
         return [Sign(text=text + ".")]

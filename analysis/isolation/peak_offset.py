@@ -174,7 +174,7 @@ def _line(x: FloatArray, y: FloatArray, std: FloatArray) -> tuple[float, float]:
 
 def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float]) -> str:
     best = min(pairs, key=lambda p: p.std)
-    told = f"at gain {best.gain:g} the unlocked peak is at {best.offset:+.3f} ± {best.std:.3f} Hz relative to the locked one"
+    text = f"at gain {best.gain:g} the unlocked peak is at {best.offset:+.3f} ± {best.std:.3f} Hz relative to the locked one"
     loads = [abs(p.offset - loading) <= SURE * p.std for p in pairs]
     moves = len(pairs) > 1 and change[0] > SURE * change[1]
     if all(loads) and not moves:
@@ -196,4 +196,4 @@ def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float])
             "nonlinearity (friction that holds the motor part of the time) in addition to mass loading"
         )
     more = "" if len(pairs) > 1 else "; only one gain excites the peak, so its change with the gain is unknown"
-    return f"The heatblock's peak: {told}, {said}{more}."
+    return f"The heatblock's peak: {text}, {said}{more}."

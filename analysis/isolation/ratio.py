@@ -249,10 +249,10 @@ def _pieces(campaign: Campaign, response: str, reference: str, resolution: float
         band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (resolution, both[0][0].sample_rate / 2.56)
         pieces.append(Piece(gain=gain, band=band, unlocked=u, locked=k, ratio=ratio, std=std))
     if not pieces:
-        told = ", ".join(sorted({f"{run.configuration} at gain {run.gain:g}" for run in broad(campaign.runs)})) or "none"
+        text = ", ".join(sorted({f"{run.configuration} at gain {run.gain:g}" for run in broad(campaign.runs)})) or "none"
         raise DataError(
             f"{campaign.source or 'the campaign'} has no gain measured both unlocked and locked with a broad-band drive "
-            f"(it has {told}); measure the missing one"
+            f"(it has {text}); measure the missing one"
         )
     return tuple(pieces)
 

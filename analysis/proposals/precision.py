@@ -231,16 +231,16 @@ def design(
     progress
         Called before every candidate; if it raises OutOfTimeError, the candidates compared so far are the answer.
     """
-    told: list[tuple[Prospect, FloatArray]] = []
+    candidates: list[tuple[Prospect, FloatArray]] = []
     try:
         for k, prospect in enumerate(prospects):
             progress(f"comparing candidate {k + 1} of {len(prospects)}")
-            told.append((prospect, known.told(prospect)))
+            candidates.append((prospect, known.told(prospect)))
     except OutOfTimeError:
         pass
     now = known.now
     runs: list[Precise] = []
-    left = list(told)
+    left = list(candidates)
     while known.std(now) > wish and len(runs) < most and budget >= SHORTEST and left:
         ranked = [_ranked(known, now, prospect, own, wish, configuration, limits, budget) for prospect, own in left]
         _, prospect, own = min(ranked, key=lambda item: item[0])
@@ -254,7 +254,7 @@ def design(
             break
         runs.append(Precise(prospect=prospect, std=known.std(now), peaks=peaks))
         configuration, budget = prospect.run.configuration, budget - prospect.run.seconds
-    return Design(value=known.value, std=known.std(known.now), linear=known.linear, runs=tuple(runs), compared=len(told))
+    return Design(value=known.value, std=known.std(known.now), linear=known.linear, runs=tuple(runs), compared=len(candidates))
 
 
 def _ranked(

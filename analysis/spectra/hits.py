@@ -194,8 +194,8 @@ def checked(
         elif second is not None:
             when, size = second
             reason = "double hit" if when < end - first + length // 4 else "too soon"
-            told = "bounced" if reason == "double hit" else "was followed too soon"
-            text = f"{at} {told}: a second pulse of {100 * size / peak:.0f} % comes "
+            phrase = "bounced" if reason == "double hit" else "was followed too soon"
+            text = f"{at} {phrase}: a second pulse of {100 * size / peak:.0f} % comes "
             text += f"{1e3 * (when + first - top) / rate:.3g} ms later"
         elif loud:
             reason, text = "overload", f"{at} overloaded {loud}"

@@ -171,23 +171,23 @@ def _told(hits: Sequence[Hit], seconds: float, wanted: float, decay: float) -> t
     kept = sum(not hit.rejected for hit in hits)
     counts = Counter(hit.rejected for hit in hits if hit.rejected)
     left = ", ".join(f"{count} {reason}" for reason, count in counts.items())
-    told = [
+    notes = [
         f"{kept} of {len(hits)} hammer hits were averaged, in records of {seconds:.3g} s"
         + (f"; left out: {left}." if left else ".")
     ]
     if seconds < 0.999 * wanted:
-        told.append(f"The hits are too close in time for a resolution of {1.0 / wanted:.3g} Hz; it is {1.0 / seconds:.3g} Hz.")
+        notes.append(f"The hits are too close in time for a resolution of {1.0 / wanted:.3g} Hz; it is {1.0 / seconds:.3g} Hz.")
     if decay:
-        told.append(
+        notes.append(
             f"The responses still ring at the end of a record, so an exponential window of {decay:.3g} /s was applied to them "
             "and to the force; fitted damping ratios are corrected for it, but the peaks of the curves are lower and wider."
         )
     restless = [hit.moving for hit in hits if hit.moving and not hit.rejected]
     if restless:
-        told.append(
+        notes.append(
             f"Before {len(restless)} of the hits that were kept the rig still moved, by up to {100 * max(restless):.0f} % (rms) "
             "of a response's peak; wait longer between hits."
         )
     if kept == 1:
-        told.append("One hit has no scatter, so the standard deviations are unknown; they are set to the size of the values.")
-    return (*told, *(f"{hit.text[0].upper()}{hit.text[1:]}." for hit in hits if hit.rejected))
+        notes.append("One hit has no scatter, so the standard deviations are unknown; they are set to the size of the values.")
+    return (*notes, *(f"{hit.text[0].upper()}{hit.text[1:]}." for hit in hits if hit.rejected))

@@ -106,8 +106,8 @@ def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alar
     std = float(np.sqrt(1.0 / weight[:first].sum() + 1.0 / weight[first:].sum()))
     step = Change(kind="step", first=first, earliest=earliest, latest=latest, alarm=alarm, before=before, after=after, std=std)
     knee = bent(time, value, weight)
-    told = knee.likelihood - stepped(value, weight, [first])
-    kind: Kind = "drift" if told > TOLD else "step" if told < -TOLD else "step or drift"
+    difference = knee.likelihood - stepped(value, weight, [first])
+    kind: Kind = "drift" if difference > TOLD else "step" if difference < -TOLD else "step or drift"
     return drifting(time, knee, alarm) if kind == "drift" else Change(**{**vars(step), "kind": kind})
 
 

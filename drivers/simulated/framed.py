@@ -170,29 +170,29 @@ class SimulatedFramed:
         try:
             match word:
                 case "ID":
-                    told = f"isorig-framed/1 {self._plant.identity}"
+                    answer = f"isorig-framed/1 {self._plant.identity}"
                 case "INPUTS":
                     count, unit, per_count, full = self._plant.inputs
-                    told = f"{count} int32 {unit} {per_count:.9g} {full:.9g}"
+                    answer = f"{count} int32 {unit} {per_count:.9g} {full:.9g}"
                 case "RATE":
                     self._rate = float(words[1])
-                    told = f"{self._rate:.9g}"
+                    answer = f"{self._rate:.9g}"
                 case "GAIN":
                     self._gain = float(words[1])
-                    told = f"{self._gain:.9g}"
+                    answer = f"{self._gain:.9g}"
                 case "CONF":
-                    told = self._configuration = words[1]
+                    answer = self._configuration = words[1]
                 case "START":
                     self._start()
-                    told = f"{self._faults.first_tick % 2**32}"
+                    answer = f"{self._faults.first_tick % 2**32}"
                 case "STOP" | "COUNT":
                     self.running = self.running and word != "STOP"
-                    word, told = "COUNT", f"{self._sent}"
+                    word, answer = "COUNT", f"{self._sent}"
                 case _:
-                    word, told = "ERR", f"{word} is not a command"
+                    word, answer = "ERR", f"{word} is not a command"
         except (IndexError, ValueError):
-            word, told = "ERR", f"{word} {' '.join(words[1:])} is not a value for it"
-        return f"{word} {told}"
+            word, answer = "ERR", f"{word} {' '.join(words[1:])} is not a value for it"
+        return f"{word} {answer}"
 
     def _start(self) -> None:
         if self.running:

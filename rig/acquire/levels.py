@@ -16,10 +16,10 @@ def shares(highest: Mapping[str, float], full_scale: Mapping[str, float]) -> dic
 
 def advice(highest: Mapping[str, float], full_scale: Mapping[str, float]) -> list[str]:
     """Advice on the levels, a sentence for each channel."""
-    told = []
+    sentences = []
     for name, share in shares(highest, full_scale).items():
         if 0.0 < share < LOW:
-            told.append(f"{name} uses {100.0 * share:.1g} % of its range: choose a smaller range or a higher gain.")
+            sentences.append(f"{name} uses {100.0 * share:.1g} % of its range: choose a smaller range or a higher gain.")
         elif share > HIGH:
-            told.append(f"{name} reaches {100.0 * share:.0f} % of its range: choose a larger range or a lower gain.")
-    return told
+            sentences.append(f"{name} reaches {100.0 * share:.0f} % of its range: choose a larger range or a lower gain.")
+    return sentences

@@ -132,8 +132,8 @@ def _check_channel(name: str, channel: ChannelPlan, where: str) -> None:
 def _check_instrument(plan: Plan, where: str) -> None:
     instrument, kind = plan.instrument, plan.instrument.about
     if instrument.analyzer != bool(instrument.shows):
-        told = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
-        raise PlanError(f"{where} {told}; an analyzer needs one [[instrument.shows]] for each display, other kinds have none")
+        text = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
+        raise PlanError(f"{where} {text}; an analyzer needs one [[instrument.shows]] for each display, other kinds have none")
     if not isinstance(kind, RecordsKind):
         return
     if not any(shown.kind == "time" for shown in instrument.shows):

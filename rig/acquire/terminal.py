@@ -146,8 +146,8 @@ def levels(live: Live) -> Group:
         shown = f"{'█' * min(round(BAR * share[name]), BAR):<{BAR}} {100 * share[name]:3.0f} %" if name in share else ""
         coherence = f"{live.coherence[name]:.2f}" if name in live.coherence else ""
         table.add_row(name, f"{rms:.3g}", f"{live.peak[name]:.3g}", shown, coherence)
-    told = [f"lost {live.lost}, overloads {live.overloads}, damaged in transmission {live.damaged}"]
-    return Group(Text(_progress(live)), table, *map(Text, told + advice(live.highest, live.full_scale)))
+    sentences = [f"lost {live.lost}, overloads {live.overloads}, damaged in transmission {live.damaged}"]
+    return Group(Text(_progress(live)), table, *map(Text, sentences + advice(live.highest, live.full_scale)))
 
 
 def _progress(live: Live) -> str:
@@ -167,13 +167,13 @@ def _question(configuration: str) -> str:
 
 def _print(console: Console, item: Taken) -> None:
     coherent = "  ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
-    told = f"{item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
+    text = f"{item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
     if item.verdict.detections:
-        told += f"; {item.verdict.detections[0].periods} periods after the first, distortion " + "  ".join(
+        text += f"; {item.verdict.detections[0].periods} periods after the first, distortion " + "  ".join(
             f"{d.response} {100 * max(d.odd, d.even):.1f} % (noise {100 * d.noise:.1f} %)" for d in item.verdict.detections
         )
     if item.drift is not None and item.drift.sure:
-        told += f"; its clock runs {item.drift.ppm:+.0f} ± {item.drift.std:.0f} ppm relative to the host's"
-    console.print(told, markup=False, highlight=False)
+        text += f"; its clock runs {item.drift.ppm:+.0f} ± {item.drift.std:.0f} ppm relative to the host's"
+    console.print(text, markup=False, highlight=False)
     for sentence in item.verdict.advice:
         console.print(f"  {sentence}", markup=False, highlight=False)

@@ -60,14 +60,14 @@ def _remarks(campaign: Campaign) -> list[str]:
         model = rig_of(campaign)
     except PlanError as error:
         return [f"The rig's description cannot be used: {error}"]
-    told = []
+    sentences = []
     for run in campaign.runs:
         if run.configuration not in model.configurations:
             known = ", ".join(model.configurations)
-            told.append(f"Run {run.id!r} has the configuration {run.configuration!r}; the rig has {known}, so correct it.")
+            sentences.append(f"Run {run.id!r} has the configuration {run.configuration!r}; the rig has {known}, so correct it.")
         if model.drive.channel not in run.channels:
-            told.append(f"Run {run.id!r} has no drive channel {model.drive.channel!r}; transfer functions need it.")
-    return told
+            sentences.append(f"Run {run.id!r} has no drive channel {model.drive.channel!r}; transfer functions need it.")
+    return sentences
 
 
 def _row(run: Run, names: Sequence[str]) -> list[str]:
@@ -78,10 +78,10 @@ def _row(run: Run, names: Sequence[str]) -> list[str]:
         if beyond:
             clipped.append(f"{name} {beyond}")
     unknown = all(channel.full_scale is None for channel in run.channels.values())
-    told = ", ".join(clipped) or ("unknown" if unknown else "no")
+    text = ", ".join(clipped) or ("unknown" if unknown else "no")
     lost = sum(gap.count for gap in run.gaps)
     about = f"{run.configuration} {run.excitation}" + (" held out" if run.use == "holdout" else "")
-    return [run.id, about, _gain(run), f"{run.duration:.1f}", f"{run.sample_rate:.10g}", *rms, told, str(lost)]
+    return [run.id, about, _gain(run), f"{run.duration:.1f}", f"{run.sample_rate:.10g}", *rms, text, str(lost)]
 
 
 def _gain(run: Run) -> str:

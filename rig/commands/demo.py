@@ -77,7 +77,7 @@ def demo(
 
     rows = [(name, number(e.value), number(e.std, 2), e.unit, number(THESIS[name], 4)) for name, e in found.table.items()]
     show_table("Parameters compared with the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)
-    told = [
+    results = [
         ("held-out error of the simulation with friction", f"{100 * found.error:.2g} %"),
         ("noise alone", f"{100 * found.floor:.2g} %"),
         ("held-out error without friction", f"{100 * (outcome.holdout_baseline or 0.0):.3g} %"),
@@ -88,4 +88,4 @@ def demo(
         ("report of the diagnosis", str(output / "diagnosis" / "report.html")),
         ("seconds", f"{clock.seconds:.0f}"),
     ]
-    show_table("Summary", ("what", "result"), told)
+    show_table("Summary", ("what", "result"), results)

@@ -87,7 +87,7 @@ def design(
     save(isolation_figure(found.ratios, {}), output / "ratio.png")
     if found.offsets:
         save(offset_figure(found), output / "offset.png")
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
         "present_frequency_hz": found.present,
         "studies": {
@@ -110,7 +110,7 @@ def design(
             for o, d in found.offsets.items()
         ],
     }  # fmt: skip
-    write_json(output / "design.json", told)
+    write_json(output / "design.json", content)
     rows = [
         (name, _shown(s.lowest), f"{s.std:.2g}", _shown(s.recommended)) for name, s in found.studies.items()
     ]  # fmt: skip
@@ -124,7 +124,7 @@ def design(
         )
     for sentence in table.told:
         print(sentence)
-    for item in told["drive_offsets"]:
+    for item in content["drive_offsets"]:
         print(
             f"drive offset {1e3 * item['offset_m']:g} mm: the motor rocks by {1e3 * item['rocking_rad']:.3g} mrad, "
             f"the ratio from 5 to 50 Hz is at worst {item['ratio_over_none']:.3g} times that without offset"

@@ -171,11 +171,11 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
         print(sentence)
 
 
-def _row(told: dict[str, Any], several: bool) -> list[str]:
-    band, peak = told["band_hz"], told["peak"]
+def _row(result: dict[str, Any], several: bool) -> list[str]:
+    band, peak = result["band_hz"], result["peak"]
     return [
-        f"{told['response']} / {told['reference']}" if several else told["response"],
-        told["configuration"],
-        f"{told['gain']:g}", f"{told['averages']:.0f}", f"{band[0]:g}–{band[1]:g}", f"{peak['frequency_hz']:.2f}",
-        f"{peak['magnitude']:.3g} ± {peak['magnitude_std']:.1g}", f"{told['median_coherence']:.3f}",
+        f"{result['response']} / {result['reference']}" if several else result["response"],
+        result["configuration"],
+        f"{result['gain']:g}", f"{result['averages']:.0f}", f"{band[0]:g}–{band[1]:g}", f"{peak['frequency_hz']:.2f}",
+        f"{peak['magnitude']:.3g} ± {peak['magnitude_std']:.1g}", f"{result['median_coherence']:.3f}",
     ]  # fmt: skip

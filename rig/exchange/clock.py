@@ -107,8 +107,8 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
     index = np.flatnonzero(np.isfinite(time)).astype(np.int64)
     readings = time[index]
     if len(readings) < 2 or not readings[-1] > readings[0]:
-        told = f"goes from {readings[0] * factor:g} to {readings[-1] * factor:g} s" if len(readings) else "has no value"
-        raise RecordingError(f"{here} {told}; it must ascend, so give sample_rate instead")
+        text = f"goes from {readings[0] * factor:g} to {readings[-1] * factor:g} s" if len(readings) else "has no value"
+        raise RecordingError(f"{here} {text}; it must ascend, so give sample_rate instead")
     quantum, seconds = _quantum(readings) * factor, (readings - readings[0]) * factor
     centred, around = index - index.mean(), seconds - seconds.mean()
     period = float(centred @ around / (centred @ centred))

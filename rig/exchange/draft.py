@@ -151,9 +151,9 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
             f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those too"
         )
     if spectra:
-        told = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
+        text = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
         return (
-            f"{path} contains only spectra without phase ({told}); neither modes nor parameters can be fitted to them, so export "
+            f"{path} contains only spectra without phase ({text}); neither modes nor parameters can be fitted to them, so export "
             "the time records or the transfer functions"
         )
     remarks = "; ".join(remark for table in tables for remark in table.remarks)
@@ -240,10 +240,10 @@ def _configuration(part: _Part) -> str:
 
 def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str]) -> list[str]:
     table, group = part.table, part.group
-    told = _told(part)
-    name = told if told not in ids else f"{told}_{len(ids)}"
+    text = _told(part)
+    name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)
-    guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", told, re.IGNORECASE)
+    guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
     gain = _number(table, group, ("gain",)) or (float(guess[1]) if guess else 1.0)
     rate = next(column.sample_rate for _, column in part.columns.values())
     lines = [

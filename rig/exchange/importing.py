@@ -98,9 +98,9 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     columns = {name: _column(table, source, f"{here}: channel {name!r}") for name, source in sources.items()}
     lengths = {name: len(column.values) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        text = ", ".join(f"{name} {n}" for name, n in lengths.items())
         raise RecordingError(
-            f"{here} has columns of unequal length ({told}); map columns with a common sampling, each group as a run with "
+            f"{here} has columns of unequal length ({text}); map columns with a common sampling, each group as a run with "
             "its own channels = [...]"
         )
     total = next(iter(lengths.values()))

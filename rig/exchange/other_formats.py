@@ -61,8 +61,8 @@ def read_tdms(path: Path) -> ForeignTable:
     finally:
         console.removeFilter(said.keep)
     if not columns:
-        told = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
-        raise RecordingError(f"{path} has no samples ({told}); record it again, or export the file that the logger wrote them to")
+        text = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
+        raise RecordingError(f"{path} has no samples ({text}); record it again, or export the file that the logger wrote them to")
     return ForeignTable(path=path, columns=columns, remarks=tuple(f"channel {name!r} has no samples" for name in empty))
 
 

@@ -126,9 +126,9 @@ def _function(
     if over == FREQUENCY and kind in (GENERAL, *KINDS):
         return _spectrum(item, names, x * FREQUENCY_UNITS.get(axis_unit.lower(), 1.0), values, system, spectra)
     if over != TIME or kind not in (GENERAL, TIME_RESPONSE) or np.iscomplexobj(values) or len(x) < 2:
-        told = f"function type {kind} with {len(x)} {'complex' if np.iscomplexobj(values) else 'real'} values"
+        text = f"function type {kind} with {len(x)} {'complex' if np.iscomplexobj(values) else 'real'} values"
         along = {TIME: "time", FREQUENCY: "frequency"}.get(over, f"an abscissa of type {over} in {axis_unit or 'no unit'}")
-        return f"is of {told} over {along}, neither a time record nor a function of frequency"
+        return f"is of {text} over {along}, neither a time record nor a function of frequency"
     rate = _rate(item, x, seconds_per(axis_unit or "s") or 1.0)
     if isinstance(rate, str):
         return rate

@@ -57,9 +57,9 @@ REASON = 200
 
 def reason(error: BaseException) -> str:
     """The text of an error, in one displayable line."""
-    told = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0] or type(error).__name__
-    told = "".join(letter if letter.isprintable() else "?" for letter in told)
-    return told if len(told) <= REASON else told[:REASON] + " ..."
+    text = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0] or type(error).__name__
+    text = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return text if len(text) <= REASON else text[:REASON] + " ..."
 
 
 def reserve(path: Path, size: int) -> None:

@@ -178,8 +178,8 @@ def _run(group: Any, name: str, where: str) -> Run:
     channels = _channels(group, here)
     lengths = {key: len(channel) for key, channel in channels.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{key} {n}" for key, n in lengths.items())
-        raise RecordingError(f"{here} has channels of unequal length ({told}); cut them to one length")
+        text = ", ".join(f"{key} {n}" for key, n in lengths.items())
+        raise RecordingError(f"{here} has channels of unequal length ({text}); cut them to one length")
     if min(lengths.values()) == 0:
         raise RecordingError(f"{here} has no samples; measure it again or remove it")
     use = _text(attrs.get("use", "fit"), f"{here}: use")
@@ -423,12 +423,12 @@ def _rounded(rows: int) -> int:
 
 
 def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> None:
-    _tell(file, {"format": FORMAT, "format_version": VERSION})
-    _tell(file.create_group("rig"), dict(campaign.known) | {"description": campaign.description})
+    _set_attributes(file, {"format": FORMAT, "format_version": VERSION})
+    _set_attributes(file.create_group("rig"), dict(campaign.known) | {"description": campaign.description})
     for run in campaign.runs:
         extra = extras.get(run.id, Extra())
         group = file.create_group(f"runs/{run.id}")
-        _tell(
+        _set_attributes(
             group,
             {
                 "configuration": run.configuration, "sample_rate": run.sample_rate, "gain": run.gain,
@@ -442,7 +442,7 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
             about |= channel.about
             about |= {"range": channel.full_scale, **extra.channels.get(channel.name, {})}
             # A constant gain is the same number repeated.
-            _tell(store(group, channel.name, channel.samples, compressed=channel.quantity == "gain"), about)
+            _set_attributes(store(group, channel.name, channel.samples, compressed=channel.quantity == "gain"), about)
         if run.gaps:
             store(group, "gaps", np.array([(g.first_tick, g.count) for g in run.gaps], [("first_tick", "i8"), ("count", "i8")]))
         for name, table in extra.tables.items():
@@ -451,7 +451,7 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
             inside = group.create_group(f"spectra/{spectrum.name}")
             store(inside, "frequency", spectrum.frequency)
             store(inside, "values", spectrum.values)
-            _tell(
+            _set_attributes(
                 inside,
                 {
                     "kind": spectrum.kind, "response": spectrum.response, "reference": spectrum.reference,
@@ -460,9 +460,9 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
             )  # fmt: skip
 
 
-def _tell(item: Any, told: Mapping[str, Any]) -> None:
+def _set_attributes(item: Any, attributes: Mapping[str, Any]) -> None:
     # Text of fixed length: HDF5 stores text of variable length outside of the checksums.
-    for key, value in told.items():
+    for key, value in attributes.items():
         if isinstance(value, str):
             encoded = value.encode()
             item.attrs.create(key, encoded, dtype=h5py.string_dtype("utf-8", max(len(encoded), 1)))

@@ -294,8 +294,8 @@ def _load(path: Path, schema: pa.Schema) -> pa.Table:
     except FileNotFoundError:
         raise
     except (OSError, pa.ArrowInvalid, ValueError) as error:
-        told = (str(error).splitlines() or [""])[0]
-        raise RigError(f"{path} is damaged ({told}); remove it and run rig fleet update, which creates it again") from None
+        reason = (str(error).splitlines() or [""])[0]
+        raise RigError(f"{path} is damaged ({reason}); remove it and run rig fleet update, which creates it again") from None
 
 
 def _save(place: Any, table: pa.Table) -> None:

@@ -144,5 +144,5 @@ def look(
     fleet = followed(answers, baseline, false_per_month=false_per_month)
     by_name = {name_of(fleet, incident): incident for incident in fleet.incidents}
     for question, failure in shared_out(explain, questions(catalogue, fleet), scheduler):
-        told = incident_words(fleet, by_name[question.name], None if failure else catalogue.change(question.name))
-        yield told + (f"; its cause cannot be determined: {failure}" if failure else "")
+        sentence = incident_words(fleet, by_name[question.name], None if failure else catalogue.change(question.name))
+        yield sentence + (f"; its cause cannot be determined: {failure}" if failure else "")

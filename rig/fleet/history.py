@@ -337,13 +337,13 @@ def _coarse(freedom: float) -> float:
 def _named(campaigns: Sequence[Campaign]) -> list[Named]:
     found = []
     for cause in sorted(frozenset().union(*(c.causes for c in campaigns))):
-        told = [cause in c.causes for c in campaigns]
+        named = [cause in c.causes for c in campaigns]
         near = [cause in c.causes or cause in c.alike for c in campaigns]
         clean, standing = 0, False
         for k in range(len(campaigns)):
             recent = range(max(k - OF + 1, 0), k + 1)
-            if not standing and told[k] and sum(told[i] for i in recent) >= NAMED:
-                first = next(i for i in recent if told[i])
+            if not standing and named[k] and sum(named[i] for i in recent) >= NAMED:
+                first = next(i for i in recent if named[i])
                 if clean >= CLEAN:
                     found.append(Named(cause=cause, first=first, alarm=k))
                 standing = True

@@ -99,8 +99,8 @@ def _answered(job: Job, folder: Path) -> Answer:
             raise OutputError(f"{job.catalogue}: {error.strerror}; make room and update again") from None
         return msgspec.structs.replace(blank, verdict=FAILED, reason=f"{path}: {error}; update again")
     except Exception as error:  # one recording that crashes the program must not stop a thousand others
-        told = f"{path}: the program failed ({type(error).__name__}: {error}); report it, and update again with --again"
-        return msgspec.structs.replace(blank, verdict=FAILED, reason=told)
+        text = f"{path}: the program failed ({type(error).__name__}: {error}); report it, and update again with --again"
+        return msgspec.structs.replace(blank, verdict=FAILED, reason=text)
     try:
         if not answered(folder, origin, limit=job.limit):
             raise RigError(f"{path} was changed while it was diagnosed; update again")

@@ -35,8 +35,8 @@ def asked(catalogue: Catalogue, query: str) -> str:
             found = connection.execute(query)
             names, rows = [column[0] for column in found.description or ()], found.fetchall()
         except duckdb.Error as error:
-            told = (str(error).splitlines() or ["it failed"])[0]
-            raise RigError(f"the query is wrong ({told}); the table is answers, see docs/fleet.md for its columns") from None
+            reason = (str(error).splitlines() or ["it failed"])[0]
+            raise RigError(f"the query is wrong ({reason}); the table is answers, see docs/fleet.md for its columns") from None
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(names)

@@ -83,18 +83,18 @@ def _verdict(fleet: Fleet) -> str:
 def _summary(fleet: Fleet) -> list[str]:
     campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
     first, last = min(c.started for c in campaigns), max(c.started for c in campaigns)
-    told = [
+    sentences = [
         f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
         f"On average, at most {fleet.false_per_month:g} a month of the parameter changes in the whole fleet is a false alarm.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:
-        told.append(
+        sentences.append(
             f"{waiting} campaigns are not tracked yet: rigs are tracked in one version of the program only, so run rig fleet "
             "update until the same version has diagnosed all campaigns."
         )
-    return told
+    return sentences
 
 
 def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str]) -> Section:
@@ -144,8 +144,8 @@ def _glance(fleet: Fleet, rigs: Sequence[Rig], anchors: Mapping[str, str]) -> Se
 
 def _spark(track: Track) -> Cell:
     values = np.exp(track.series.value) if track.log else track.series.value
-    told = f"{parameter_words(track.name)}: now {track.plain(track.followed.level):.4g} {track.unit}"
-    return sparkline(values, told, [change.first for change in track.followed.changes])
+    text = f"{parameter_words(track.name)}: now {track.plain(track.followed.level):.4g} {track.unit}"
+    return sparkline(values, text, [change.first for change in track.followed.changes])
 
 
 def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:

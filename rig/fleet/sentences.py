@@ -53,9 +53,9 @@ def period(fleet: Fleet, incident: Incident) -> str:
 def change_words(track: Track, change: Change) -> str:
     """A change of a parameter in words."""
     unit = f" {track.unit}" if track.unit not in ("", "1") else ""
-    told = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
-    told += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
-    return told if abs(change.size) >= BORNE_OUT else f"{told}, not confirmed by the campaigns since"
+    text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
+    text += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
+    return text if abs(change.size) >= BORNE_OUT else f"{text}, not confirmed by the campaigns since"
 
 
 def explained(rows: Sequence[Mapping[str, object]]) -> str:
@@ -94,23 +94,23 @@ def what_else(fleet: Fleet, incident: Incident) -> list[str]:
     """Sentences about events that coincide with a change."""
     rig = fleet.rigs[incident.rig]
     begin, end = rig.campaigns[incident.last_before].started, rig.campaigns[incident.first_after].started
-    told = []
+    sentences = []
     others = [other for other in fleet.incidents if other.rig != rig.name and _meets(fleet, other, begin, end)]
     if others:
         names = ", ".join(dict.fromkeys(other.rig for other in others))
-        told.append(
+        sentences.append(
             f"Changed at the same time: {names}. A common reason is possible (surroundings, method, sensors' calibration)."
         )
-    told += _pause(rig, incident)
+    sentences += _pause(rig, incident)
     before, after = rig.campaigns[incident.last_before], rig.campaigns[incident.alarm]
     if before.verdict != after.verdict:
-        told.append(f"The verdict changed from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
+        sentences.append(f"The verdict changed from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
     gone, new = sorted(before.causes - after.causes), sorted(after.causes - before.causes)
     if gone:
-        told.append(f"No longer named: {_plain(', '.join(gone))}.")
+        sentences.append(f"No longer named: {_plain(', '.join(gone))}.")
     if new:
-        told.append(f"Named since: {_plain(', '.join(new))}.")
-    return told or ["No coinciding event is known."]
+        sentences.append(f"Named since: {_plain(', '.join(new))}.")
+    return sentences or ["No coinciding event is known."]
 
 
 def _meets(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:

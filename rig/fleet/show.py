@@ -68,9 +68,9 @@ def _show_track(rig: Rig, name: str) -> None:
     track = rig.tracks[name]
     value = np.exp(track.series.value) if track.log else track.series.value
     std = value * track.series.std if track.log else track.series.std
-    told = _events(track)
+    events = _events(track)
     rows = [
-        (day(c.date), c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(told.get(k, [])))
+        (day(c.date), c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(events.get(k, [])))
         for k, (c, v, s) in enumerate(
             zip((rig.campaigns[at] for at in track.campaigns), value.tolist(), std.tolist(), strict=True)
         )
@@ -80,13 +80,13 @@ def _show_track(rig: Rig, name: str) -> None:
 
 
 def _events(track: Track) -> dict[int, list[str]]:
-    told: dict[int, list[str]] = {}
+    events: dict[int, list[str]] = {}
     for change in track.followed.changes:
-        told.setdefault(change.first, []).append(f"changed {track.moved(change)} ({change.kind})")
-        told.setdefault(change.alarm, []).append("alarm")
+        events.setdefault(change.first, []).append(f"changed {track.moved(change)} ({change.kind})")
+        events.setdefault(change.alarm, []).append("alarm")
     for k in track.followed.alone:
-        told.setdefault(k, []).append("outlier")
-    return told
+        events.setdefault(k, []).append("outlier")
+    return events
 
 
 def rig_of(fleet: Fleet, name: str) -> Rig:

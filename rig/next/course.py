@@ -351,16 +351,16 @@ def answered(found: Rivals) -> list[str]:
         "explained": "The named causes explain the runs.", "partly explained": "Part of the error is explained.",
         "unexplained": "The model misfits, and no cause is certain enough to be named.",
     }  # fmt: skip
-    told = [verdict[found.verdict]]
+    sentences = [verdict[found.verdict]]
     if found.named:
-        told.append(f"Named: {_names(found.named)}.")
+        sentences.append(f"Named: {_names(found.named)}.")
     for one in found.open:
         together = [(model.cause, model.location) for model in one.models] + one.twins
         why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
-        told.append(f"{why}: {_names(together)}.")
+        sentences.append(f"{why}: {_names(together)}.")
     if found.ruled_out:
-        told.append(f"Ruled out: {_names(found.ruled_out[:6])}{' and others' if len(found.ruled_out) > 6 else ''}.")
-    return [*told, _figures(found)]
+        sentences.append(f"Ruled out: {_names(found.ruled_out[:6])}{' and others' if len(found.ruled_out) > 6 else ''}.")
+    return [*sentences, _figures(found)]
 
 
 def _figures(found: Rivals) -> str:

@@ -302,11 +302,11 @@ def _compared(
     def beyond(factor: float) -> list[Prospect]:
         return [prospect(run, rate, now.start_time, now.scale) for run in now.raised(factor)]
 
-    told = []
+    pairs = []
     for pair in inseparable_pairs(found):
         cures = further(comparison, pair, beyond, kept, progress), another_sensor(comparison, seen, pair, progress)
-        told.append((pair, tuple(cure for cure in cures if cure is not None)))
-    return found, unreached, tuple(told)
+        pairs.append((pair, tuple(cure for cure in cures if cure is not None)))
+    return found, unreached, tuple(pairs)
 
 
 def inseparable_pairs(found: Chosen) -> list[tuple[Key, Key]]:

@@ -79,12 +79,12 @@ def in_hand(taken: Sequence[TakenRun], plans: Mapping[str, RunPlan], sample_rate
 
 def described(run: CandidateRun) -> str:
     """A run in one line."""
-    told = EXCITED[run.excitation]
+    text = EXCITED[run.excitation]
     if run.band is not None and run.excitation != "free":
-        told += f" from {run.band[0]:g} to {run.band[1]:g} Hz"
+        text += f" from {run.band[0]:g} to {run.band[1]:g} Hz"
     if run.frequency is not None:
-        told += f" of {run.frequency:g} Hz"
+        text += f" of {run.frequency:g} Hz"
     if run.excitation != "free":
-        told += f" at gain {run.gain:g}"
+        text += f" at gain {run.gain:g}"
     again = f", repeating the drive of {run.repeat_of}" if run.repeat_of else ""
-    return f"{told}, {run.configuration}, {run.seconds:g} s{again}"
+    return f"{text}, {run.configuration}, {run.seconds:g} s{again}"

@@ -34,26 +34,26 @@ def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
     if item.run.rests:
         hidden = "In the runs so far the rig's own motion masks the noise, because friction excites all frequencies."
         return ["At rest the sensors show their own noise and hum.", hidden if now.rivals.runs else "They are not known yet."]
-    told = list(item.told)
+    sentences = list(item.told)
     if item.choice is not None:
         supposed = proposal.kind == "untested"
-        told += [*(_shows(item.choice) if supposed else _parts(item.choice)), _after(item.choice, supposed)]
+        sentences += [*(_shows(item.choice) if supposed else _parts(item.choice)), _after(item.choice, supposed)]
     elif item.run.repeat_of is not None:
-        told.append(
+        sentences.append(
             f"It repeats the drive of {item.run.repeat_of}: the difference between the two runs is not caused by the drive, so "
             "no model can explain it."
         )
-    return [*told, *([] if item.peaks is None else _uses(item.peaks, now.limits))]
+    return [*sentences, *([] if item.peaks is None else _uses(item.peaks, now.limits))]
 
 
 def _parts(choice: Choice) -> list[str]:
-    told = []
+    sentences = []
     for apart in sorted(choice.apart, key=lambda apart: -apart.distance)[:LISTED]:
-        told.append(
+        sentences.append(
             f"If {cause(apart.truth)} is true, the error of {cause(apart.rival)}, refitted to all runs, is "
             f"{_errors(apart.distance)} in this run: {_chance(apart)}."
         )
-    return told
+    return sentences
 
 
 def _chance(apart: Apart) -> str:
@@ -104,7 +104,7 @@ def _errors(distance: float) -> str:
 
 def inseparable(proposal: Proposal) -> list[str]:
     """Pairs of remaining causes that no allowed run distinguishes, each with what would."""
-    told = []
+    sentences = []
     assert proposal.chosen is not None or not proposal.remedies
     for pair, cures in proposal.remedies:
         best = max(
@@ -112,12 +112,12 @@ def inseparable(proposal: Proposal) -> list[str]:
         ) if proposal.chosen else 0.0  # fmt: skip
         one, other = (f"{words(cause)} at {place}" for cause, place in pair)
         count = proposal.chosen.compared if proposal.chosen else 0
-        told.append(
+        sentences.append(
             f"No allowed run distinguishes {one} from {other}: their distance in the best of {count} candidates is "
             f"{_errors(best)}."
         )
-        told += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
-    return told
+        sentences += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
+    return sentences
 
 
 def _cure(cure: Remedy) -> str:
@@ -156,23 +156,23 @@ def untested(proposal: Proposal, most: int = 8) -> list[str]:
 
 def summary(proposal: Proposal) -> list[str]:
     """The proposal in sentences: the question, what cannot be distinguished, what was compared."""
-    told = [proposal.asked or ASKED[proposal.kind]]
+    sentences = [proposal.asked or ASKED[proposal.kind]]
     if not proposal.runs:
-        told.append("No run is proposed: no allowed run is informative.")
-    told += inseparable(proposal) + twins(proposal) + untested(proposal)
+        sentences.append("No run is proposed: no allowed run is informative.")
+    sentences += inseparable(proposal) + twins(proposal) + untested(proposal)
     if proposal.chosen is not None:
-        told.append(_counted(proposal))
-    return told
+        sentences.append(_counted(proposal))
+    return sentences
 
 
 def _counted(proposal: Proposal) -> str:
     assert proposal.chosen is not None
-    told = f"{proposal.chosen.compared} candidate runs were compared"
+    text = f"{proposal.chosen.compared} candidate runs were compared"
     if proposal.chosen.refused:
-        told += f", {len(proposal.chosen.refused)} more would exceed a limit"
+        text += f", {len(proposal.chosen.refused)} more would exceed a limit"
     if proposal.unreached:
-        told += f", and {proposal.unreached} were not reached within the time limit"
-    return f"{told}."
+        text += f", and {proposal.unreached} were not reached within the time limit"
+    return f"{text}."
 
 
 def listed(names: Sequence[str]) -> str:

@@ -74,24 +74,24 @@ def propose_for(
         budget=budget, most=MOST_RUNS, progress=progress,
     )  # fmt: skip
     how = "the error bars of the transfer functions" if found.linear else "the waveforms"
-    told = [
+    sentences = [
         f"{wanted.name} is {found.value:.5g} now, with a standard uncertainty of {_percent(found.std)}; {_percent(wanted.std)} "
         f"is required. {found.compared} candidate runs were compared by {how} that they would give."
     ]
     last = found.runs[-1].std if found.runs else found.std
     if found.std <= wanted.std:
-        told.append("The required uncertainty is reached already.")
+        sentences.append("The required uncertainty is reached already.")
     elif last > wanted.std:
-        told.append(f"No allowed runs of {budget:g} s together reach it; these reach {_percent(last)}.")
+        sentences.append(f"No allowed runs of {budget:g} s together reach it; these reach {_percent(last)}.")
     return Proposal(
-        kind="parameter", asked=" ".join(told), runs=tuple(_proposed(item, wanted) for item in found.runs),
+        kind="parameter", asked=" ".join(sentences), runs=tuple(_proposed(item, wanted) for item in found.runs),
         unreached=len(prospects) - found.compared,
     )  # fmt: skip
 
 
 def _proposed(item: Precise, wanted: Wish) -> Proposed:
-    told = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
-    return Proposed(run=item.prospect.run, told=(told,), peaks=item.peaks)
+    text = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
+    return Proposed(run=item.prospect.run, told=(text,), peaks=item.peaks)
 
 
 def _percent(share: float) -> str:

@@ -22,27 +22,27 @@ def advice(campaign: Campaign, found: Characterization) -> list[str]:
 
     None if there is no advice.
     """
-    told = [] if found.adequate else ["Run rig diagnose on this recording: it searches for the cause of the remaining error."]
+    notes = [] if found.adequate else ["Run rig diagnose on this recording: it searches for the cause of the remaining error."]
     if found.head_mass is None:
-        told += [f"{name} is not determined ({entry.note})." for name, entry in found.table.items() if entry.value is None]
-        return told + _holdout(campaign)
+        notes += [f"{name} is not determined ({entry.note})." for name, entry in found.table.items() if entry.value is None]
+        return notes + _holdout(campaign)
     friction = found.table["friction_force"].value
     unlocked = {run.gain: run for run in broad(campaign.select(configuration="unlocked"))}
     if friction is not None:
-        told += [text for gain in sorted(unlocked) if (text := _stuck(found, unlocked[gain], friction))]
-    told += [
+        notes += [text for gain in sorted(unlocked) if (text := _stuck(found, unlocked[gain], friction))]
+    notes += [
         f"The {words(name)} is not identifiable ({entry.note}): excite its frequency band more strongly or for longer."
         for name, entry in found.table.items()
         if entry.value is None
     ]
     peak = found.table["heatblock_frequency"].value
     if peak is not None and len({run.gain for run in broad(campaign.runs) if _reaches(run, peak)}) < 2:
-        told.append(
+        notes.append(
             f"Only one gain excites the heatblock's peak at {peak:.4g} Hz: measure this band at a second gain, locked and "
             "unlocked, to "
             "distinguish mass loading from friction and other nonlinearities."
         )
-    return told + _holdout(campaign)
+    return notes + _holdout(campaign)
 
 
 def _holdout(campaign: Campaign) -> list[str]:

@@ -126,17 +126,17 @@ def _summary(diagnosis: Diagnosis) -> list[str]:
     errors = (diagnosis.baseline_error, diagnosis.extended_error, diagnosis.floor)
     before, after, floor = (f"{100 * error:.2g} %" for error in errors)
     extended = f", that of the extended model {after}" if diagnosis.steps else ""
-    told = [doubt.text for doubt in diagnosis.doubts] + [
+    sentences = [doubt.text for doubt in diagnosis.doubts] + [
         f"On held-out data the error of the baseline is {before} of the signal{extended}; "
         f"that of a perfect model would be {floor}, from sensor noise and the disturbance seen between repeated runs."
     ]
     if diagnosis.cut_short:
-        told.append(CUT_SHORT)
+        sentences.append(CUT_SHORT)
     for step, (share, low, high) in zip(diagnosis.steps, diagnosis.shares, strict=True):
         values = ", ".join(f"{words(k)} {v:.4g} ± {d:.1g} {u}" for k, (v, d, u) in step.parameters.items())
         removed = f"it removes {100 * share:.3g} % ({100 * low:.3g} to {100 * high:.3g} %) of the baseline's reproducible excess"
-        told.append(f"Named: {_what(step)} at {step.location}; {removed}" + (f"; {values}." if values else "."))
-    return told
+        sentences.append(f"Named: {_what(step)} at {step.location}; {removed}" + (f"; {values}." if values else "."))
+    return sentences
 
 
 def _what(step: Step) -> str:
@@ -145,23 +145,26 @@ def _what(step: Step) -> str:
 
 
 def _named(step: Step, share: tuple[float, float, float]) -> Section:
-    told = [*step.evidence, f"It is better than every rival in {100 * step.confidence:.0f} % of the resampled held-out data."]
-    told += [f"The data cannot distinguish it from {words(cause)} at {place}." for cause, place in step.indistinguishable]
+    notes = [
+        *step.evidence,
+        f"It is better than every rival in {100 * step.confidence:.0f} % of the resampled held-out data.",
+    ]
+    notes += [f"The data cannot distinguish it from {words(cause)} at {place}." for cause, place in step.indistinguishable]
     charts = []
     if step.curve is not None:
-        told.append(
+        notes.append(
             f"A free shape was fitted: the curve below, determined by the data over {step.curve.over}. No law of this kind at "
             "this place can fit better, and the extended model contains the curve."
         )
         charts.append(_curve_chart(step, step.curve))
     if step.closest is not None:
-        told.append(
+        notes.append(
             f"The closest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % of the excess "
             f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
         )
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
-    return Section(title=f"Named: {_what(step)} ({step.location})", text=told, tables=tables, charts=charts)
+    return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
 
 
 def _curve_chart(step: Step, curve: Curve) -> Chart:
@@ -181,10 +184,10 @@ def _curve_chart(step: Step, curve: Curve) -> Chart:
 def _considered(diagnosis: Diagnosis) -> Section:
     rows = [
         (
-            words(told.cause), told.location, "" if told.holdout_error is None else number(told.holdout_error, 3),
-            "" if told.share is None else f"{100 * max(told.share, 0.0):.3g} %", told.standing, told.why,
+            words(item.cause), item.location, "" if item.holdout_error is None else number(item.holdout_error, 3),
+            "" if item.share is None else f"{100 * max(item.share, 0.0):.3g} %", item.standing, item.why,
         )
-        for told in diagnosis.told
+        for item in diagnosis.told
     ]  # fmt: skip
     columns = ("cause", "location", "held-out error", "share removed", "status", "reason")
     text = ["Every fitted cause, and those that are not identifiable from these runs."] if rows else ["No cause was needed."]
@@ -211,19 +214,19 @@ def _budget(diagnosis: Diagnosis) -> Section:
 
 def advice(diagnosis: Diagnosis) -> list[str]:
     """Measurements that would answer what this campaign leaves open."""
-    told = []
+    sentences = []
     for step in diagnosis.steps:
         for cause, place in step.indistinguishable:
-            told.append(
+            sentences.append(
                 f"To distinguish {words(step.cause)} at {step.location} from {words(cause)} at {place}, measure again at another "
                 "gain, or with an additional accelerometer at that place."
             )
     worst = max(diagnosis.discrepancies, key=lambda d: d.size, default=None)
     if diagnosis.verdict in ("unexplained", "partly explained") and worst is not None:
-        told.append(
+        sentences.append(
             f"The remaining error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, between "
             f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )
     if not any(trial.run.use == "holdout" for trial in diagnosis.trials):
-        told.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
-    return told
+        sentences.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
+    return sentences

@@ -77,7 +77,7 @@ def _job(campaign: Campaign, found: Characterization, compared: Compared | None)
     low, high = measured.interval
     verdict = "Yes" if low >= wish else "No" if high < wish else "Perhaps"
     short = f"{verdict}: {_percent(measured.share)} isolated, {_percent(wish)} required"
-    told = (
+    text = (
         f"95 % interval {_percent(low)} to {_percent(high)}: reduction of the heatblock's vibration, unlocked relative to locked "
         f"with the same drive, from {measured.band[0]:.3g} to {measured.band[1]:.3g} Hz at gain {measured.gain:.3g}."
     )
@@ -86,7 +86,7 @@ def _job(campaign: Campaign, found: Characterization, compared: Compared | None)
         if WISH in campaign.known
         else f"The recording gives no requirement ({WISH}): {_percent(PROMISED)} is from the thesis's first simulation of a move."
     )
-    return Answer(question=question, short=short, text=[told, stated, *_bonded(campaign, found)])
+    return Answer(question=question, short=short, text=[text, stated, *_bonded(campaign, found)])
 
 
 def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
@@ -107,20 +107,20 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
     costs = _cost(compared.isolated) if compared is not None else ""
     if found.adequate:
         short = "No discrepancy found"
-        told = (
+        text = (
             f"It explains the runs down to the noise: its error is {100 * found.error:.2g} % of the signal, that of noise alone "
             f"{100 * found.floor:.2g} %."
         )
     else:
         short = f"Its error is {100 * found.error:.2g} % of the signal"
-        told = f"Noise alone would cause {100 * found.floor:.2g} %."
+        text = f"Noise alone would cause {100 * found.floor:.2g} %."
         if wrong:
             worst = wrong[0]
-            told += (
+            text += (
                 f" Its error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, from "
                 f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
             )
-    return Answer(question=question, short=short, text=[told, *([costs] if costs else [])])
+    return Answer(question=question, short=short, text=[text, *([costs] if costs else [])])
 
 
 def _cost(isolated: dict[str, Isolated]) -> str:

@@ -21,11 +21,11 @@ def history_sections(found: Characterization, history: Sequence[ParameterFile]) 
         return []
     past = sorted(history, key=lambda item: item.measured or datetime.min.replace(tzinfo=UTC))
     last = past[-1]
-    rows, told = [], []
+    rows, sentences = [], []
     for name, entry in found.table.items():
         change = _change(entry.value, entry.std, last.values.get(name))
         if change is not None and abs(change) > CHANGED:
-            told.append(f"{words(name).capitalize()} has changed by {change:+.1f} standard deviations since {_label(last)}.")
+            sentences.append(f"{words(name).capitalize()} has changed by {change:+.1f} standard deviations since {_label(last)}.")
         earlier = (_shown(item.values.get(name)) for item in past)
         now = _shown(None if entry.value is None else (entry.value, entry.std or 0.0))
         rows.append((words(name), entry.unit, *earlier, now, "–" if change is None else f"{change:+.1f}"))
@@ -34,7 +34,7 @@ def history_sections(found: Characterization, history: Sequence[ParameterFile]) 
         caption="Value ± standard uncertainty; the change is since the latest earlier campaign.",
     )  # fmt: skip
     quiet = f"No parameter has changed by more than {CHANGED:g} standard deviations since {_label(last)}."
-    return [Section(title="Parameters compared with earlier campaigns", text=told or [quiet], tables=[table])]
+    return [Section(title="Parameters compared with earlier campaigns", text=sentences or [quiet], tables=[table])]
 
 
 def _label(item: ParameterFile) -> str:

@@ -69,8 +69,8 @@ def _of(item: SetUp, key: str) -> float:
 
 def _dampings(item: SetUp) -> str:
     half = item.half_power.mode
-    told = f"{half.damping:.3g}" if half else "refused"
-    return f"{item.mode.damping:.3g} ({told})" if item.mode else "none"
+    text = f"{half.damping:.3g}" if half else "refused"
+    return f"{item.mode.damping:.3g} ({text})" if item.mode else "none"
 
 
 def resolutions(campaign: Campaign) -> list[float]:

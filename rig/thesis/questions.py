@@ -79,12 +79,12 @@ def _half_power(found: Compared) -> tuple[str, ...]:
 
 
 def _effective() -> tuple[str, ...]:
-    told = ", ".join(f"{place(mass)[0]:.1f} Hz with {mass:g} kg" for mass in MASSES)
+    text = ", ".join(f"{place(mass)[0]:.1f} Hz with {mass:g} kg" for mass in MASSES)
     near = [mass for mass in MASSES if PLACE.tolerances(place(mass)[0]) <= 1.0]
     return (
         "Why is the effective mass of the table 80 kg, if it weighs 250 kg?",
         "Only part of it moves in the mode at 10.8 Hz. This does not apply at 165 Hz: the heatblock's locked peak is at "
-        f"{told}, and the thesis's {PLACE.low:g} Hz require "
+        f"{text}, and the thesis's {PLACE.low:g} Hz require "
         f"{' or '.join(f'{m:g} kg' for m in near) or 'more than any of these'}.",
         "certain that one mass does not fit both frequencies",
         "a hammer test at bonding height with accelerometers along the table: mode shapes at 11 Hz and around 165 Hz",

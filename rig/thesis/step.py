@@ -39,8 +39,8 @@ class Step:
 def judged(what: str, stated: Stated, value: float, *, here: str = "", why: Mapping[Verdict, str] | None = None) -> Row:
     """A row with a computed verdict; `here` replaces the default format of the value, `why` explains a verdict."""
     reason = (why or {}).get(stated.verdict(value), "")
-    told = stated.told(value)
-    return Row(what=what, thesis=stated.shown, here=here or f"{value:.4g}", remark=f"{told}; {reason}" if reason else told)
+    text = stated.told(value)
+    return Row(what=what, thesis=stated.shown, here=here or f"{value:.4g}", remark=f"{text}; {reason}" if reason else text)
 
 
 def plain(what: str, here: str, *, thesis: str = "not given", remark: str = "") -> Row:

@@ -97,11 +97,11 @@ class Group:
     def text(self, drive: str) -> str:
         """Progress of the averaging, in words."""
         error, n = self.error(drive), self.spectra.averages
-        told = f"{self.configuration}, gain {self.gain:g}: averages {n:.0f}"
+        phrase = f"{self.configuration}, gain {self.gain:g}: averages {n:.0f}"
         if self.planned is None or self.planned <= n:
-            return f"{told}, error {100 * error:.2g} %"
+            return f"{phrase}, error {100 * error:.2g} %"
         at_end = error * np.sqrt(n / self.planned)
-        return f"{told} of {self.planned:.0f}, error {100 * error:.2g} % now, {100 * at_end:.2g} % at the end"
+        return f"{phrase} of {self.planned:.0f}, error {100 * error:.2g} % now, {100 * at_end:.2g} % at the end"
 
 
 def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned]) -> dict[tuple[str, float], Group]:
