@@ -20,7 +20,7 @@ from isorig.analysis.model.rig_model import RigModel
 
 
 @dataclass(frozen=True, kw_only=True)
-class Told:
+class ConsideredCandidate:
     """A considered cause.
 
     Parameters
@@ -46,27 +46,27 @@ class Told:
     why: str
 
 
-def all_told(
+def all_considered(
     searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], first: Score, floors: FloatArray,
     model: RigModel, trials: Sequence[Trial],
-) -> tuple[Told, ...]:  # fmt: skip
+) -> tuple[ConsideredCandidate, ...]:  # fmt: skip
     """All candidates of all searches, the largest contribution first, followed by the untested causes."""
     named = {(step.cause, step.location) for step in steps}
     sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
     whole = max(excess(first.error, floors), 1e-300)
-    found: dict[tuple[str, str], Told] = {}
+    found: dict[tuple[str, str], ConsideredCandidate] = {}
     for before, entries in searches:
         best = min(entries, key=lambda entry: excess(entry.score.error, floors))
         for entry in entries:
             share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
             key = entry.candidate.key
             if key not in found or key in named:
-                found[key] = _told(entry, share, best, floors, key in named, any(key in one for one in sets))
-    untested = [told for told in not_tested(model, trials) if (told.cause, told.location) not in found]
-    return (*sorted(found.values(), key=lambda told: -(told.share or 0.0)), *untested)
+                found[key] = _considered(entry, share, best, floors, key in named, any(key in one for one in sets))
+    untested = [candidate for candidate in not_tested(model, trials) if (candidate.cause, candidate.location) not in found]
+    return (*sorted(found.values(), key=lambda candidate: -(candidate.share or 0.0)), *untested)
 
 
-def _told(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool) -> Told:
+def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool) -> ConsideredCandidate:
     behind = ratio(entry.score.error, best.score.error, floors)
     percent = f"{100 * max(share, 0.0):.3g} % of the baseline's reproducible excess"
     if together:
@@ -87,13 +87,13 @@ def _told(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bo
             if entry is not best
             else f"It removes {percent}."
         )
-    return Told(
+    return ConsideredCandidate(
         cause=entry.candidate.cause, kind=entry.kind, location=entry.candidate.location,
         holdout_error=entry.score.figure, share=share, standing=standing, why=why,
     )  # fmt: skip
 
 
-def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[Told]:
+def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[ConsideredCandidate]:
     """Causes that are not identifiable from these runs."""
     deflection, _ = swings(model, trials)
     configurations = {trial.run.configuration for trial in trials}
@@ -117,5 +117,7 @@ def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[Told]:
     return found
 
 
-def _untested(cause: str, place: str, why: str) -> Told:
-    return Told(cause=cause, kind=kind_of(cause), location=place, holdout_error=None, share=None, standing="not tested", why=why)
+def _untested(cause: str, place: str, why: str) -> ConsideredCandidate:
+    return ConsideredCandidate(
+        cause=cause, kind=kind_of(cause), location=place, holdout_error=None, share=None, standing="not tested", why=why
+    )

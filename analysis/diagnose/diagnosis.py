@@ -11,7 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.diagnose.budget import Budget, budget
-from isorig.analysis.diagnose.considered import Told, all_told
+from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, signs
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
@@ -86,7 +86,7 @@ class Diagnosis:
         For each step: share of the baseline's excess error that it removes (value, low, high).
     budgets
         For baseline and extended model: composition of their errors.
-    told
+    considered
         Every candidate with its status.
     searched
         Every search for a step: the score before it, and the fully fitted candidates, without the derivatives of their fits.
@@ -117,7 +117,7 @@ class Diagnosis:
     division: Division
     shares: tuple[tuple[float, float, float], ...]
     budgets: tuple[Budget, Budget]
-    told: tuple[Told, ...]
+    considered: tuple[ConsideredCandidate, ...]
     searched: tuple[tuple[Score, tuple[Entry, ...]], ...]
     tolerance: float
     cut_short: bool
@@ -185,7 +185,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
             for before, after in pairwise(stages[: found.kept + 1])
         ),
         budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
-        told=all_told(
+        considered=all_considered(
             search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], first.score,
             _allowed(found.quiet), first.fit.model, trials,
         ),

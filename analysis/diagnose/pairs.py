@@ -75,12 +75,12 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
         model = msgspec.structs.replace(alone.model, free=tuple(free.path for free in alone.free))
         evidence = seen(model)
         candidates = [c for mechanism in CATALOGUE for c in mechanism.candidates(model, evidence)]
-        looks = Screen(alone, rungs[at].problem).ranked([c for c in candidates if _apart(c, first)])
-        for look in (look for look in looks[:SECONDS] if look.cost < PROMISED * alone.cost):
-            second = look.candidate
+        screened = Screen(alone, rungs[at].problem).ranked([c for c in candidates if _apart(c, first)])
+        for item in (item for item in screened[:SECONDS] if item.cost < PROMISED * alone.cost):
+            second = item.candidate
             progress(f"fitting {first.cause} ({first.location}) and {second.cause} ({second.location})")
             free = second.parameters(alone.model, alone.free)
-            fits = [done for start in look.models if (done := tried(start, free, rungs[at])) and second.plausible(done.model)]
+            fits = [done for start in item.models if (done := tried(start, free, rungs[at])) and second.plausible(done.model)]
             both = min(fits, key=lambda done: done.cost, default=None)
             if both is not None and both.cost < TELLING:
                 found.append(Pair(first=first, second=second, alone=alone, fit=both))

@@ -37,7 +37,7 @@ from isorig.analysis.fitting.ladder import (
     without,
 )
 from isorig.analysis.fitting.score import Score, adequate, confidence, margin_in_errors, score, units
-from isorig.analysis.fitting.screen import Look, Progress, Screen, glanced
+from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, glanced
 from isorig.analysis.fitting.solve import Fit, Free, Problem, fit
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import FrictionCurve
@@ -205,14 +205,16 @@ def next_step(
     problem = Problem(glanced(trials, seconds))
     glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
     evidence = observe(campaign, current.model, trials, guess)
-    looks = Screen(glance, problem).ranked([c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)])
-    if looks:
-        progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in looks[:3]))
-    if left < POLICY.rest and not (looks and looks[0].cost < (1.0 - POLICY.worth) * glance.cost):
+    screened = Screen(glance, problem).ranked(
+        [c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)]
+    )
+    if screened:
+        progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in screened[:3]))
+    if left < POLICY.rest and not (screened and screened[0].cost < (1.0 - POLICY.worth) * glance.cost):
         return None
     # If a shorter interval shows it too, fits may approach on that.
     rungs = ladder(trials, 0.0 if seconds < SCREENS[-1] else seconds)
-    run = race(starts_of(diverse(looks), current, guess, rungs[0]), rungs, current, progress)
+    run = race(starts_of(diverse(screened), current, guess, rungs[0]), rungs, current, progress)
     forms = _entries(run.ranked[:FINALISTS], trials, fine, progress)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
@@ -232,12 +234,12 @@ def next_step(
             place = nearly.place
             below = next(done.cost for c, done in run.ranked if c is nearly.candidate) / POLICY.form_close**2
         shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, place, below)
-        again = _again(looks, shapes, current, floors, rungs, progress)
+        again = _again(screened, shapes, current, floors, rungs, progress)
         forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
         if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
             named = _by_kind(forms, shapes, now, floors, evidence)
             place = named.entry.place if named is not None and named.step.form is None else None
-            more = _extended(place, forms, looks, current, evidence, rungs, progress)
+            more = _extended(place, forms, screened, current, evidence, rungs, progress)
             forms = _better([*forms, *_entries(more, trials, fine, progress)], floors)
             if not any(adequate(entry.score, floors) for entry in forms):
                 return _by_kind(forms, shapes, now, floors, evidence) if more else named
@@ -297,7 +299,12 @@ def _shapes(
 
 
 def _again(
-    looks: Sequence[Look], shapes: Sequence[Entry], current: Fit, floors: FloatArray, rungs: Sequence[Rung], progress: Progress
+    screened: Sequence[ScreenedCandidate],
+    shapes: Sequence[Entry],
+    current: Fit,
+    floors: FloatArray,
+    rungs: Sequence[Rung],
+    progress: Progress,
 ) -> list[tuple[Candidate, Fit]]:
     """Forms of the best free shape's kind and place again, starting from the other parameters of its fit.
 
@@ -308,28 +315,28 @@ def _again(
         return []
     led = {path: value for path, value in best.fit.values.items() if path in {free.path for free in current.free}}
     starts: Starts = []
-    for look in looks:
-        candidate = look.candidate
+    for item in screened:
+        candidate = item.candidate
         if (kind_of(candidate.cause), candidate.location) == best.place:
             free = candidate.parameters(current.model, current.free)
             own = {f.path for f in candidate.free}
             values = {f.path: led[f.path] for f in free if f.path in led and f.path not in own}
             values |= {path: level for path in own if path.endswith("friction_force") and (level := best.level)}
-            for model in (*look.models, *candidate.starts):
+            for model in (*item.models, *candidate.starts):
                 with suppress(ModelError):
                     starts.append((candidate, free, model.replace(values)))
     return race(starts, rungs, current, progress).ranked
 
 
 def _extended(
-    place: tuple[Kind, str] | None, forms: Sequence[Entry], looks: Sequence[Look], current: Fit, evidence: Evidence,
-    rungs: Sequence[Rung], progress: Progress,
+    place: tuple[Kind, str] | None, forms: Sequence[Entry], screened: Sequence[ScreenedCandidate], current: Fit,
+    evidence: Evidence, rungs: Sequence[Rung], progress: Progress,
 ) -> list[tuple[Candidate, Fit]]:  # fmt: skip
     """Forms of a kind and place that extend one of the `forms` there; none if no place is given.
 
     A rig whose baseline has no friction has no Stribeck friction to try before it has some.
     """
-    known = {look.candidate.key for look in looks}
+    known = {item.candidate.key for item in screened}
     starts: Starts = []
     for entry in (entry for entry in forms if entry.place == place):
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))

@@ -14,7 +14,7 @@ from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.score import score, worst
-from isorig.analysis.fitting.screen import Look, Progress, glanced
+from isorig.analysis.fitting.screen import Progress, ScreenedCandidate, glanced
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
 from isorig.analysis.fitting.start import equation_start
 from isorig.analysis.fitting.trials import Trial, expected, prepare
@@ -214,37 +214,37 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
     return worst(score(again.model, twins.judged), floors)
 
 
-def diverse(looks: Sequence[Look]) -> list[Look]:
+def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
     """The best short fits, and the best of each family, so that no kind is lost because of a rough first step.
 
     Friction and similar causes count place by place: while a body sticks, no small step shows the effect of a larger force.
     """
 
-    def kind(look: Look) -> tuple[str, str]:
-        candidate = look.candidate
+    def kind(item: ScreenedCandidate) -> tuple[str, str]:
+        candidate = item.candidate
         return candidate.family, candidate.location if candidate.family in STICKING else ""
 
-    chosen = list(looks[:RACING])
-    for look in looks[RACING:]:
-        if all(kind(look) != kind(other) for other in chosen):
-            chosen.append(look)
+    chosen = list(screened[:RACING])
+    for item in screened[RACING:]:
+        if all(kind(item) != kind(other) for other in chosen):
+            chosen.append(item)
     return chosen
 
 
 Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
 
 
-def starts_of(looks: Sequence[Look], current: Fit, guess: RigModel, rung: Rung) -> Starts:
+def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guess: RigModel, rung: Rung) -> Starts:
     """Starting points of candidates for the elimination: from the current fit.
 
     The most promising, and all friction, also start from the rig's initial values if the current fit is so far off that the
     missing effect has biased all its parameters.
     """
-    entered = [(look.candidate, model) for look in looks for model in look.models]
+    entered = [(item.candidate, model) for item in screened for model in item.models]
     starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
     if float(np.mean(rung.problem.residuals([current.model])[0] ** 2)) > BENT:
-        unsure = [*looks[:RACING], *(look for look in looks[RACING:] if look.candidate.family in STICKING)]
-        for c, model in ((look.candidate, model) for look in unsure for model in look.models):
+        unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
+        for c, model in ((item.candidate, model) for item in unsure for model in item.models):
             free = c.parameters(current.model, current.free)
             unbent = {f.path: guess.get(f.path) for f in free if f not in c.free and f.path in guess.free}
             with suppress(ModelError):  # values that exclude the candidate's own

@@ -26,7 +26,7 @@ CLOSER, CLOSER_OF_FAMILY = 8, 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class ScreenedCandidate:
     """Prediction of a short fit for a candidate: mean square weighted residual, and the models it reached, best first."""
 
     candidate: Candidate
@@ -56,28 +56,28 @@ class Screen:
         self.current = current
         self.problem = problem
 
-    def ranked(self, candidates: Sequence[Candidate]) -> list[Look]:
+    def ranked(self, candidates: Sequence[Candidate]) -> list[ScreenedCandidate]:
         """All candidates, best first: one step for each, and some more for the promising ones."""
-        first = sorted((self.look(candidate) for candidate in candidates), key=lambda look: look.cost)
+        first = sorted((self.screen(candidate) for candidate in candidates), key=lambda item: item.cost)
         met: dict[str, int] = {}
-        looks = []
-        for place, look in enumerate(first):
-            family = look.candidate.family
+        screened = []
+        for place, item in enumerate(first):
+            family = item.candidate.family
             met[family] = met.get(family, 0) + 1
             close = place < CLOSER or met[family] <= CLOSER_OF_FAMILY
-            looks.append(self._closer(look) if close and look.cost < np.inf else look)
-        return sorted((look for look in looks if look.cost < np.inf), key=lambda look: look.cost)
+            screened.append(self._closer(item) if close and item.cost < np.inf else item)
+        return sorted((item for item in screened if item.cost < np.inf), key=lambda item: item.cost)
 
-    def look(self, candidate: Candidate) -> Look:
+    def screen(self, candidate: Candidate) -> ScreenedCandidate:
         """One step from the candidate's first starting point, the closest to the current model, and from the most promising."""
         starts = candidate.starts
         residuals = self.problem.residuals(starts)
         reached = self._reached(residuals)
         order = dict.fromkeys([0, *np.argsort(reached)[: MOST_STARTS - 1].tolist()])
-        looks = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda look: look.cost)
+        screened = sorted((self._descend(candidate, starts[k], residuals[k], 1) for k in order), key=lambda item: item.cost)
         # For a starting point far from the current model, use the linear extrapolation to it; a step from there falls short.
-        promised = min(looks[0].cost, float(reached.min()) / self.problem.size)
-        return Look(candidate=candidate, cost=promised, models=tuple(look.models[0] for look in looks[:RACED]))
+        promised = min(screened[0].cost, float(reached.min()) / self.problem.size)
+        return ScreenedCandidate(candidate=candidate, cost=promised, models=tuple(item.models[0] for item in screened[:RACED]))
 
     def _reached(self, residuals: FloatArray) -> FloatArray:
         # Remaining error after a linear step of the current parameters and along the line to each starting point and beyond.
@@ -88,12 +88,12 @@ class Screen:
         left = here @ here + 2.0 * far * (away @ here) + far**2 * length
         return np.where(np.isfinite(left), left, np.inf)
 
-    def _closer(self, look: Look) -> Look:
-        first, *others = look.models
-        closer = self._descend(look.candidate, first, self.problem.residuals([first])[0], 2)
-        return replace(look, cost=min(closer.cost, look.cost), models=(*closer.models, *others))
+    def _closer(self, item: ScreenedCandidate) -> ScreenedCandidate:
+        first, *others = item.models
+        closer = self._descend(item.candidate, first, self.problem.residuals([first])[0], 2)
+        return replace(item, cost=min(closer.cost, item.cost), models=(*closer.models, *others))
 
-    def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> Look:
+    def _descend(self, candidate: Candidate, start: RigModel, residual: FloatArray, steps: int) -> ScreenedCandidate:
         free = candidate.parameters(self.current.model, self.current.free)
         base = [f for f in free if f not in candidate.free]
         columns = [self.current.free.index(f) for f in base]
@@ -113,7 +113,7 @@ class Screen:
 
         best = float(residual @ residual)
         if not np.isfinite(best):
-            return Look(candidate=candidate, cost=np.inf, models=(start,))
+            return ScreenedCandidate(candidate=candidate, cost=np.inf, models=(start,))
         for _ in range(steps):
             moved = []
             for i in range(len(base), len(free)):
@@ -140,7 +140,7 @@ class Screen:
             if best > 0.999 * before:
                 break
         reached = build(theta)
-        return Look(
+        return ScreenedCandidate(
             candidate=candidate,
             cost=best / self.problem.size,
             models=(reached if reached is not None else start,),

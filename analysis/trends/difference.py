@@ -12,7 +12,7 @@ from isorig.analysis.diagnose.mechanisms import CATALOGUE
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError, FitError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.screen import Look, Screen, glanced
+from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, glanced
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, fit
 from isorig.analysis.fitting.trials import Trial, prepare
 from isorig.analysis.model.rig_model import RigModel
@@ -140,22 +140,22 @@ def explanations(
         freed = Remembering(short, [k for k in known if k is not one])
         found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
     evidence = observe(campaign, still.model, trials, earlier)
-    looks = Screen(still, whole).ranked([c for m in CATALOGUE for c in m.candidates(still.model, evidence)])
-    for look in _distinct(looks)[:FITTED]:
-        progress(f"trying {look.candidate.cause} ({look.candidate.location})")
-        done = _fitted(look, earlier, look.candidate.parameters(still.model, free), whole)
+    screened = Screen(still, whole).ranked([c for m in CATALOGUE for c in m.candidates(still.model, evidence)])
+    for item in _distinct(screened)[:FITTED]:
+        progress(f"trying {item.candidate.cause} ({item.candidate.location})")
+        done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
         if done is None:
             continue
-        if look.candidate.plausible(done.model):
-            found.append(_of_candidate(look.candidate, done, whole))
+        if item.candidate.plausible(done.model):
+            found.append(_of_candidate(item.candidate, done, whole))
     return _judged(found, still.cost * whole.size, whole.measured, suspected)
 
 
-def _fitted(look: Look, earlier: RigModel, free: Sequence[Free], problem: Remembering) -> Fit | None:
+def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], problem: Remembering) -> Fit | None:
     # The scattering parameters may be biased by the missing effect: then the fit starts from the earlier values as well.
-    own = {f.path for f in look.candidate.free}
+    own = {f.path for f in item.candidate.free}
     done = None
-    for start in (look.models[0], look.models[0].replace({f.path: earlier.get(f.path) for f in free if f.path not in own})):
+    for start in (item.models[0], item.models[0].replace({f.path: earlier.get(f.path) for f in free if f.path not in own})):
         try:
             new = fit(start, free, problem, iterations=STEPS)
         except FitError:  # it cannot be simulated there
@@ -170,10 +170,10 @@ def _deviation(free: Free, scatter: Mapping[str, float]) -> float:
     return max(scatter.get(free.path, LOOSE if free.log else 100.0 * free.step), 1e-3 * free.step)
 
 
-def _distinct(looks: Sequence[Look]) -> list[Look]:
-    seen: dict[tuple[str, str], Look] = {}
-    for look in looks:
-        seen.setdefault(look.candidate.key, look)
+def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    seen: dict[tuple[str, str], ScreenedCandidate] = {}
+    for item in screened:
+        seen.setdefault(item.candidate.key, item)
     return list(seen.values())
 
 

@@ -47,7 +47,7 @@ class Live(msgspec.Struct, frozen=True, kw_only=True):
     left: float = 0.0
 
 
-class Look:
+class BlockSummary:
     """Summarizes the blocks between two updates."""
 
     def __init__(self, plan: Plan, run: RunPlan, instrument: Stream) -> None:
@@ -121,16 +121,16 @@ def take(
     drive = drive_of(*plan.original(run, repeat), rate)
     load(instrument, run, drive)
     writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period)
-    look = Look(plan, run, instrument)
+    summary = BlockSummary(plan, run, instrument)
     incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
     counted, whole = None, False
 
     def keep(block: Block) -> None:
         writer.put(block)
-        look.add(block)
+        summary.add(block)
         remarks.add(block)
-        if look.due():
-            watch(look.take(name, writer.tally))
+        if summary.due():
+            watch(summary.take(name, writer.tally))
 
     try:
         instrument.start()
@@ -148,7 +148,7 @@ def take(
     finally:
         remarks.end(instrument, incoming.returned)
         tally = writer.finish(counted, whole=whole)
-    watch(look.take(name, tally))
+    watch(summary.take(name, tally))
     return tally
 
 

@@ -53,12 +53,12 @@ def view(
         with open_recording(campaign) as recorded:
             if replay:
                 planned = planned_as(recorded.runs)
-    looks = replayed(campaign, speed) if replay else watched(campaign, lambda: False)
+    readings = replayed(campaign, speed) if replay else watched(campaign, lambda: False)
     notes = tuple(dict.fromkeys([*notes_in(campaign), *notes_beside(campaign)]))
     subject = Subject(title=campaign.name, mode="replay" if replay else "watch", planned=planned, notes=notes)
     end = math.inf if seconds is None else time.monotonic() + seconds
     try:
-        drawn = Screen(subject, looks).run(lambda: time.monotonic() > end, lambda address: print(address, flush=True))
+        drawn = Screen(subject, readings).run(lambda: time.monotonic() > end, lambda address: print(address, flush=True))
     except KeyboardInterrupt:
         return
     print(f"{drawn.frames} frames with {drawn.values} values were drawn", file=sys.stderr)

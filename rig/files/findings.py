@@ -46,7 +46,7 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str], limit: float | Non
         "cut_short": diagnosis.cut_short,
         "time_limit_s": limit,
         "steps": [_step(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
-        "candidates": [msgspec.to_builtins(told) for told in diagnosis.told],
+        "candidates": [msgspec.to_builtins(candidate) for candidate in diagnosis.considered],
         "budget": {name: _budget(each) for name, each in zip(("baseline", "extended"), diagnosis.budgets, strict=True)},
         "indistinguishable": [
             [_place(step.cause, step.location), *(_place(*key) for key in step.indistinguishable)]

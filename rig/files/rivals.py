@@ -101,7 +101,7 @@ def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin:
         known={**campaign.known, **({} if campaign.description is None else {"description": campaign.description})},
         runs=[_taken(campaign, run, drive) for run in campaign.runs], explains=_model("", "", diagnosis.extended),
         open=_open(diagnosis), named=[(step.cause, step.location) for step in diagnosis.steps],
-        ruled_out=[(candidate.cause, candidate.location) for candidate in diagnosis.told if candidate.standing == "ruled out"],
+        ruled_out=[(item.cause, item.location) for item in diagnosis.considered if item.standing == "ruled out"],
         worst=max(diagnosis.discrepancies, key=lambda d: d.size).run if diagnosis.discrepancies else "",
     )  # fmt: skip
     return write_json(folder / NAME, content)

@@ -46,7 +46,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     again: bool = False
 
 
-class Told(msgspec.Struct, frozen=True, kw_only=True):
+class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     """The result of a job.
 
     Parameters
@@ -61,10 +61,10 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
     stop: str = ""
 
 
-def answer_job(job: Job) -> Told:
+def answer_job(job: Job) -> JobResult:
     """Diagnose a recording, store the answer, and return it."""
     if program_version() != job.answer.version:
-        return Told(
+        return JobResult(
             stop=f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
             "install the same on all workers"
         )
@@ -73,12 +73,12 @@ def answer_job(job: Job) -> Told:
     try:
         with alone_in(folder) as free:
             if not free:
-                return Told()
+                return JobResult()
             answer = _answered(job, folder)
             catalogue.put(answer)
-            return Told(answer=answer)
+            return JobResult(answer=answer)
     except OutputError as error:
-        return Told(stop=str(error))
+        return JobResult(stop=str(error))
 
 
 def _answered(job: Job, folder: Path) -> Answer:

@@ -16,7 +16,7 @@ from isorig.rig.baseline import Baseline
 from isorig.rig.diagnose_many import program_version, shared_out
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Answer, Catalogue, Parameter, key_of
-from isorig.rig.fleet.job import Job, Told, answer_job
+from isorig.rig.fleet.job import Job, JobResult, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
 
 #: Seconds between checks of a recording that another process works on.
@@ -86,7 +86,7 @@ def work_of(
         f"{folder} cannot be accessed; its recordings keep their answers" for folder in folders if not folder.is_dir()
     ]  # fmt: skip
     notes += [f"{r.path} cannot be read; change its permissions or copy it" for r in found if not r.content]
-    first, told = _placed([r for r in found if r.content], sound)
+    first, notices = _placed([r for r in found if r.content], sound)
     places = {str(r.path) for r in found if r.content}
     for answer in sound:
         changed = _put_right(answer, first, places)
@@ -99,7 +99,7 @@ def work_of(
         if old is None or _worth_trying(old, limit, again):
             retry = old is not None and old.verdict != SUPERSEDED
             jobs.append(Job(catalogue=str(catalogue.folder.resolve()), answer=blank, limit=limit, pages=pages, again=retry))
-    return Work(jobs=tuple(jobs), known=len(first) - len(jobs), notes=(*notes, *told))
+    return Work(jobs=tuple(jobs), known=len(first) - len(jobs), notes=(*notes, *notices))
 
 
 def _blank(recording: Recording, baseline: Baseline) -> Answer:
@@ -220,17 +220,17 @@ def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -
     left = deque(jobs)
     while left:
         busy = []
-        for job, told in shared_out(answer_job, left, scheduler):
-            if isinstance(told, Told):
-                if told.stop:
-                    raise RigError(told.stop)
-                if told.answer is None:
+        for job, result in shared_out(answer_job, left, scheduler):
+            if isinstance(result, JobResult):
+                if result.stop:
+                    raise RigError(result.stop)
+                if result.answer is None:
                     busy.append(job)
                 else:
-                    yield told.answer
+                    yield result.answer
             else:
                 # Its workers died, or it could not be sent: reported, and tried again by an update with --again.
-                why = f"{job.answer.path}: the diagnosis ended its worker ({_last(told)}); check the worker's memory"
+                why = f"{job.answer.path}: the diagnosis ended its worker ({_last(result)}); check the worker's memory"
                 answer = msgspec.structs.replace(job.answer, verdict=FAILED, reason=why)
                 catalogue.put(answer)
                 yield answer

@@ -187,7 +187,7 @@ def _considered(diagnosis: Diagnosis) -> Section:
             words(item.cause), item.location, "" if item.holdout_error is None else number(item.holdout_error, 3),
             "" if item.share is None else f"{100 * max(item.share, 0.0):.3g} %", item.standing, item.why,
         )
-        for item in diagnosis.told
+        for item in diagnosis.considered
     ]  # fmt: skip
     columns = ("cause", "location", "held-out error", "share removed", "status", "reason")
     text = ["Every fitted cause, and those that are not identifiable from these runs."] if rows else ["No cause was needed."]

@@ -12,7 +12,7 @@ from isorig.rig.errors import RigError
 from isorig.rig.view.messages import Asked, Standing
 from isorig.rig.view.server import FRAME, Server, Tally
 from isorig.rig.view.snapshot import Board, Picture, Plot
-from isorig.rig.view.sources import Look
+from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject, state_of
 
 #: Seconds for sending the last frame to the pages.
@@ -28,14 +28,14 @@ class Screen:
     ----------
     subject
         The subject.
-    looks
+    readings
         The measured data, reading by reading, in a separate thread.
     ask
         Called with the requests of a page.
     """
 
-    def __init__(self, subject: Subject, looks: Iterator[Look], ask: Callable[[Asked], None] = lambda asked: None) -> None:
-        self._subject, self._looks = subject, looks
+    def __init__(self, subject: Subject, readings: Iterator[Reading], ask: Callable[[Asked], None] = lambda asked: None) -> None:
+        self._subject, self._readings = subject, readings
         self._board = Board(subject.planned, judge=subject.mode != "session")
         self._picture = Picture()
         self._standing: Standing | None = Standing() if subject.mode == "session" else None
@@ -60,7 +60,7 @@ class Screen:
         # Refused requests are not logged in the terminal, where the session prints.
         logging.getLogger("tornado").setLevel(logging.ERROR)
         address = self._server.listen()
-        threading.Thread(target=self._look, name="screen's look", daemon=True).start()
+        threading.Thread(target=self._read, name="screen's readings", daemon=True).start()
         listening(address)
         while not over() and self._failed is None:
             self._server.show()
@@ -77,12 +77,12 @@ class Screen:
         picture = self._picture
         return state_of(self._subject, picture, self._standing), dict(picture.plots)
 
-    def _look(self) -> None:
+    def _read(self) -> None:
         unread = 0
         try:
-            for look in self._looks:
+            for reading in self._readings:
                 try:
-                    self._board.see(look, self._publish)
+                    self._board.see(reading, self._publish)
                     unread = 0
                 except (RigError, OSError, RuntimeError):
                     # It was read between two writes; the next reading is complete.

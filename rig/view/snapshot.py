@@ -21,7 +21,7 @@ from isorig.rig.acquire.run_check import STUCK, check_run, relative_motion
 from isorig.rig.view.levels import Level, Levels
 from isorig.rig.view.responses import Response, groups_of, isolation_rows, transfer_rows
 from isorig.rig.view.run_list import Planned
-from isorig.rig.view.sources import Look, beginning_of
+from isorig.rig.view.sources import Reading, beginning_of
 
 #: Minimum duration of a run, seconds, before advice on its levels.
 EARLY = 2.0
@@ -120,14 +120,14 @@ class Board:
         self._picture = Picture()
         self._version = 0
 
-    def see(self, look: Look, publish: Callable[[Picture], None]) -> None:
+    def see(self, reading: Reading, publish: Callable[[Picture], None]) -> None:
         """Process a reading; a picture is published after each new part of a run."""
-        drive = _drive(look.campaign)
-        for run in look.campaign.runs:
+        drive = _drive(reading.campaign)
+        for run in reading.campaign.runs:
             track = self._tracks.get(run.id)
             if track is None or track.started != run.started or len(run) < track.n:
                 track = self._tracks[run.id] = _Track(run, drive)
-            whole = run.id in look.whole
+            whole = run.id in reading.whole
             for stop in range(track.n + PART, len(run), PART):
                 self._add(track, beginning_of(run, stop), drive, whole=False)
                 publish(self._picture)

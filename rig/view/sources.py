@@ -23,7 +23,7 @@ EVERY = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class Reading:
     """The data measured so far; valid until the next reading is requested.
 
     Parameters
@@ -38,7 +38,7 @@ class Look:
     whole: frozenset[str]
 
 
-def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Iterator[Look]:
+def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Iterator[Reading]:
     """The data written by a session, and by an earlier part of it; the writer is not delayed.
 
     Parameters
@@ -54,19 +54,19 @@ def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Ite
         if output.exists() and (stamp := output.stat().st_mtime_ns) != read:
             read = stamp
             with suppress(RecordingError), open_recording(output) as campaign:
-                yield Look(campaign=campaign, whole=frozenset(run.id for run in campaign.runs))
+                yield Reading(campaign=campaign, whole=frozenset(run.id for run in campaign.runs))
         with suppress(RecordingError):
             if working_file(output).exists():
                 for campaign, finished in follow(output, every=every, patience=math.inf):
                     ids = [run.id for run in campaign.runs]
-                    yield Look(campaign=campaign, whole=frozenset(ids if finished else ids[:-1]))
+                    yield Reading(campaign=campaign, whole=frozenset(ids if finished else ids[:-1]))
                 read = output.stat().st_mtime_ns
         if ended:
             return
         time.sleep(every)
 
 
-def replayed(recording: Path, speed: float, every: float = EVERY) -> Iterator[Look]:
+def replayed(recording: Path, speed: float, every: float = EVERY) -> Iterator[Reading]:
     """A recording as it grew, at `speed` times real time, without the pauses between its runs."""
     with open_recording(recording) as campaign:
         done: list[Run] = []
@@ -75,10 +75,10 @@ def replayed(recording: Path, speed: float, every: float = EVERY) -> Iterator[Lo
             while (n := int((time.monotonic() - began) * speed * run.sample_rate)) < len(run):
                 if n > 0:
                     runs = (*done, beginning_of(run, n))
-                    yield Look(campaign=replace(campaign, runs=runs), whole=frozenset(item.id for item in done))
+                    yield Reading(campaign=replace(campaign, runs=runs), whole=frozenset(item.id for item in done))
                 time.sleep(every)
             done.append(run)
-            yield Look(campaign=replace(campaign, runs=tuple(done)), whole=frozenset(item.id for item in done))
+            yield Reading(campaign=replace(campaign, runs=tuple(done)), whole=frozenset(item.id for item in done))
 
 
 class _First:

@@ -27,7 +27,7 @@ def test_a_sound_chain_with_rest_before_the_drive_is_adequate() -> None:
     takes = tuple(Take(take.level, take.wave, rest=1.5) for take in SESSION)
     diagnosis = found(chain(), chain(), SEED, takes=takes)
     assert (diagnosis.verdict, diagnosis.steps) == ("adequate", ())
-    assert {told.standing for told in diagnosis.told} == {"not tested"}
+    assert {candidate.standing for candidate in diagnosis.considered} == {"not tested"}
 
 
 @pytest.mark.study

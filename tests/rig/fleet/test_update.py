@@ -26,7 +26,7 @@ from isorig.rig.cli import main
 from isorig.rig.diagnose_many import program_version
 from isorig.rig.fleet import job as answering
 from isorig.rig.fleet.catalogue import Answer, Catalogue
-from isorig.rig.fleet.job import Job, Told, answer_job, from_findings
+from isorig.rig.fleet.job import Job, JobResult, answer_job, from_findings
 from isorig.rig.fleet.recordings import recordings_under
 from isorig.rig.fleet.update import work_of
 
@@ -142,7 +142,7 @@ def test_a_recording_that_another_works_on_is_left_to_it(tmp_path: Path, measure
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(answer_job, job)
         assert begun.wait(LIMIT)
-        assert answer_job(job) == Told()
+        assert answer_job(job) == JobResult()
         go_on.set()
         told = first.result(LIMIT)
     assert told.answer is not None

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from isorig.rig.view.frames import read_frame
 from isorig.rig.view.messages import Asked, Standing
 from isorig.rig.view.screen import Screen
-from isorig.rig.view.sources import Look
+from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject
 
 
@@ -122,9 +122,9 @@ class Socket:
 class Served:
     """A screen in a thread, what pages asked of it, and its address."""
 
-    def __init__(self, looks: Iterator[Look], subject: Subject) -> None:
+    def __init__(self, readings: Iterator[Reading], subject: Subject) -> None:
         self.asked: list[Asked] = []
-        self.screen = Screen(subject, looks, self.asked.append)
+        self.screen = Screen(subject, readings, self.asked.append)
         self.over, self._listening = threading.Event(), threading.Event()
         self.address = ""
         self._thread = threading.Thread(target=lambda: self.screen.run(self.over.is_set, self._up), daemon=True)
@@ -147,9 +147,11 @@ class Served:
 
 
 @contextmanager
-def served(looks: Iterable[Look] = (), subject: Subject | None = None, standing: Standing | None = None) -> Iterator[Served]:
+def served(
+    readings: Iterable[Reading] = (), subject: Subject | None = None, standing: Standing | None = None
+) -> Iterator[Served]:
     """A screen that is served while the block lasts."""
-    screen = Served(iter(looks), subject or Subject(title="lab.h5", mode="session")).begin()
+    screen = Served(iter(readings), subject or Subject(title="lab.h5", mode="session")).begin()
     if standing is not None:
         screen.screen.stand(standing)
     try:

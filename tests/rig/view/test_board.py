@@ -23,7 +23,7 @@ from isorig.rig.view.messages import Judgement, Standing
 from isorig.rig.view.responses import RESOLUTION
 from isorig.rig.view.run_list import Planned, planned_as
 from isorig.rig.view.snapshot import Board, Picture
-from isorig.rig.view.sources import Look, beginning_of, replayed, watched
+from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
 from isorig.rig.view.state import Subject, state_of
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 
@@ -42,10 +42,10 @@ def seen(campaign: Campaign, *, planned: tuple[Planned, ...] = (), pieces: int =
     for run in campaign.runs:
         for k in range(1, pieces):
             growing = beginning_of(run, k * len(run) // pieces)
-            look = Look(campaign=replace(campaign, runs=(*done, growing)), whole=frozenset(item.id for item in done))
-            board.see(look, pictures.append)
+            reading = Reading(campaign=replace(campaign, runs=(*done, growing)), whole=frozenset(item.id for item in done))
+            board.see(reading, pictures.append)
         done.append(run)
-    board.see(Look(campaign=campaign, whole=frozenset(run.id for run in campaign.runs)), pictures.append)
+    board.see(Reading(campaign=campaign, whole=frozenset(run.id for run in campaign.runs)), pictures.append)
     return pictures[-1]
 
 
@@ -117,7 +117,7 @@ def test_words_say_how_far_it_is(campaign: Campaign) -> None:
     planned = tuple(replace_seconds(item, 48.0) for item in planned_as(campaign.runs))
     first = replace(campaign, runs=(beginning_of(campaign.runs[0], len(campaign.runs[0]) // 2),))
     board, pictures = Board(planned, judge=True), []
-    board.see(Look(campaign=first, whole=frozenset()), pictures.append)
+    board.see(Reading(campaign=first, whole=frozenset()), pictures.append)
     state = state_of(Subject(title="lab.h5", mode="watch", planned=planned), pictures[-1], None)
     about = state["run"]
     assert (about["id"], about["number"], about["count"], about["of"]) == ("u70a", 1, 3, 48.0)
@@ -169,7 +169,7 @@ def test_a_run_that_is_taken_again_replaces_the_first(campaign: Campaign) -> Non
     pictures: list[Picture] = []
     board = Board(judge=False)
     for run in (first, other):
-        board.see(Look(campaign=replace(campaign, runs=(run,)), whole=frozenset()), pictures.append)
+        board.see(Reading(campaign=replace(campaign, runs=(run,)), whole=frozenset()), pictures.append)
     alone = seen(replace(campaign, runs=(other,)), pieces=1, judge=False)
     np.testing.assert_allclose(pictures[-1].plots["frf"].rows, alone.plots["frf"].rows, rtol=1e-5)
     assert pictures[-1].runs[first.id].seconds == alone.runs[first.id].seconds
@@ -198,10 +198,10 @@ def test_a_frame_is_read_as_it_was_written(campaign: Campaign) -> None:
 def test_a_recording_is_played_back_at_its_own_pace(tmp_path: Path, campaign: Campaign) -> None:
     write(tmp_path / "c.h5", campaign)
     began, lengths, whole = time.monotonic(), [], []
-    for look in replayed(tmp_path / "c.h5", speed=24.0, every=0.05):
-        lengths.append(sum(len(run) for run in look.campaign.runs))
-        whole.append(len(look.whole))
-        assert all(len(run.read("motor")) == len(run) for run in look.campaign.runs[-1:])
+    for reading in replayed(tmp_path / "c.h5", speed=24.0, every=0.05):
+        lengths.append(sum(len(run) for run in reading.campaign.runs))
+        whole.append(len(reading.whole))
+        assert all(len(run.read("motor")) == len(run) for run in reading.campaign.runs[-1:])
     assert lengths == sorted(lengths)
     assert lengths[-1] == sum(len(run) for run in campaign.runs)
     assert whole[-1] == 3
@@ -227,8 +227,8 @@ def test_a_beginning_has_the_gaps_between_its_samples(n: int, gaps: list[tuple[i
 
 def test_a_finished_recording_is_shown_whole(tmp_path: Path, campaign: Campaign) -> None:
     write(tmp_path / "c.h5", campaign)
-    looks = watched(tmp_path / "c.h5", lambda: True, every=0.05)
-    assert [len(look.whole) for look in looks] == [3]
+    readings = watched(tmp_path / "c.h5", lambda: True, every=0.05)
+    assert [len(reading.whole) for reading in readings] == [3]
 
 
 class _Flaky:
@@ -250,9 +250,9 @@ def test_what_cannot_be_read_for_a_moment_is_read_at_the_next_look(campaign: Cam
     flaky = replace(sound, channels={n: replace(c, samples=_Flaky(np.asarray(c.samples[:]))) for n, c in sound.channels.items()})
     board, pictures, failures = Board(judge=False), [Picture()], 0
     for n in [*range(2000, len(sound), 700), *[len(sound)] * 30]:
-        look = Look(campaign=replace(campaign, runs=(beginning_of(flaky, n),)), whole=frozenset())
+        reading = Reading(campaign=replace(campaign, runs=(beginning_of(flaky, n),)), whole=frozenset())
         try:
-            board.see(look, pictures.append)
+            board.see(reading, pictures.append)
         except OSError:
             failures += 1
     assert failures > 5

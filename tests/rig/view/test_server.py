@@ -18,19 +18,19 @@ from pages import Socket, request, served, until
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.rig.view import server
 from isorig.rig.view.messages import Asked, Standing
-from isorig.rig.view.sources import Look, beginning_of
+from isorig.rig.view.sources import Reading, beginning_of
 
 NOW = Standing(phase="measures", run="u70", may=("stop", "again", "note"))
 
 
-def growing(seconds: float, rate: float = 1024.0) -> Iterator[Look]:
+def growing(seconds: float, rate: float = 1024.0) -> Iterator[Reading]:
     """A run that grows by a tenth of a second every tenth of a second."""
     values = np.random.default_rng(0).standard_normal(int(seconds * rate))
     channels = {name: Channel(name=name, samples=values * (k + 1)) for k, name in enumerate(("head", "motor"))}
     run = Run(id="u70", configuration="unlocked", sample_rate=rate, gain=70.0, channels=channels, excitation="random")
     campaign = Campaign(runs=(run,))
     for n in range(int(0.1 * rate), len(values), int(0.1 * rate)):
-        yield Look(campaign=replace(campaign, runs=(beginning_of(run, n),)), whole=frozenset())
+        yield Reading(campaign=replace(campaign, runs=(beginning_of(run, n),)), whole=frozenset())
         time.sleep(0.1)
 
 
