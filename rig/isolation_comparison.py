@@ -145,7 +145,7 @@ def _isolated(ratios: Mapping[str, IsolationRatio], rig: RigModel) -> dict[str, 
         return {}
 
 
-def told(found: Compared) -> list[str]:
+def isolation_sentences(found: Compared) -> list[str]:
     """Sentences about the ratio."""
     ratio = found.measured
     sentences = [fault.text for fault in found.faults]

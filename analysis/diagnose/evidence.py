@@ -371,15 +371,15 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
             continue
         first, last = group.pairs[0], group.pairs[-1]
         minutes = (last.trial.start_time - first.trial.start_time) / 60.0
-        told, compared = [], False
+        differences, compared = [], False
         for sensor in model.sensors:
             off = _compared(Group((first,)), Group((last,)), sensor.channel)
             compared = compared or off is not None
             if off is not None and _differ(*off):
-                told.append(f"{sensor.channel} {100 * off[0]:.2g} % (random error {100 * off[1]:.2g} %)")
+                differences.append(f"{sensor.channel} {100 * off[0]:.2g} % (random error {100 * off[1]:.2g} %)")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
-        if told:
-            text = f"{where} differ by more than the random error: {', '.join(told)}: the rig has changed in between."
+        if differences:
+            text = f"{where} differ by more than the random error: {', '.join(differences)}: the rig has changed in between."
             found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
         elif compared:
             found.append(Sign(text=f"{where} agree: the rig has not changed."))

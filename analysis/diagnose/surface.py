@@ -123,12 +123,16 @@ def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:
     stretches = []
     for k in range(STRETCHES):
         part = slice(n * k // STRETCHES, n * (k + 1) // STRETCHES)
-        told, said = ((d[part], v[part], force[part]) for d, v, force in (measured, simulated))
-        stretches.append(_figures(*told, swing, speed).signs - _figures(*said, swing, speed).signs)
+        measured_part, simulated_part = ((d[part], v[part], force[part]) for d, v, force in (measured, simulated))
+        stretches.append(_figures(*measured_part, swing, speed).signs - _figures(*simulated_part, swing, speed).signs)
     value = whole[0].signs - whole[1].signs
     # An interval that never reaches the ends of the swing is not used for them.
-    said = np.isfinite(stretches).sum(axis=0)
-    error = np.nanstd(stretches, axis=0, ddof=1) / np.sqrt(said) if said.min() > 1 else np.full(len(value), np.inf)
+    simulated_part = np.isfinite(stretches).sum(axis=0)
+    error = (
+        np.nanstd(stretches, axis=0, ddof=1) / np.sqrt(simulated_part)
+        if simulated_part.min() > 1
+        else np.full(len(value), np.inf)
+    )
     pairs = [(float(v), float(e)) for v, e in zip(value, error, strict=True)]
     chosen = slice(None, None, max(1, n // SHOWN))
     return Surface(

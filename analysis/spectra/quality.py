@@ -80,12 +80,12 @@ def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
     hurt = {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
     found += _noisy(campaign, hurt)
-    looks = {run.id: _look(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}
+    spectra_by_run = {run.id: _spectra_of(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}
     for run in broad(campaign.runs):
-        spectra = looks.get(run.id)
+        spectra = spectra_by_run.get(run.id)
         if spectra is not None:
             found += [*_holes(run, spectra, reference), *_restless(run, reference, hurt)]
-    found += _swapped(campaign, {name: look for name, look in looks.items() if look is not None}, reference, hurt)
+    found += _swapped(campaign, {name: one for name, one in spectra_by_run.items() if one is not None}, reference, hurt)
     return tuple(found)
 
 
@@ -208,7 +208,7 @@ def _short(run: Run) -> Iterator[Fault]:
         )  # fmt: skip
 
 
-def _look(run: Run, reference: str, resolution: float = RESOLUTION) -> Spectra | None:
+def _spectra_of(run: Run, reference: str, resolution: float = RESOLUTION) -> Spectra | None:
     if reference not in run.channels:
         return None
     try:
@@ -243,7 +243,7 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
     # The response explained by the drive through the run's own impulse response, from rest; motion from before the start remains.
     from scipy.signal import oaconvolve
 
-    spectra = _look(run, reference, max(FINE, SEGMENTS / run.duration))
+    spectra = _spectra_of(run, reference, max(FINE, SEGMENTS / run.duration))
     if spectra is None:
         return
     rate = run.sample_rate
@@ -256,9 +256,9 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
         response = np.fft.irfft(np.where(kept, spectra.frf(name, reference).value, 0.0))
         ahead = len(response) // 8
         taps = np.roll(response, ahead)
-        told = oaconvolve(drive - drive.mean(), taps)[ahead : ahead + len(drive)]
+        explained = oaconvolve(drive - drive.mean(), taps)[ahead : ahead + len(drive)]
         values = run.channels[name].read(0, LONGEST)
-        left = values - values.mean() - told
+        left = values - values.mean() - explained
         second = round(rate)
         powers = np.array([np.mean(left[k : k + second] ** 2) for k in range(0, len(left) - second + 1, second)])
         if len(powers) < 6:
@@ -277,8 +277,10 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
         )  # fmt: skip
 
 
-def _swapped(campaign: Campaign, looks: dict[str, Spectra], reference: str, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
-    runs = [run for run in campaign.runs if run.id in looks]
+def _swapped(
+    campaign: Campaign, spectra_by_run: dict[str, Spectra], reference: str, hurt: set[tuple[str, str]]
+) -> Iterator[Fault]:
+    runs = [run for run in campaign.runs if run.id in spectra_by_run]
     for run in runs:
         names = [name for name in run.sensors if (run.id, name) not in hurt]
         others = [
@@ -286,8 +288,8 @@ def _swapped(campaign: Campaign, looks: dict[str, Spectra], reference: str, hurt
             and set(names) <= set(other.sensors) and not any((other.id, name) in hurt for name in names)
         ]  # fmt: skip
         pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
-        found = [pair for pair in pairs if _nearer(run, others, looks, pair, reference)] if len(others) >= 2 else []
-        found = found or [pair for pair in pairs if _upside_down(run, campaign, looks[run.id], pair)]
+        found = [pair for pair in pairs if _nearer(run, others, spectra_by_run, pair, reference)] if len(others) >= 2 else []
+        found = found or [pair for pair in pairs if _upside_down(run, campaign, spectra_by_run[run.id], pair)]
         for a, b in found[:1]:
             yield Fault(
                 run=run.id, channel=f"{a}/{b}", kind="swapped",
@@ -296,22 +298,22 @@ def _swapped(campaign: Campaign, looks: dict[str, Spectra], reference: str, hurt
             )  # fmt: skip
 
 
-def _nearer(run: Run, others: Sequence[Run], looks: dict[str, Spectra], pair: tuple[str, str], reference: str) -> bool:
+def _nearer(run: Run, others: Sequence[Run], spectra_by_run: dict[str, Spectra], pair: tuple[str, str], reference: str) -> bool:
     # Whether the run is close to the others (most of them) with two channels exchanged, and far from them as it is.
     as_is: list[float] = []
     exchanged: list[float] = []
     for other in others:
-        low = max(_band(run, looks[run.id])[0], _band(other, looks[other.id])[0])
-        high = min(_band(run, looks[run.id])[1], _band(other, looks[other.id])[1])
-        lines, _ = common_lines((looks[run.id], looks[other.id]))
+        low = max(_band(run, spectra_by_run[run.id])[0], _band(other, spectra_by_run[other.id])[0])
+        high = min(_band(run, spectra_by_run[run.id])[1], _band(other, spectra_by_run[other.id])[1])
+        lines, _ = common_lines((spectra_by_run[run.id], spectra_by_run[other.id]))
         lines = lines[(lines >= low) & (lines <= high)]
         if len(lines) < 8:
             continue
         names = list(run.sensors)
         turned = {pair[0]: pair[1], pair[1]: pair[0]}
         own, theirs = (
-            np.stack([np.interp(lines, look.frequency, np.log(look.density(n) + 1e-300)) for n in names])
-            for look in (looks[run.id], looks[other.id])
+            np.stack([np.interp(lines, one.frequency, np.log(one.density(n) + 1e-300)) for n in names])
+            for one in (spectra_by_run[run.id], spectra_by_run[other.id])
         )
         mixed = own[[names.index(turned.get(n, n)) for n in names]]
         base = names.index(reference)

@@ -64,7 +64,14 @@ def isolation(
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import rig_of
-    from isorig.rig.isolation_comparison import about_isolated, about_offset, about_peaks, compared_isolation, given_models, told
+    from isorig.rig.isolation_comparison import (
+        about_isolated,
+        about_offset,
+        about_peaks,
+        compared_isolation,
+        given_models,
+        isolation_sentences,
+    )
     from isorig.rig.transmissibility import transmissibility, write_transmissibility
 
     measured = read(campaign)
@@ -86,7 +93,7 @@ def isolation(
         columns["friction_bound"] = friction_bound(found.measured, found.stuck).astype(np.float64)
     write_csv(output / "isolation.csv", columns)
     save(isolation_figure(found.ratios, found.stuck), output / "isolation.png")
-    sentences = [*notes, *told(found)]
+    sentences = [*notes, *isolation_sentences(found)]
     write_json(
         output / "isolation.json",
         {

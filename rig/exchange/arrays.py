@@ -108,8 +108,8 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
             yield from ((f"{name}.{key}" if name else key, values) for key, values in rows.items() if values is not None)
             return
         for k, item in enumerate(value):
-            told = next((str(item[key]) for key in NAMES if isinstance(item.get(key), str | int)), str(k))
-            yield from _flattened(f"{name}.{told}" if name else told, item, depth + 1)
+            label = next((str(item[key]) for key in NAMES if isinstance(item.get(key), str | int)), str(k))
+            yield from _flattened(f"{name}.{label}" if name else label, item, depth + 1)
     else:
         for k, item in enumerate(value):
             if isinstance(item, dict | list):

@@ -178,9 +178,11 @@ def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, An
     points = _Points(campaign)
     sets = [_si_units()]
     for item in found:
-        frf, told = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
+        frf, description = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
         for kind, values in ((4, frf.value), (6, frf.coherence)):
-            sets.append(points.dataset(kind, frf.response, frf.reference, frf.frequency, values, (FREQUENCY, "Hz"), False, told))
+            sets.append(
+                points.dataset(kind, frf.response, frf.reference, frf.frequency, values, (FREQUENCY, "Hz"), False, description)
+            )
     return sets
 
 
@@ -201,7 +203,15 @@ class _Points:
             self._names[name] = short
 
     def dataset(
-        self, kind: int, response: str, reference: str, x: FloatArray, values: Any, axis: tuple[int, str], binary: bool, told: str
+        self,
+        kind: int,
+        response: str,
+        reference: str,
+        x: FloatArray,
+        values: Any,
+        axis: tuple[int, str],
+        binary: bool,
+        description: str,
     ) -> dict[str, Any]:
         """A dataset 58; `reference` is empty for a time record, and a coherence has no unit."""
         import pyuff
@@ -210,7 +220,7 @@ class _Points:
         below = self._units[reference] if reference and kind != COHERENCE else ""
         return dict(
             pyuff.prepare_58(
-                binary=int(binary), id1=told[:LINE], id4=(RESPONSE + response)[:LINE],
+                binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
                 id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
                 rsp_ent_name=self._names[response], rsp_node=self._nodes[response], rsp_dir=self._directions[response],
                 ref_ent_name=self._names.get(reference, "NONE"), ref_node=self._nodes.get(reference, 0),

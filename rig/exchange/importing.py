@@ -82,10 +82,10 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
         runs.append(_run(wanted, mapping, tables[wanted.file]))
     campaign = Campaign(runs=tuple(runs), known=mapping.rig, description=description, source=str(output))
     # The format allows additional attributes.
-    told = {
+    attributes = {
         name: {key: value for key in SENSOR if (value := getattr(channel, key))} for name, channel in mapping.channels.items()
     }  # fmt: skip
-    write(output, campaign, {run.id: Extra(channels=told) for run in runs})
+    write(output, campaign, {run.id: Extra(channels=attributes) for run in runs})
     return campaign
 
 

@@ -13,13 +13,13 @@ from isorig.rig.report.sections import number
 from isorig.rig.terminal import show_table
 
 
-def show_fleet(fleet: Fleet, told: Callable[[str], None]) -> None:
+def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
     """All rigs, the one that changed last first."""
     rows = [(rig.name, str(len(rig.campaigns)), day(rig.campaigns[-1].date), rig.campaigns[-1].verdict, state_of(fleet, rig))
             for rig in in_order(fleet)]  # fmt: skip
     show_table(f"{len(fleet.rigs)} rigs, {fleet.baseline} baseline", ("rig", "campaigns", "last", "verdict", "state"), rows)
     for note in fleet.notes:
-        told(note)
+        show(note)
 
 
 def show_rig(fleet: Fleet, name: str) -> None:

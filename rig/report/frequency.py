@@ -10,7 +10,7 @@ from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import is_wire_bonder
-from isorig.rig.isolation_comparison import Compared, Model, compared_isolation, told
+from isorig.rig.isolation_comparison import Compared, Model, compared_isolation, isolation_sentences
 from isorig.rig.prediction import predicted
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
 from isorig.rig.report.page import Section
@@ -114,7 +114,7 @@ def _unjoined(degrees: FloatArray) -> FloatArray:
 
 def isolation_section(found: Compared) -> Section:
     """The isolation ratio with its sentences."""
-    return Section(title="Isolation ratio", text=told(found), charts=[isolation_chart(found)])
+    return Section(title="Isolation ratio", text=isolation_sentences(found), charts=[isolation_chart(found)])
 
 
 def isolation_chart(found: Compared) -> Chart:

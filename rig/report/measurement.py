@@ -14,7 +14,7 @@ from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.model.built_in import THESIS
 from isorig.analysis.parameters.joint_fit import CALIBRATION, WEIGHED, Characterization, Entry
 from isorig.rig.files.parameter_table import ParameterFile
-from isorig.rig.isolation_comparison import told
+from isorig.rig.isolation_comparison import isolation_sentences
 from isorig.rig.report.advice import advice
 from isorig.rig.report.charts import Role
 from isorig.rig.report.first import first_screen
@@ -34,7 +34,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
     wrong = discrepancies(campaign, model, found.trials, doubles(model, found.trials))
     compared, why = isolation_of(campaign, model)
     asked = advice(campaign, found)
-    ratio = [Section(title="Isolation ratio", text=told(compared) if compared is not None else [why])]
+    ratio = [Section(title="Isolation ratio", text=isolation_sentences(compared) if compared is not None else [why])]
     sections = [
         runs_section(campaign),
         transfer_section(campaign, model),

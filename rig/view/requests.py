@@ -174,8 +174,8 @@ class Desk:
             may = self._standing.may
             if self._standing.phase != "measures":
                 may = ("stop", "again", "note")
-            told = {"seconds": live.seconds, "overloads": live.overloads, "damaged": live.damaged}
-            self._stand(phase="measures", run=live.run, may=may, **told)
+            counts = {"seconds": live.seconds, "overloads": live.overloads, "damaged": live.damaged}
+            self._stand(phase="measures", run=live.run, may=may, **counts)
 
     def _taken(self, item: Taken) -> None:
         with self._changed:

@@ -151,28 +151,28 @@ class Board:
         plots = dict(self._picture.plots)
         if new or self._picture.shown != run.id:
             plots["time"] = self._plot(track.levels.recent().keys(), track.levels.trace())
-        told: dict[str, str] = {}
+        texts: dict[str, str] = {}
         if averaged or run.id != self._picture.shown:
-            plots, told = self._averages(plots, track, drive)
+            plots, texts = self._averages(plots, track, drive)
         self._picture = Picture(
             runs={name: _seen(item) for name, item in self._tracks.items()}, shown=run.id,
             grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run)),
-            averaged=told.get("averaged", self._picture.averaged), isolated=told.get("isolated", self._picture.isolated),
+            averaged=texts.get("averaged", self._picture.averaged), isolated=texts.get("isolated", self._picture.isolated),
         )  # fmt: skip
 
     def _averages(self, plots: dict[str, Plot], track: _Track, drive: str) -> tuple[dict[str, Plot], dict[str, str]]:
         groups = groups_of({name: item.response for name, item in self._tracks.items()}, self._planned)
-        told: dict[str, str] = {}
+        texts: dict[str, str] = {}
         here = groups.get((track.response.configuration, track.response.gain))
         if here is not None:
             names, rows = transfer_rows(here, drive)
             plots["frf"] = self._plot(names, rows)
-            told["averaged"] = here.text(drive)
+            texts["averaged"] = here.text(drive)
         ratio = isolation_rows(groups, drive)
         if ratio is not None:
             plots["isolation"] = self._plot(*ratio)
-            told["isolated"] = f"|heatblock / {drive}|, unlocked divided by locked, at {', '.join(ratio[0])}."
-        return plots, told
+            texts["isolated"] = f"|heatblock / {drive}|, unlocked divided by locked, at {', '.join(ratio[0])}."
+        return plots, texts
 
     def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
         self._version += 1
