@@ -93,7 +93,7 @@ class Situation:
         ]
         seed = 1 + len(self.rivals.runs)
         runs = menu(self.explains.model, self.limits, self.rivals.sample_rate, seed=seed, repeatable=repeatable)
-        # A linear step from a first guess leads nowhere: the first run must let every parameter be fitted.
+        # A linear step from a first guess is not meaningful: the first run must allow a fit of every parameter.
         allowed = runs if self.taken else tuple(run for run in runs if covers(self.explains.model, run))
         return tuple(run for run in allowed if described(run) not in self.declined)
 

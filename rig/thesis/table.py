@@ -21,7 +21,7 @@ from isorig.rig.thesis.figures import ACTUAL, COMPARED, SEEN, Seen, heavy_peak, 
 from isorig.rig.thesis.published_values import above, below, printed
 from isorig.rig.thesis.step import Row, Step, judged, plain
 
-#: Distance of lines of the overlay, and what is shown of it, Hz.
+#: Frequency resolution of the overlay, and its displayed band, Hz.
 OVERLAID, SHOWN = 0.125, (1.0, 20.0)
 #: Deviations from which on a value is not what was put in.
 SURE = 3.0

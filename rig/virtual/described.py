@@ -1,4 +1,4 @@
-"""A virtual campaign of any rig, driven as its description says that it usually is."""
+"""A virtual campaign of any rig, with the usual drive of its description."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def described_campaign(
     seconds
         Length of a run; as usual where None.
     truth
-        The rig that is simulated, where the description has first guesses.
+        The simulated rig, if the description has starting values.
 
     Raises
     ------
