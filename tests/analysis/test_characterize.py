@@ -97,7 +97,7 @@ def test_what_the_runs_do_not_show_is_not_told() -> None:
         found = characterize(replace(campaign, runs=runs), baseline_model(campaign))
         for name in ("motor_frequency", "motor_damping", "friction_force"):
             assert found.table[name].value is None, (name, silent)
-            assert "no trace" in found.table[name].note
+            assert "not identifiable" in found.table[name].note
         for name in ("table_mass", "table_frequency", "heatblock_frequency", "heatblock_damping"):
             entry = found.table[name]
             assert entry.value is not None
