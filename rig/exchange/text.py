@@ -177,7 +177,10 @@ def _fields(line: str, separator: str) -> list[str]:
     if separator.startswith(r"\s"):
         return re.split(separator, line) if line else []
     if '"' in line:
-        return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+        try:
+            return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+        except csv.Error:  # a lone carriage return or an endless quotation: one cell, which is no number
+            return [line]
     return [field.strip() for field in line.split(separator)]
 
 

@@ -597,3 +597,16 @@ def test_damaged_files_end_in_a_sentence(tmp_path: Path, kind: str, capsys: pyte
         status = main(["import", "--draft", str(path), "-o", str(tmp_path / "d.toml")])
         said = capsys.readouterr().err
         assert (status, said.count("\n")) in {(0, 0), (2, 1)}, said
+
+
+@pytest.mark.parametrize("odd", ['"a\rb",2.0', '"' + 200_000 * "x" + ",2.0"], ids=["lone carriage return", "endless quotation"])
+def test_a_quoted_cell_that_no_reader_takes_is_refused_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], odd: str
+) -> None:
+    lines = ["time,head", *(f"{0.01 * k:.2f},{k}" for k in range(30)), odd, "0.31,4"]
+    (tmp_path / "log.csv").write_bytes("\n".join(lines).encode())
+    assert main(["import", "--draft", str(tmp_path / "log.csv"), "-o", str(tmp_path / "mapping.toml")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("rig: ")
+    assert said.count("\n") == 1
+    assert "line 32" in said
