@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from importlib.metadata import version
 
 from cyclopts import App
 
 from isorig.rig.errors import REFUSALS
+from isorig.rig.terminal import discard_output
 
 #: Location and one-line description of each command.
 COMMANDS = {
@@ -63,8 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"rig: {refusal}", file=sys.stderr)
         return 2
     except BrokenPipeError:
-        # The reader of a pipe, such as `head`, has read enough; what is still buffered goes nowhere, or Python would report it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of a pipe, such as `head`, has read enough.
+        discard_output()
         return READER_GONE
     except KeyboardInterrupt:
         print("rig: stopped by the operator", file=sys.stderr)

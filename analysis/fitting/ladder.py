@@ -158,8 +158,9 @@ def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
     """
     done = rough
     longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
+    runs = Problem(trials)
     for seconds in (s for s in UNROLLED if s < longest):
-        if _misfit(done.model, Problem(trials)) < UNCHANGED * done.cost:
+        if _misfit(done.model, runs) < UNCHANGED * done.cost:
             break
         problem = Problem(glanced(trials, seconds))
         done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
@@ -242,7 +243,7 @@ def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guess: RigMod
     """
     entered = [(item.candidate, model) for item in screened for model in item.models]
     starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
-    if float(np.mean(rung.problem.residuals([current.model])[0] ** 2)) > BENT:
+    if _misfit(current.model, rung.problem) > BENT:
         unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
         for c, model in ((item.candidate, model) for item in unsure for model in item.models):
             free = c.parameters(current.model, current.free)

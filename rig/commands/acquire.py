@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from contextlib import nullcontext, suppress
 from pathlib import Path
@@ -69,6 +68,7 @@ def acquire(
     from isorig.rig.acquire.shutdown import ended_by_signals
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.errors import OutputError, PlanError
+    from isorig.rig.terminal import discard_output
     from isorig.rig.view.with_screen import viewed
 
     planned = read_plan(plan) if port != "virtual" else as_virtual(read_plan(plan))
@@ -108,8 +108,8 @@ def acquire(
     try:
         print(*words, path, sep="\n", flush=True)
     except BrokenPipeError:
-        # The reader of the output has ended; nothing is written at the end of the program.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of the output has ended, and the session is complete all the same.
+        discard_output()
 
 
 def _silent(configuration: str) -> None:
