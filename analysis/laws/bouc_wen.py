@@ -11,7 +11,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, Parameter
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.shapes import turning
+from isorig.analysis.laws.shapes import integrated
 
 
 class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
@@ -72,23 +72,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # RK4 in sub-steps with parabolic velocity, split where the velocity changes sign: there the rate has a kink.
-    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    fastest = max(abs(v0), abs(vm), abs(v1))
-    z, x = memory[0], turning(v0, vm, v1, low, high)
-    for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
-        parts = 2 + int(10.0 * p[2] * p[1] / p[0] * fastest * (end - begin) * h)
-        dx = (end - begin) / parts
-        for k in range(parts):
-            x = begin + k * dx
-            xm, x1 = x + 0.5 * dx, x + dx
-            va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
-            k1 = rate(p, z, va)
-            k2 = rate(p, z + 0.5 * dx * h * k1, vb)
-            k3 = rate(p, z + 0.5 * dx * h * k2, vb)
-            k4 = rate(p, z + dx * h * k3, vc)
-            z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    after[0] = z
+    after[0] = integrated(rate, p, memory[0], p[2] * p[1] / p[0], v0, vm, v1, low, high, h)
 
 
 FORMULA = Formula(resist=resist, carry=carry)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
 from math import isfinite
@@ -10,7 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.jit import kernel
+from isorig.analysis.jit import inlined, kernel
 
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
@@ -96,6 +97,34 @@ def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> floa
     """Distance in m from fraction `low` of a step of h seconds to fraction x with the parabola through three velocities."""
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
     return h * ((x - low) * v0 + b * (x * x - low * low) / 2.0 + c * (x**3 - low**3) / 3.0)
+
+
+@inlined
+def integrated(
+    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, fastest: float, v0: float, vm: float, v1: float,
+    low: float, high: float, h: float,
+) -> float:  # fmt: skip
+    """State variable at the fraction `high` of a step of h seconds from its value z at `low`, by classical Runge-Kutta steps.
+
+    ``rate(p, z, v)`` is dz/dt at the velocity v, and `fastest` the rate in 1/m at which z can change with the distance. The
+    velocity is the parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
+    """
+    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    steps = 10.0 * fastest * max(abs(v0), abs(vm), abs(v1)) * h
+    x = turning(v0, vm, v1, low, high)
+    for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
+        parts = 2 + int(steps * (end - begin))
+        dx = (end - begin) / parts
+        for k in range(parts):
+            x = begin + k * dx
+            xm, x1 = x + 0.5 * dx, x + dx
+            va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
+            k1 = rate(p, z, va)
+            k2 = rate(p, z + 0.5 * dx * h * k1, vb)
+            k3 = rate(p, z + 0.5 * dx * h * k2, vb)
+            k4 = rate(p, z + dx * h * k3, vc)
+            z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    return z
 
 
 @kernel
