@@ -19,7 +19,7 @@ class Status(IntFlag):
     The first three are reported by the instrument, the others are set by the driver. DISAGREES: counter, sequence number and
     clock did not agree, and the block was placed by the majority or by the host's clock. CLOCKED: only the host's clock showed
     how many samples were lost before it. RESYNCED: bytes were lost before it, and the stream was realigned. UNSURE: its bytes
-    also fit another alignment.
+    also fit another alignment. NUMBERED: the samples are numbered, so that no loss is undetected.
     """
 
     GOOD = 0
@@ -30,6 +30,7 @@ class Status(IntFlag):
     CLOCKED = 16
     RESYNCED = 32
     UNSURE = 64
+    NUMBERED = 128
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -175,6 +175,8 @@ class DataqInstrument:
             # The counter resolves to the scan what the host's clock leaves uncertain.
             missing = max(missing - round(self._arrivals.unseen * self._rate), 0)
         status = stretch.status | (Status.CLOCKED if missing or self._owed else Status.GOOD)
+        if self._marks is not None:
+            status |= Status.NUMBERED
         lost, self._owed = stretch.lost + missing + self._owed, 0
         parts = [(stretch.scans, lost)] if self._marks is None else self._marks.split(stretch.scans, lost)
         for scans, before in parts:
@@ -229,4 +231,14 @@ def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
     return SimulatedDataq(source, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
 
 
-KIND = StreamKind(name="di1100", open=DataqInstrument, settings=DataqSettings, far_end=_far_end)
+EXAMPLE = """
+sample_rate = 2000.0
+full_scale = 10.0
+[channels.head]
+input = 0
+sensitivity = 0.2
+[channels.motor]
+input = 3
+sensitivity = 0.2
+"""
+KIND = StreamKind(name="di1100", open=DataqInstrument, example=EXAMPLE, settings=DataqSettings, far_end=_far_end)

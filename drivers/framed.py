@@ -327,4 +327,13 @@ def _open(port: str, settings: FramedSettings) -> FramedInstrument:
     return FramedInstrument(port, baud_rate=settings.baud_rate)
 
 
-KIND = StreamKind(name="framed", open=_open, settings=FramedSettings)
+EXAMPLE = """
+sample_rate = 1000.0
+[channels.head]
+input = 0
+sensitivity = 0.2
+[channels.motor]
+input = 3
+sensitivity = 0.2
+"""
+KIND = StreamKind(name="framed", open=_open, example=EXAMPLE, settings=FramedSettings)

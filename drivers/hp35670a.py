@@ -183,6 +183,29 @@ def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
     return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
 
 
+EXAMPLE = """
+sample_rate = 256.0
+[[instrument.shows]]
+trace = "XFR:POW:COH 1,2"
+kind = "coherence"
+channel = "motor"
+reference = "head"
+[[instrument.shows]]
+trace = "XTIM:VOLT 1"
+kind = "time"
+channel = "motor"
+unit = "V"
+[channels.head]
+input = 0
+sensitivity = 0.2
+[channels.motor]
+input = 3
+sensitivity = 0.2
+"""
 KIND = RecordsKind(
-    name="35670a", open=Hp35670aInstrument, trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed such as XTIM:VOLT 1"), far_end=_far_end
+    name="35670a",
+    open=Hp35670aInstrument,
+    trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed, for example XTIM:VOLT 1"),
+    example=EXAMPLE,
+    far_end=_far_end,
 )

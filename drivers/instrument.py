@@ -126,16 +126,6 @@ class Holding(Protocol):
 
 
 @runtime_checkable
-class Unnumbered(Protocol):
-    """A stream without sample numbers, in which losses too short for the host's clock are not detected."""
-
-    @property
-    def unseen(self) -> float:
-        """The longest undetectable loss, seconds."""
-        ...
-
-
-@runtime_checkable
 class Noticing(Protocol):
     """An instrument whose driver reports anomalies of the data stream."""
 

@@ -82,6 +82,8 @@ class StreamKind:
         Its name in plans.
     open
         Opens it at a port, with its settings.
+    example
+        Example of its entries in a plan, TOML: the rest of the table `instrument`, and the channels.
     settings
         The class of its settings.
     far_end
@@ -90,6 +92,7 @@ class StreamKind:
 
     name: str
     open: Callable[[str, Any], Stream]
+    example: str = ""
     settings: type[Settings] = Settings
     far_end: FarEnd | None = None
 
@@ -106,13 +109,14 @@ class RecordsKind:
         Opens it at a port, with the contents of its traces.
     trace
         Pattern of the trace names, and an example.
-    settings, far_end
+    example, settings, far_end
         As for a stream.
     """
 
     name: str
     open: Callable[[str, Sequence[Shows]], Records]
     trace: tuple[str, str]
+    example: str = ""
     settings: type[Settings] = Settings
     far_end: FarEnd | None = None
 

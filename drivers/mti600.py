@@ -308,4 +308,10 @@ def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
     return SimulatedSlcan(source, rate=MTI_RATE, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
 
 
-KIND = StreamKind(name="mti600", open=_open, settings=MtiSettings, far_end=_far_end)
+EXAMPLE = """
+sample_rate = 400.0
+[channels.motor]
+input = 1
+sensitivity = 1.0
+"""
+KIND = StreamKind(name="mti600", open=_open, example=EXAMPLE, settings=MtiSettings, far_end=_far_end)

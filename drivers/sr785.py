@@ -178,4 +178,23 @@ def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
     return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
 
 
-KIND = RecordsKind(name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"), far_end=_far_end)
+EXAMPLE = """
+sample_rate = 256.0
+[[instrument.shows]]
+trace = "0"
+kind = "coherence"
+channel = "motor"
+reference = "head"
+[[instrument.shows]]
+trace = "1"
+kind = "time"
+channel = "motor"
+unit = "V"
+[channels.head]
+input = 0
+sensitivity = 0.2
+[channels.motor]
+input = 3
+sensitivity = 0.2
+"""
+KIND = RecordsKind(name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"), example=EXAMPLE, far_end=_far_end)

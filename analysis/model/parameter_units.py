@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.laws import LAWS, Law
 from isorig.analysis.model.rig_model import GROUND, Drive, RigModel
@@ -11,11 +13,8 @@ UNITS = {
     "mass": "kg", "factor": "kg", "stiffness": "N/m", "damping": "N s/m", "lock_stiffness": "N/m", "lock_damping": "N s/m",
     "delay": "s", "limit": "m/s^2", **{name: p.unit for law in LAWS for name, p in law.parameters.items()},
 }  # fmt: skip
-#: The same for a rotating part.
-TURNED = {
-    "kg": "kg m^2", "N": "N m", "N/m": "N m/rad", "N s/m": "N m s/rad", "N/m^3": "N m/rad^3", "N s^2/m^2": "N m s^2/rad^2",
-    "m": "rad", "m/s": "rad/s",
-}  # fmt: skip
+#: The same for a rotating part, factor by factor: moment of inertia, torque, angle.
+ROTATIONAL = {"kg": "kg m^2", "N": "N m", "m": "rad"}
 
 
 def unit_of(path: str, model: RigModel | None = None) -> str:
@@ -41,8 +40,13 @@ def unit_of(path: str, model: RigModel | None = None) -> str:
             joint = model.link(name) if way[0] == "links" else model.contact(name)
             part = joint.a if joint.a != GROUND else joint.b
         if part in turns:
-            return TURNED.get(unit, unit)
+            return rotational(unit)
     return unit
+
+
+def rotational(unit: str) -> str:
+    """The unit of the same parameter of a rotating part: N m/rad for N/m."""
+    return re.sub(r"[A-Za-z]+", lambda found: ROTATIONAL.get(found[0], found[0]), unit)
 
 
 def factor_unit(model: RigModel, drive: Drive) -> str:

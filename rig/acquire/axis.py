@@ -26,7 +26,9 @@ def axis_of(timing: NDArray[Any], rate: float) -> dict[str, str | float | int]:
     rate
         Sample rate, Hz.
     """
-    counted = bool(np.isfinite(timing["device_time"]).any())
+    # A clock of the instrument shows every loss, as the numbers of the samples do.
+    numbered = bool(len(timing)) and bool((timing["status"] & int(Status.NUMBERED)).all())
+    counted = numbered or bool(np.isfinite(timing["device_time"]).any())
     doubts = int((timing["status"] & int(DOUBTS)).astype(bool).sum())
     unseen = 0.0 if counted else max(JUMP, SCATTER * _scatter(timing, rate))
     return dict(zip(AXIS, ("instrument" if counted else "host", unseen, doubts), strict=True))

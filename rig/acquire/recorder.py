@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from isorig.drivers.block import Block, Input
+from isorig.drivers.block import Block, Input, Status
 from isorig.rig.acquire.block_queue import Waiting
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
 from isorig.rig.acquire.layout import TIMING, Begin, End, Kind, Layout, layout_of, pack
@@ -270,7 +270,7 @@ class RunWriter:
             whole.append(samples)
             waiting += samples.nbytes
             self._next = first + len(samples)
-            self.tally.overloads += int(bool(block.status & 1))
+            self.tally.overloads += int(bool(block.status & Status.OVERLOAD))
             device = np.nan if block.device_time is None else block.device_time
             gain = np.nan if block.gain is None else block.gain
             rows.append((first, block.host_time, device, gain, int(block.status)))

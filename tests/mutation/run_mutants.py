@@ -20,9 +20,10 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -43,11 +44,11 @@ LISTED = ROOT / "docs" / "mutants.md"
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of one module."""
+    """A change of one module; `source` writes the changed text."""
 
     file: str
     name: str
-    source: str
+    source: Callable[[], str]
 
 
 #: Changes that no test noticed once: what, where, the text and what it becomes.
@@ -70,7 +71,10 @@ NAMED = (
         "a sensor's fault need not explain its channel", "analysis/diagnose/policy.py",
         "    return left[0] - left[1] >= policy.worth * left[0]", "    return True",
     ),
-    ("Hann segments share a third", "analysis/spectra/leakage.py", "SHARED = 1.0 / 6.0", "SHARED = 1.0 / 3.0"),
+    (
+        "Hann segments are correlated by another number", "analysis/spectra/windows.py", "(np.pi * 1j * (n - m))",
+        "(2.0 * np.pi * 1j * (n - m))",
+    ),
     (
         "a sign in the required drive", "analysis/simulate/inverse.py",
         "force = force + (1.0 if name == link.a else -1.0) * resistance",
@@ -104,9 +108,14 @@ def mutants_of(file: str) -> Iterator[Mutant]:
         for changed in _changes(node):
             if ast.unparse(changed) == ast.unparse(node):
                 continue
-            copy = deepcopy(tree)
-            _Swap(node, changed).visit(copy)
-            yield Mutant(file, f"{where}: `{ast.unparse(node)}` -> `{ast.unparse(changed)}`", ast.unparse(copy))
+            name = f"{where}: `{ast.unparse(node)}` -> `{ast.unparse(changed)}`"
+            yield Mutant(file, name, partial(_swapped, tree, node, changed))
+
+
+def _swapped(tree: ast.Module, old: ast.expr, new: ast.expr) -> str:
+    copy = deepcopy(tree)
+    _Swap(old, new).visit(copy)
+    return ast.unparse(copy)
 
 
 def _nodes(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
@@ -178,7 +187,7 @@ class _Loader(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         module.__file__ = str(ROOT / self._mutant.file)
-        exec(compile(self._mutant.source, module.__file__, "exec"), module.__dict__)
+        exec(compile(self._mutant.source(), module.__file__, "exec"), module.__dict__)
 
 
 def killer(mutant: Mutant) -> str:
@@ -204,22 +213,23 @@ def killer(mutant: Mutant) -> str:
     return said if status == 0 else f"no answer within {TIMEOUT} s"
 
 
-def _named() -> list[Mutant]:
+def named() -> list[Mutant]:
+    """The mutants of `NAMED`."""
     found = []
     for name, file, old, new in NAMED:
         source = (ROOT / file).read_text(encoding="utf-8")
         if source.count(old) != 1:
             sys.exit(f"{file} has {source.count(old)} times the text {old!r}; correct the table NAMED")
-        found.append(Mutant(file, name, source.replace(old, new)))
+        found.append(Mutant(file, name, partial(source.replace, old, new)))
     return found
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the mutants; status 1 where one survives that is not listed."""
     os.chdir(ROOT)
-    named = "--named" in arguments
+    by_name = "--named" in arguments
     files = [argument for argument in arguments if argument.endswith(".py")] or MODULES
-    chosen = _named() if named else [m for file in files for m in mutants_of(file)]
+    chosen = named() if by_name else [m for file in files for m in mutants_of(file)]
     for library in ("hypothesis", "msgspec", "numba", "numpy", "pytest", "scipy.signal", "scipy.interpolate", "scipy.linalg"):
         importlib.import_module(library)
     listed = LISTED.read_text(encoding="utf-8") if LISTED.exists() else ""
@@ -233,7 +243,7 @@ def main(arguments: Sequence[str]) -> int:
         )
         if not by:
             survivors.append(mutant)
-            if named or f"{mutant.file} {mutant.name}" not in listed:
+            if by_name or f"{mutant.file} {mutant.name}" not in listed:
                 unlisted.append(mutant)
     print(f"{len(chosen) - len(survivors)} of {len(chosen)} mutants are noticed; {len(unlisted)} survivors are not listed")
     for mutant in unlisted:

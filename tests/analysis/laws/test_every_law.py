@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from isorig.analysis import laws
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.parameter_units import unit_of
+from isorig.analysis.model.parameter_units import rotational, unit_of
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, trace
 
@@ -62,6 +63,7 @@ def test_a_law_is_complete(law: type[laws.Law]) -> None:
     for name, p in law.parameters.items():
         assert p.low < p.high
         assert unit_of(f"law.{name}") == p.unit or name in ("at", "values", "levels", "backward")
+        assert set(re.findall("[A-Za-z]+", p.unit)) <= {"kg", "N", "m", "s"}, "its unit at a rotating part follows from these"
     assert f"`{tag_of(law)}`" in PAGE, "docs/friction.md has a row for it"
     assert law.__doc__
     for method in ("element", "force"):
@@ -69,6 +71,14 @@ def test_a_law_is_complete(law: type[laws.Law]) -> None:
     if law.remembers:
         assert law.rates is not laws.Law.rates
     assert law.drawn(np.random.default_rng(0)) != law.drawn(np.random.default_rng(1))
+
+
+def test_units_of_rotating_parts_follow_from_those_of_translating_parts() -> None:
+    pairs = {
+        "kg": "kg m^2", "N": "N m", "m": "rad", "m/s": "rad/s", "N/m": "N m/rad", "N s/m": "N m s/rad", "N/m^3": "N m/rad^3",
+        "N s^2/m^2": "N m s^2/rad^2", "1/s": "1/s", "1": "1", "s": "s",
+    }  # fmt: skip
+    assert {unit: rotational(unit) for unit in pairs} == pairs
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -360,6 +360,23 @@ def test_a_recording_says_how_sure_its_time_axis_is(tmp_path: Path) -> None:
     assert any("Bytes were lost 1 times" in sentence for sentence in watcher.runs[0].verdict.advice)
 
 
+def test_a_counter_at_the_digital_inputs_makes_the_time_axis_the_instruments(tmp_path: Path) -> None:
+    own = {"kind": "di1100", "full_scale": 10.0, "counter": 50.0}
+    scans = plan_of({"id": "a", "seconds": 1.0, "excitation": "other"}, rate=2000.0, instrument=own)
+    scans = msgspec.structs.replace(scans, channels={name: scans.channels[name] for name in ("head", "motor")})
+
+    def stream(first: int, last: int) -> bytes:
+        words = np.frombuffer(scan_bytes(first, last, digital=0), "<u2").reshape(-1, 2).copy()
+        words[:, 0] |= (np.arange(first, last) // 40 % 4).astype(np.uint16)
+        return words.tobytes()
+
+    with DataqFar(stream=stream) as wire:
+        acquire(scans, wire.port, tmp_path / "scans.h5", Watcher().operator, force=True)
+    with h5py.File(tmp_path / "scans.h5") as file:
+        about = dict(file["runs/a"].attrs)
+    assert (about["time_axis"], about["time_axis_unseen"], about["time_axis_doubts"]) == (b"instrument", 0.0, 0)
+
+
 def test_a_clock_that_is_slow_is_told_and_is_no_loss(tmp_path: Path) -> None:
     scans = plan_of(
         {"id": "a", "seconds": 3.0, "excitation": "other"}, rate=2000.0, instrument={"kind": "di1100", "full_scale": 10.0}
