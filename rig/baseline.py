@@ -34,6 +34,17 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
             raise RecordingError(f"{campaign.source}: {error}") from None
     else:
         model = wire_bonder({**THESIS, **campaign.known}, friction=baseline == "coulomb")
+    return recorded_in(model, campaign)
+
+
+def recorded_in(model: RigModel, campaign: Campaign) -> RigModel:
+    """The same model, if every run has its channels and a configuration of it.
+
+    Raises
+    ------
+    RecordingError
+        A channel is missing, or a configuration is unknown.
+    """
     for run in campaign.runs:
         for name in model.channels:
             if name not in run.channels:

@@ -89,6 +89,15 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
     return finished(rough, fine), fine
 
 
+def fit_again(campaign: Campaign, model: RigModel, free: Sequence[Free], later: float = 0.0) -> tuple[Fit, tuple[Trial, ...]]:
+    """A fitted model's parameters `free` fitted again to all runs from their values, and these runs on the finest grid.
+
+    `later` is the time in seconds from the model's zero to the campaign's first sample.
+    """
+    fine = tuple(replace(refined(trial), start_time=trial.start_time + later) for trial in prepare(campaign, model))
+    return fit(model, free, Problem(fine, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3), fine
+
+
 def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]:
     """Starting points: the equations of motion, the same with the initial value of friction, and the initial values."""
     solved = equation_start(model, trials)

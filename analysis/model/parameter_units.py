@@ -23,12 +23,14 @@ def unit_of(path: str, model: RigModel | None = None) -> str:
     With a model, rotating parts have the units of a rotation, and the drive's factor has the unit that follows from its channel.
     """
     *way, last = path.split(".")
+    while last.isdigit() and way:  # a point of a curve
+        *way, last = way
     unit = UNITS.get(last, "1")
     if model is None or not way:
         return unit
     if path == "drive.factor":
         return factor_unit(model, model.drive)
-    if last in ("offset", "limit", "gain") and "chain" in way:
+    if last in ("offset", "limit", "gain", "bend") and "chain" in way:
         channel = model.drive if way[0] == "drive" else model.sensor(way[1])
         return "1" if last == "gain" else SI_UNIT[channel.quantity]
     turns = {body.name for body in model.bodies if body.motion == "rotation"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
 
@@ -12,10 +12,10 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.deviations import awakened, given_moves, grid_shift, line_moves, polished, untraced
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.ladder import fit_baseline
+from isorig.analysis.fitting.ladder import fit_again, fit_baseline
 from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
-from isorig.analysis.fitting.solve import Fit, disagreement
+from isorig.analysis.fitting.solve import Fit, Free, disagreement
 from isorig.analysis.fitting.trials import Trial, drive_noise
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
@@ -27,6 +27,8 @@ BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation")
 #: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
 #: recordings with filters of 0.75 to 2.5 times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+#: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
+ANY_SIGN = "any sign"
 #: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
 SLOPE, ROUNDING = 1e-4, 1e-9
 #: The drive's factor: the head's mass.
@@ -34,7 +36,7 @@ HEAD = "drive.factor"
 #: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
 CALIBRATION = "calibration_std"
 MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
-WEIGHED = "weighed"
+WEIGHED, ASSUMED = "weighed", "not in the recording: the thesis's value is assumed"
 NO_SLIDING = "not identifiable from these runs; record one in which the contact slides"
 NO_TRACE = "not identifiable from these runs; record one that excites it"
 
@@ -54,10 +56,10 @@ class Entry:
 class Characterization:
     """The table by name, its fit, the runs, and the held-out error with the noise floor.
 
-    For the wire bonder the table has its bodies' masses, frequencies and damping ratios; for another rig the parameters of its
-    description by their paths, and the frequency and damping ratio of the modes of every measured configuration. `faults` are
-    faults in the records: runs with faulty channels are not used if their configuration has others. `head_mass` is fitted if it
-    is not given. `calibrated` states whether the recording gives the calibration uncertainty of its sensors.
+    For the wire bonder the table has its bodies' masses, frequencies and damping ratios; for another rig, and for an extended
+    model, the parameters by their paths, and the frequency and damping ratio of the modes of every measured configuration.
+    `faults` are faults in the records: runs with faulty channels are not used if their configuration has others. `head_mass` is
+    fitted if it is not given. `calibrated` states whether the recording gives the calibration uncertainty of its sensors.
     """
 
     table: dict[str, Entry]
@@ -77,7 +79,14 @@ class Characterization:
         return self.score.figure
 
 
-def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str], None] = lambda text: None) -> Characterization:
+def characterize(
+    campaign: Campaign,
+    model: RigModel,
+    *,
+    fitted: Sequence[Free] = (),
+    later: float = 0.0,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Characterization:
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Standard uncertainties are computed from
@@ -93,6 +102,11 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
         The measurement; needs locked and unlocked runs for all values.
     model
         The rig with starting values.
+    fitted
+        For a model that a diagnosis has extended: its fitted parameters. They are fitted again from their values in `model`, and
+        all of them are in the table. By default the parameters that the model marks as free are fitted.
+    later
+        Seconds from the zero of a drifting model to the campaign's first sample.
     progress
         Called with one line for each stage.
 
@@ -113,25 +127,25 @@ def characterize(campaign: Campaign, model: RigModel, *, progress: Callable[[str
         # Values that a description does not mark as free are given.
         given |= {f"{body}_mass": model.body(body).mass for body, _ in BODIES}
         given |= {"head_mass": model.drive.factor}
-    if bonder and "head_mass" not in given:
+    if bonder and "head_mass" not in given and not fitted:
         model = msgspec.structs.replace(model, free=(*model.free, HEAD))
-    progress("fitting all runs with friction in the model")
-    rough, fine = fit_baseline(campaign, model)
+    progress(f"fitting {len(fitted or model.free)} parameters to all runs")
+    rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
     progress("computing the uncertainties")
-    fitted = polished(awakened(rough, fine), fine)
-    judged = score(fitted.model, fine)
-    floors = noise_floor(fitted.model, fine, drive_noise(campaign, model.drive.channel))
+    done = polished(awakened(rough, fine), fine)
+    judged = score(done.model, fine)
+    floors = noise_floor(done.model, fine, drive_noise(campaign, model.drive.channel))
     explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
     # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
     excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
     misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
-    known = _Known(fitted, fine, explained, misfit, note, _uncertain(campaign.known, fitted))
-    table = _bonder_table(known, given) if bonder else _table(known)
+    known = _Known(done, fine, explained, misfit, note, _uncertain(campaign.known, done))
+    table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
         table=table, head_mass=_head(known, given) if bonder else None,
-        calibrated=CALIBRATION in campaign.known, fit=fitted, trials=fine, score=judged, floor=float(np.median(floors)),
-        adequate=explained, faults=wrong, doubts=doubts(model, (fitted,), fine),
+        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=judged, floor=float(np.median(floors)),
+        adequate=explained, faults=wrong, doubts=doubts(model, (done,), fine),
     )  # fmt: skip
 
 
@@ -157,7 +171,8 @@ def _table(known: _Known) -> dict[str, Entry]:
     """The parameters of any rig by their paths, and its modes."""
     fitted = known.fitted
     table = {
-        path: known.entry({path: 1.0}, value, unit_of(path, fitted.model), _kind(path)) for path, value in fitted.values.items()
+        free.path: known.entry({free.path: 1.0}, fitted.model.get(free.path), unit_of(free.path, fitted.model), _kind(free))
+        for free in fitted.free
     }
     table |= {
         path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method="given", note="")
@@ -174,9 +189,11 @@ def _table(known: _Known) -> dict[str, Entry]:
     return table
 
 
-def _kind(path: str) -> str:
-    last = path.rsplit(".", maxsplit=1)[-1]
-    return last if last in (*UNSEEN, "offset") else "friction" if path.startswith("contacts.") else "damping"
+def _kind(free: Free) -> str:
+    last = free.path.rsplit(".", maxsplit=1)[-1]
+    if not free.log:
+        return ANY_SIGN
+    return last if last in UNSEEN else "friction" if free.path.startswith("contacts.") else "damping"
 
 
 def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
@@ -223,7 +240,7 @@ class _Known:
         whole = float(np.sqrt(variance + (UNSEEN.get(kind, UNSEEN["damping"]) * value) ** 2))
         if self._note:
             whole = float(np.hypot(whole, self._misfit * value))
-        if value and whole > 0.5 * abs(value) and kind != "offset":
+        if value and whole > 0.5 * abs(value) and kind != ANY_SIGN:
             note = self._note or "the data do not determine it"
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
@@ -244,7 +261,8 @@ def _head(known: _Known, given: Mapping[str, float]) -> Entry:
     mass = known.fitted.model.get(HEAD)
     if HEAD in known.fitted.values:
         return known.entry({HEAD: 1.0}, mass, "kg", "mass")
-    return Entry(value=mass, std=given.get("head_mass_std", 0.0), unit="kg", method="given", note=WEIGHED)
+    note = WEIGHED if "head_mass" in given else ASSUMED
+    return Entry(value=mass, std=given.get("head_mass_std", 0.0), unit="kg", method="given", note=note)
 
 
 def _rows(known: _Known, body: str, link: str, given: Mapping[str, float]) -> dict[str, Entry]:
@@ -260,7 +278,7 @@ def _rows(known: _Known, body: str, link: str, given: Mapping[str, float]) -> di
             std=given.get(f"{body}_mass_std", 0.0),
             unit="kg",
             method="given",
-            note=WEIGHED if f"{body}_mass" in given else "not in the recording: the thesis's value is assumed",
+            note=WEIGHED if f"{body}_mass" in given else ASSUMED,
         ),
         f"{body}_frequency": known.entry(
             {mass: -0.5 / m * frequency, stiffness: 0.5 / k * frequency}, frequency, "Hz", "frequency"

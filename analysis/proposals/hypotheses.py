@@ -61,14 +61,14 @@ def _starts(candidate: Candidate) -> tuple[RigModel, ...]:
     # One attached resonator for each frequency; for all others the starting value closest to the rig without it.
     if candidate.cause != "extra_mode":
         return candidate.starts[:1]
-    name = f"{candidate.location}_rider"
+    name = f"{candidate.location}_added"
     ratios = {f: (2.0 * pi * f) ** 2 for f in HIDDEN_MODES}
     at = {f: [s for s in candidate.starts if isclose(s.link(name).stiffness, r * s.body(name).mass)] for f, r in ratios.items()}
     return tuple(starts[-1] for starts in at.values() if starts)
 
 
 def _rider(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
-    name = f"{c.location}_rider"
+    name = f"{c.location}_added"
     share = SMALLEST.rider * m.body(c.location).mass / m.body(name).mass
     link = m.link(name)
     return {

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 
-def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
+def characterize(
+    campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], model: str | None = None
+) -> None:
     """Fit a rig's free parameters to all runs, and write the parameter table with standard uncertainties.
 
     For the wire bonder these are masses, frequencies, damping ratios and friction, and the values from the thesis's method for
     each set-up. For another rig they are the parameters of its description, and the frequency and damping ratio of its modes.
 
     Example: rig characterize campaign.h5 -o parameters
+
+    Example: rig characterize campaign.h5 --model diagnosis/model.json -o corrected
 
     Parameters
     ----------
@@ -23,22 +27,27 @@ def characterize(campaign: Path, *, output: Annotated[Path, Parameter(name=["-o"
     output
         The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit and its data, and for
         the wire bonder set-ups.png and error-surface.png.
+    model
+        The model to fit instead of the recording's own rig: the model.json of rig diagnose, whose corrected values and causes
+        are fitted again and listed by their paths, or a description.
     """
     from rich.console import Console
 
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
+    from isorig.rig.files.rigfile import read_rig
     from isorig.rig.report.fits import fits_page
     from isorig.rig.terminal import show_table
     from isorig.rig.thesis.four_set_ups import about, write_set_ups
 
     measured = read(campaign)
+    given = None if model is None else read_rig(model)
     with Console(stderr=True).status("reading") as status:
-        found = characterize_campaign(measured, status.update)
-        if found.head_mass is None:
+        found = characterize_campaign(measured, status.update, given)
+        if found.head_mass is None or given is not None:
             write_text(output / "fits.html", fits_page(measured, found))
-            more = {}
+            more: dict[str, Any] = {} if model is None else {"model": model}
         else:
             status.update("evaluating the set-ups separately")
             more = {"set_ups": about(write_set_ups(output, measured, found))}

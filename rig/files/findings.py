@@ -70,7 +70,9 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str], limit: float | Non
 def parameters(fitted: Fit) -> dict[str, Any]:
     """Fitted values with standard uncertainties and units, by path."""
     std = fitted.std
-    return {path: {"value": value, "std": std[path], "unit": unit_of(path)} for path, value in fitted.values.items()}
+    return {
+        path: {"value": value, "std": std[path], "unit": unit_of(path, fitted.model)} for path, value in fitted.values.items()
+    }
 
 
 def _budget(budget: Budget) -> dict[str, Any]:
@@ -130,8 +132,8 @@ def write_findings(
     content = findings(diagnosis, origin, limit)
     began = min((run.started for run in campaign.runs if run.started is not None), default=None)
     html = diagnosis_page(diagnosis, campaign, content) if page else None
-    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=began)
-    write_model(folder / "model.json", diagnosis.extended.model, origin=began)
+    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=began, fitted=diagnosis.baseline.free)
+    write_model(folder / "model.json", diagnosis.extended.model, origin=began, fitted=diagnosis.extended.free)
     write_rivals(folder, diagnosis, campaign, origin)
     if html is not None:
         write_text(folder / "report.html", html)

@@ -15,26 +15,41 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
-from isorig.rig.baseline import baseline_model
+from isorig.rig.baseline import baseline_model, recorded_in
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_json, write_text
+from isorig.rig.files.rigfile import GivenRig
+from isorig.rig.prediction import seconds_from
 
 #: Bodies with a separate evaluation of their peak.
 READ_OFF = ("table", "heatblock", "motor")
 COLUMNS = ("value", "std", "unit", "method", "note")
 
 
-def characterize_campaign(campaign: Campaign, tell: Callable[[str], None]) -> Characterization:
-    """The parameter table of a recording.
+def characterize_campaign(campaign: Campaign, tell: Callable[[str], None], given: GivenRig | None = None) -> Characterization:
+    """The parameter table of a recording: of its own rig, or of a given model.
+
+    Parameters
+    ----------
+    campaign
+        The recording.
+    tell
+        Called with one line for each stage.
+    given
+        A description, or an extended model whose fitted parameters are fitted again.
 
     Raises
     ------
     RecordingError
         The recording lacks what the rig needs.
     """
-    return characterize(campaign, baseline_model(campaign), progress=tell)
+    if given is None:
+        return characterize(campaign, baseline_model(campaign), progress=tell)
+    first = campaign.runs[0]
+    later = seconds_from(campaign, first, given.origin) - campaign.seconds_since_start(first)
+    return characterize(campaign, recorded_in(given.model, campaign), fitted=given.fitted, later=later, progress=tell)
 
 
 def write_characterization(
@@ -54,7 +69,7 @@ def write_characterization(
     if found.head_mass is not None:
         drive["head_mass"] = found.head_mass
     origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
-    write_model(folder / "model.json", found.fit.model, origin=origin)
+    write_model(folder / "model.json", found.fit.model, origin=origin, fitted=found.fit.free)
     content = {
         "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
         "measured": origin.isoformat() if origin is not None else None, "parameters": table,

@@ -9,11 +9,12 @@ from pathlib import Path
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.built_in import BUILT_IN, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
-from isorig.rig.files.models import read_model
+from isorig.rig.files.models import read_fitted
 
 #: The worked descriptions that come with the package, by the names that commands take.
 SHIPPED = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "descriptions").glob("*.toml"))}
@@ -31,11 +32,14 @@ class GivenRig:
         The time of a drifting model's zero; None if it is not given.
     description
         The text in TOML, if it was given in this form.
+    fitted
+        The fitted parameters of a model.json that lists them.
     """
 
     model: RigModel
     origin: datetime | None = None
     description: str | None = None
+    fitted: tuple[Free, ...] = ()
 
 
 def read_rig(given: str | Path) -> GivenRig:
@@ -67,8 +71,8 @@ def read_rig(given: str | Path) -> GivenRig:
                 f"{path} is not a rig; give {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}, a .toml "
                 "description or a model.json"
             )
-        model, origin = read_model(path)
-        return GivenRig(model=model, origin=origin)
+        model, origin, fitted = read_fitted(path)
+        return GivenRig(model=model, origin=origin, fitted=fitted)
     model, text = read_description(path)
     return GivenRig(model=model, description=text)
 

@@ -20,6 +20,7 @@ from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.proposals.prediction import Variant
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
+from isorig.rig.files.models import free_of, free_tree
 from isorig.rig.files.output import write_json
 
 NAME = "rivals.json"
@@ -57,7 +58,7 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
         """The same as an object in memory."""
         return Variant(
             cause=self.cause, location=self.location, model=from_tree(self.model),
-            free=tuple(_free(tree) for tree in self.free), covariance=np.array(self.covariance).reshape(len(self.free), -1),
+            free=tuple(free_of(tree) for tree in self.free), covariance=np.array(self.covariance).reshape(len(self.free), -1),
         )  # fmt: skip
 
 
@@ -183,24 +184,9 @@ def _model(cause: str, location: str, fitted: Fit) -> FittedModel:
 def fitted_model(cause: str, location: str, model: RigModel, free: Sequence[Free], covariance: FloatArray) -> FittedModel:
     """A fitted model as stored in the file."""
     return FittedModel(
-        cause=cause, location=location, model=to_tree(model), free=[_tree(each) for each in free],
+        cause=cause, location=location, model=to_tree(model), free=[free_tree(each) for each in free],
         covariance=np.nan_to_num(covariance).tolist(),
     )  # fmt: skip
-
-
-def _tree(free: Free) -> dict[str, Any]:
-    # JSON has no infinity: an infinite bound is omitted.
-    tree: dict[str, Any] = msgspec.to_builtins(free)
-    return {key: value for key, value in tree.items() if value not in (np.inf, -np.inf)} | (
-        {"unbounded_below": True} if free.low == -np.inf else {}
-    )
-
-
-def _free(tree: Mapping[str, Any]) -> Free:
-    values = {key: value for key, value in tree.items() if key != "unbounded_below"}
-    if tree.get("unbounded_below"):
-        values["low"] = -np.inf
-    return msgspec.convert(values, Free)
 
 
 def model_of(found: Rivals) -> RigModel:

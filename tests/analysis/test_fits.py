@@ -73,7 +73,7 @@ def test_a_mode_shows_beside_a_louder_misfit() -> None:
     hidden = next(s for s in rider.starts if s.bodies[-1].mass == 0.04 * table)
     low = RIG.replace({"sensors.motor.chain.gain": 0.4})
     found = misfit_frequencies(low, prepare(virtual_campaign(hidden, TAKES, seed=4), RIG))
-    omega = np.sqrt(hidden.link("table_rider").stiffness / hidden.bodies[-1].mass)
+    omega = np.sqrt(hidden.link("table_added").stiffness / hidden.bodies[-1].mass)
     assert min(abs(np.log2(2.0 * np.pi * f / omega)) for f in found) < 0.15
 
 

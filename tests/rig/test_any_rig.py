@@ -8,13 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
+from small_rigs import with_law
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.laws import Cubic
+from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
-from isorig.rig.files.recording import read
+from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.virtual.described import described_campaign
 
@@ -172,3 +176,51 @@ def test_intervals_cover_the_truth(name: str) -> None:
     share = float(np.mean(inside))
     print(f"{name}: {100 * share:.1f} % of {len(inside)} intervals cover the truth")
     assert 0.92 <= share <= 0.98
+
+
+@pytest.mark.parametrize("hidden", ["hardening", "extra mode"])
+def test_an_extended_model_is_characterized_as_it_was_diagnosed(
+    hidden: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = read_rig("two-carts")
+    rig = given.model
+    if hidden == "hardening":
+        truth = with_law(rig, "between", Cubic(cubic_stiffness=4e5))
+        own = {"links.between.laws.0.cubic_stiffness": (4e5, "N/m^3")}
+    else:
+        load = Body(name="load", mass=0.12), Link(name="load", a="load", b="second", stiffness=90.0, damping=0.1)
+        truth = replace(rig, bodies=(*rig.bodies, load[0]), links=(*rig.links, load[1]))
+        own = {
+            "bodies.second_added.mass": (0.12, "kg"),
+            "links.second_added.stiffness": (90.0, "N/m"),
+            "links.second_added.damping": (0.1, "N s/m"),
+        }
+    write(tmp_path / "c.h5", described_campaign(given, seed=3, seconds=10.0, truth=truth))
+    called(capsys, "diagnose", tmp_path / "c.h5", "-o", tmp_path / "d")
+    model = tmp_path / "d" / "model.json"
+    said = called(capsys, "characterize", tmp_path / "c.h5", "--model", model, "-o", tmp_path / "p")
+    table = json.loads((tmp_path / "p" / "parameters.json").read_text())["parameters"]
+    expected = {path: (rig.get(path), table[path]["unit"]) for path in rig.free} | own
+    for path, (value, unit) in expected.items():
+        row = table[path]
+        assert path in said
+        assert row["unit"] == unit
+        assert abs(row["value"] - value) < 4.0 * row["std"], path
+        assert row["std"] < 5e-3 * value, path
+    # Both commands fit the same model to the same runs.
+    findings = json.loads((tmp_path / "d" / "findings.json").read_text())
+    found = {row["unit"]: row for row in findings["steps"][0]["parameters"].values()}
+    for path, (_, unit) in own.items():
+        if unit in found:
+            assert table[path]["value"] == pytest.approx(found[unit]["value"], abs=found[unit]["std"])
+    error = float(re.search(r"held-out error ([\d.]+) %", said).group(1))  # type: ignore[union-attr]
+    assert error == pytest.approx(100.0 * findings["holdout"]["extended"], rel=0.05)
+    modes = natural_modes(truth, "unlocked")
+    assert sum(name.endswith(".frequency") for name in table) == len(modes)
+    for k, mode in enumerate(modes):
+        row = table[f"unlocked.mode{k + 1}.frequency"]
+        assert abs(row["value"] - mode.frequency) < 4.0 * row["std"]
+    # The baseline alone leaves the error that the diagnosis reports.
+    called(capsys, "characterize", tmp_path / "c.h5", "--model", tmp_path / "d" / "baseline.json", "-o", tmp_path / "b")
+    table = json.loads((tmp_path / "b" / "parameters.json").read_text())["parameters"]
+    assert "of the signal unexplained; see rig diagnose" in table["drive.factor"]["note"]

@@ -35,13 +35,13 @@ class ExtraMode:
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         found = []
         for body in model.bodies:
-            name = f"{body.name}_rider"
-            if any(other.name == name for other in model.bodies) or body.name.endswith("_rider"):
+            name = f"{body.name}_added"
+            if any(other.name == name for other in model.bodies) or body.name.endswith("_added"):
                 continue
             mass = 0.04 * body.mass
             # A light one too: near a resonance a heavy resonator splits it, and no gradient leads back.
             starts = tuple(
-                self._with_rider(model, name, body, share * body.mass, f)
+                self._with_resonator(model, name, body, share * body.mass, f)
                 for share in (0.04, 0.01)
                 for f in _around(evidence.misfit_frequencies)
             )
@@ -71,10 +71,10 @@ class ExtraMode:
         return tuple(found)
 
     @staticmethod
-    def _with_rider(model: RigModel, name: str, body: Body, mass: float, frequency: float) -> RigModel:
+    def _with_resonator(model: RigModel, name: str, body: Body, mass: float, frequency: float) -> RigModel:
         omega = 2.0 * pi * frequency
         link = Link(name=name, a=name, b=body.name, stiffness=mass * omega**2, damping=2 * 0.03 * mass * omega)
-        # At the resonance of its body an attached resonator has the apparent mass m / (1 - (f / f_rider)^2); the fit without it
+        # At the resonance of its body an attached resonator has the apparent mass m / (1 - (f / f_added)^2); the fit without it
         # has compensated this by the mass there or by the spring.
         bodies, links = model.bodies, model.links
         for own in (link for link in model.links if link.a == body.name):
@@ -195,4 +195,4 @@ class WrongMass:
 
 
 def _weighed(model: RigModel, body: Body) -> bool:
-    return f"bodies.{body.name}.mass" not in model.free and not body.name.endswith("_rider") and body.name != "rocking"
+    return f"bodies.{body.name}.mass" not in model.free and not body.name.endswith("_added") and body.name != "rocking"

@@ -57,7 +57,7 @@ def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
 def _places(model: RigModel, kind: Kind) -> tuple[str, ...]:
     # At links with a spring, or at those with sliding ends.
     blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
-    own = [link for link in model.links if not link.name.endswith("_rider") and link.name != "bearing"]
+    own = [link for link in model.links if not link.name.endswith("_added") and link.name != "bearing"]
     if kind in ("spring_shape", "drift"):
         return tuple(link.name for link in own if link.stiffness > 0.0)
     return tuple(link.name for link in own if link.name in blocked or not blocked)

@@ -387,7 +387,7 @@ def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
         stroke={}, speed={}, drive=4.0, force=26.0, channels={**{s.channel: 2.0 for s in model.sensors}, "head": 4.0}
     )  # fmt: skip
     found = [v.model for v in hypotheses(model, peaks, {}, 1024.0) if v.key == ("extra_mode", "motor")]
-    at = sorted(np.sqrt(m.link("motor_rider").stiffness / m.body("motor_rider").mass) / 2 / np.pi for m in found)
+    at = sorted(np.sqrt(m.link("motor_added").stiffness / m.body("motor_added").mass) / 2 / np.pi for m in found)
     assert at == pytest.approx(sorted(policy.HIDDEN_MODES), rel=1e-6)
     share = policy.SMALLEST.rider
-    assert [m.body("motor_rider").mass / m.body("motor").mass for m in found] == pytest.approx([share] * len(found), rel=1e-6)
+    assert [m.body("motor_added").mass / m.body("motor").mass for m in found] == pytest.approx([share] * len(found), rel=1e-6)
