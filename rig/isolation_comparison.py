@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -28,6 +28,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.four_set_ups import as_read, classic
 from isorig.analysis.spectra.gain_levels import by_level, changes
 from isorig.analysis.spectra.quality import Fault, faults, without
+from isorig.analysis.wording import by_factor
 from isorig.rig.baseline import baseline_model
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
@@ -153,7 +154,8 @@ def isolation_sentences(found: Compared) -> list[str]:
         sentences.append(f"The gain changed within {', '.join(found.swept)}: each of these runs is split by its streamed gain.")
     sentences += [
         f"{name.capitalize()}: from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:.3g} the isolation "
-        f"reduces the heatblock's vibration by {100.0 * share.share:.3g} ± {100.0 * share.std:.1g} %."
+        f"{'reduces' if share.share >= 0.0 else 'increases'} the heatblock's vibration by {100.0 * abs(share.share):.3g} ± "
+        f"{100.0 * share.std:.1g} %."
         for name, share in found.isolated.items()
     ]
     for at, (step, std), above, below in zip(ratio.stitches, ratio.steps, ratio.pieces, ratio.pieces[1:], strict=False):
@@ -165,7 +167,7 @@ def isolation_sentences(found: Compared) -> list[str]:
     for gain, share in found.stuck.items():
         sentences.append(
             f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time"
-            + ("; the rig behaves like a locked one there, so the ratio is near 1 for that reason alone." if share > 0.5 else ".")
+            + ("; while stuck, the rig behaves like a locked one, which brings the ratio close to 1." if share > 0.5 else ".")
         )
     for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
         if np.isfinite(peaks.ratio):
@@ -179,19 +181,23 @@ def isolation_sentences(found: Compared) -> list[str]:
         sentences.append(offset.verdict if name == "measured" else f"{name.capitalize()}, unlocked minus locked peak: {apart}.")
     if found.offset_refused:
         sentences.append(f"The offset of the heatblock's peaks is not available: {found.offset_refused}.")
-    for name, other in found.ratios.items():
-        if name == "measured":
+    return sentences + [
+        text for name, other in found.ratios.items() if name != "measured" for text in _differences(ratio, other, name)
+    ]
+
+
+def _differences(measured: IsolationRatio, other: IsolationRatio, name: str) -> Iterator[str]:
+    for low, high in ((0.0, 5.0), (5.0, 9.0), (9.0, 15.0), (15.0, np.inf)):
+        kept = (measured.frequency >= low) & (measured.frequency < high)
+        if not kept.any():
             continue
-        for low, high in ((0.0, 5.0), (5.0, 9.0), (9.0, 15.0), (15.0, np.inf)):
-            kept = (ratio.frequency >= low) & (ratio.frequency < high)
-            if kept.any():
-                off = np.abs(np.log(other.ratio[kept] / ratio.ratio[kept]))
-                top = f"{high:g}" if np.isfinite(high) else f"{ratio.frequency[-1]:g}"
-                sentences.append(
-                    f"From {max(low, ratio.frequency[0]):g} to {top} Hz the ratio {_by(name)} differs from the measured one by "
-                    f"{100 * (np.exp(np.median(off)) - 1):.2g} % (median over frequency bins)."
-                )
-    return sentences
+        off = float(np.median(np.abs(np.log(other.ratio[kept] / measured.ratio[kept]))))
+        top = f"{high:g}" if np.isfinite(high) else f"{measured.frequency[-1]:g}"
+        if np.isfinite(off):
+            yield (
+                f"From {max(low, measured.frequency[0]):g} to {top} Hz the ratio {_by(name)} differs from the measured one by "
+                f"{by_factor(off)} (median over frequency bins)."
+            )
 
 
 def _by(name: str) -> str:

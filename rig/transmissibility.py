@@ -10,6 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
+from isorig.analysis.wording import by_factor
 from isorig.rig.errors import PlanError
 from isorig.rig.figures import ratio_figure, save
 from isorig.rig.files.output import write_csv, write_json
@@ -163,11 +164,13 @@ def sentences(found: Transmitted) -> list[str]:
     for name, ratios in found.ratios.items():
         for other in ratios if name != "measured" else ():
             one = measured[other.gain]
-            if len(one.value) == len(other.value):
-                off = float(np.median(np.abs(np.log(other.value / one.value))))
+            if len(one.value) != len(other.value):
+                continue
+            off = float(np.median(np.abs(np.log(other.value / one.value))))
+            if np.isfinite(off):
                 said.append(
-                    f"At gain {other.gain:g} the {name} ratio differs from the measured one by {100 * (np.exp(off) - 1):.2g} % "
-                    "(median over frequency bins)."
+                    f"At gain {other.gain:g} the {name} ratio differs from the measured one by {by_factor(off)} (median over "
+                    "frequency bins)."
                 )
     return said
 

@@ -76,14 +76,14 @@ def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, nam
         why = f"It removes {percent} on held-out data."
     elif share >= POLICY.main and behind < POLICY.form_close:
         standing = "one of several"
-        why = f"It removes {percent}; the best candidate's error is {behind:.3g} times smaller, which does not rule this one out."
+        why = f"It removes {percent}; its error is {behind:.3g} times that of the best candidate, which does not rule it out."
     elif share >= POLICY.main and entry is best:
         standing, why = "main contributor", f"It removes {percent}, not enough to be named."
     else:
         standing = "ruled out"
         rival = f"{best.candidate.cause} at {best.candidate.location}"
         why = (
-            f"It removes {percent}; the error of {rival} is {behind:.3g} times smaller."
+            f"It removes {percent}; its error is {behind:.3g} times that of {rival}."
             if entry is not best
             else f"It removes {percent}."
         )

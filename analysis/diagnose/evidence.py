@@ -22,6 +22,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.spectra.periodic import periodic
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
+from isorig.analysis.wording import of_signal
 
 #: Standard errors above which a quantity is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
@@ -112,7 +113,7 @@ def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> li
     ]
     hums = [
         Sign(
-            text=f"Spectral lines: the residual of the {name} has lines at {frequency:g} Hz and its multiples in most runs.",
+            text=f"Spectral peaks: in most runs the residual of the {name} has peaks at {frequency:g} Hz and its multiples.",
             speaks_for=(("mains_hum", name),),
         )
         for name, frequency in mains(model, trials).items()
@@ -169,7 +170,7 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             off, shifted = abs(ratio - 1.0) > max(SURE * error, SMALL), abs(delay) > max(SURE * late, BRIEFEST)
             text = (
                 f"Rigid bodies: {name}, {one} and {other} must move as one; amplitude ratio {ratio:.4f} ± {error:.1g}, "
-                f"{one} {delay * 1e3:+.3g} ± {late * 1e3:.1g} ms late"
+                f"{_late(one, delay, late)}"
             )
             if not off and not shifted and share < LEAST:
                 found.append(Sign(text=text + ": they agree."))
@@ -194,8 +195,8 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         if abs(level - 1.0) > max(SURE * error, SMALL) and bent < UNEVEN * abs(level - 1.0):
             found.append(
                 Sign(
-                    text=f"Constant ratio: the recorded {sensor.channel} is {level:.4f} ± {error:.1g} times the simulated one, "
-                    "the same at every frequency, gain and configuration.",
+                    text=f"Constant ratio: the recorded {sensor.channel} is {level:.4g} ± {error:.1g} times the simulated one, "
+                    "the same in all runs and frequency bins.",
                     speaks_for=(("sensor_gain", sensor.channel),),
                 )
             )
@@ -206,12 +207,17 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         if abs(delay) > max(SURE * late, BRIEFEST) and explained > STRAIGHT:
             found.append(
                 Sign(
-                    text=f"Linear phase: the {sensor.channel}'s phase relative to the simulation is proportional to frequency, "
-                    f"{delay * 1e3:.4g} ± {late * 1e3:.1g} ms late.",
+                    text=f"Linear phase: the phase of {sensor.channel} relative to the simulation is proportional to frequency, "
+                    f"{_late(sensor.channel, delay, late)}.",
                     speaks_for=(("channel_delay", sensor.channel), ("channel_delay", model.drive.channel)),
                 )
             )
     return found
+
+
+def _late(channel: str, delay: float, std: float) -> str:
+    # A delay in s and its standard deviation.
+    return f"{channel} {abs(delay) * 1e3:.3g} ± {std * 1e3:.1g} ms {'late' if delay >= 0.0 else 'early'}"
 
 
 def poles(model: RigModel, groups: Groups) -> list[Sign]:
@@ -259,16 +265,16 @@ def _configurations(pairs: Sequence[Double]) -> list[Sign]:
     if len(names) < 2:
         return []
     error = {name: _misfit([p for p in pairs if p.trial.run.configuration == name]) for name in names}
-    shares = ", ".join(f"{name} by {100 * e:.2g} %" for name, e in error.items())
-    text = f"Configurations: the error of the fitted baseline is {shares} of the signal"
+    shares = ", ".join(f"{name} {of_signal(e)}" for name, e in error.items())
+    text = f"Configurations: error of the fitted baseline {shares}"
     unlocked, locked = error.get("unlocked"), error.get("locked")
     if unlocked is None or locked is None or max(unlocked, locked) < LEAST:
         return [Sign(text=text + ".")]
     if unlocked > ONE_SIDED * locked:
         speaks = tuple((cause, "isolation") for cause in (*CURVED, *RUBBING, "stiffness_drift"))
-        return [Sign(text=text + ": the error is in what moves only when the motor is free.", speaks_for=speaks)]
+        return [Sign(text=text + ": the error is in a part that moves only when unlocked.", speaks_for=speaks)]
     if locked > ONE_SIDED * unlocked:
-        return [Sign(text=text + ": the error appears when the motor is locked.", speaks_for=(("imperfect_lock", "lock"),))]
+        return [Sign(text=text + ": the error is larger when locked.", speaks_for=(("imperfect_lock", "lock"),))]
     return [Sign(text=text + ": the error is present in both.")]
 
 
@@ -371,18 +377,26 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
             continue
         first, last = group.pairs[0], group.pairs[-1]
         minutes = (last.trial.start_time - first.trial.start_time) / 60.0
-        differences, compared = [], False
+        differences, within = [], 0.0
         for sensor in model.sensors:
             off = _compared(Group((first,)), Group((last,)), sensor.channel)
-            compared = compared or off is not None
-            if off is not None and _differ(*off):
+            if off is None:
+                continue
+            within = max(within, off[0], APART * off[1])
+            if _differ(*off):
                 differences.append(f"{sensor.channel} {100 * off[0]:.2g} % (random error {100 * off[1]:.2g} %)")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
         if differences:
-            text = f"{where} differ by more than the random error: {', '.join(differences)}: the rig has changed in between."
+            text = (
+                f"{where} differ by more than the random error ({', '.join(differences)}): the rig has changed in between, or "
+                "its response does not repeat."
+            )
             found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
-        elif compared:
-            found.append(Sign(text=f"{where} agree: the rig has not changed."))
+        elif 0.0 < within <= RESOLVED:
+            found.append(Sign(text=f"{where} agree to within {100 * within:.2g} %: no change of the rig was detected."))
+        elif within:
+            text = f"a change of the rig below {100 * within:.2g} % would not be detected"
+            found.append(Sign(text=f"{where} agree within the random error; {text}."))
     return found
 
 
@@ -429,17 +443,17 @@ def _rubs(surface: Surface) -> list[Sign]:
     if abs(ways) > max(SURE * ways_std, least):
         found.append(
             Sign(
-                text=f"Friction force: at the {surface.link} fast sliding one way needs {abs(ways):.2g} ± {ways_std:.1g} N more "
-                "than the other way, in addition to the baseline.",
+                text=f"Friction force: at the {surface.link} the force at high velocity is {abs(ways):.2g} ± {ways_std:.1g} N "
+                "larger in one direction than in the other, beyond the baseline.",
                 speaks_for=(("asymmetric_friction", surface.link),),
             )
         )
     if abs(bend) > max(SURE * bend_std, least):
-        more = "more" if bend > 0.0 else "less"
+        more = "larger" if bend > 0.0 else "smaller"
         found.append(
             Sign(
-                text=f"Friction force: at the {surface.link} slow and fast sliding have {abs(bend):.2g} ± {bend_std:.1g} N "
-                f"{more} friction than medium velocities, in addition to the baseline.",
+                text=f"Friction force: at the {surface.link} friction is {abs(bend):.2g} ± {bend_std:.1g} N {more} at low and "
+                "high than at medium velocity, beyond the baseline.",
                 speaks_for=tuple(
                     (cause, surface.link)
                     for cause in (("stribeck_friction", "quadratic_damping") if bend > 0.0 else ("presliding_friction",))

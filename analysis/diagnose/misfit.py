@@ -13,6 +13,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import of_signal
 
 #: A band counts if the misfit's power exceeds the noise's by this factor, other quantities by this many standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
@@ -31,7 +32,7 @@ RATIO_SHARE, RATIO_LINES = 10 * SHARE, 3
 #: Neighbouring frequency bins of a coherence that are averaged.
 SMOOTHED = 5
 #: Number of reported discrepancies of each kind.
-TOLD = 3
+REPORTED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +61,8 @@ def discrepancies(
 ) -> tuple[Discrepancy, ...]:
     """Discrepancies above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
     kinds = (
-        _peaks(model, beside), _bands(model, trials)[:most], _coherences(model, beside)[:TOLD], _ratios(campaign, beside.pairs),
+        _peaks(model, beside), _bands(model, trials)[:most], _coherences(model, beside)[:REPORTED],
+        _ratios(campaign, beside.pairs),
     )  # fmt: skip
     found = [d for kind in kinds for d in kind]
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
@@ -85,7 +87,7 @@ def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> t
                 continue
             text = (
                 f"{run.configuration.capitalize()} at gain {run.gain:g} ({run.id}) the first {seconds:g} s of the {name} are "
-                f"simulated with an error of {100 * size:.2g} % of the signal, where noise alone would be {100 * noise:.2g} %; "
+                f"simulated with an error of {of_signal(size)}, where noise alone would be {of_signal(noise)}; "
                 "the end of the run fits."
             )
             found.append(
@@ -125,9 +127,9 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             size, noise = (float(np.sqrt(power[inside].sum() / heard)) for power in (e, quiet))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
             text = (
-                f"{trial.run.configuration} at gain {trial.run.gain:g} ({trial.run.id}) the {name} "
-                f"between {band[0]:g} and {band[1]:g} Hz "
-                f"is simulated with an error of {100 * size:.1f} % of the signal, where noise alone would be {100 * noise:.2g} %"
+                f"{trial.run.configuration.capitalize()} at gain {trial.run.gain:g} ({trial.run.id}) the {name} between "
+                f"{band[0]:g} and {band[1]:g} Hz is simulated with an error of {of_signal(size)}, where noise alone would be "
+                f"{of_signal(noise)}."
             )
             found.append(
                 Discrepancy(
@@ -176,6 +178,16 @@ def _shift(seen: Lines, around: float | None = None) -> tuple[float, float, floa
     return (measured - simulated if j else np.nan), std, measured, high / low
 
 
+def _agree(shifts: Sequence[tuple[float, float, float, float]]) -> bool:
+    # At least one peak was found, and none is clearly shifted.
+    known = [(by, std, at) for by, std, at, _ in shifts if np.isfinite(by)]
+    return bool(known) and not any(_clear(by, std, at) for by, std, at in known)
+
+
+def _clear(by: float, std: float, at: float) -> bool:
+    return abs(by) > max(MOVED * std, SHARE * at)
+
+
 def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
     found = []
     groups = beside.groups
@@ -185,7 +197,7 @@ def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
             seen = group.lines(sensor.channel)
             if seen is not None:
                 shifts[key] = _shift(seen)
-        clear = {key: s for key, s in shifts.items() if np.isfinite(s[0]) and abs(s[0]) > max(MOVED * s[1], SHARE * s[2])}
+        clear = {key: s for key, s in shifts.items() if np.isfinite(s[0]) and _clear(*s[:3])}
         if not clear:
             continue
         key = max(clear, key=lambda k: abs(clear[k][0]) / clear[k][2])
@@ -201,15 +213,16 @@ def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
         }
         moving = [g for g, s in same.items() if abs(s[0] - by) > MOVED * np.hypot(s[1], std) + SHARE * at]
         others = sorted({c for c, _ in shifts if c != configuration})
-        fit = [c for c in others if not any(k[0] == c for k in clear)]
+        fit = [c for c in others if _agree([s for k, s in shifts.items() if k[0] == c])]
         text = (
             f"{configuration.capitalize()} at gain {gain:g} the {sensor.channel}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
-            f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and is {height:.3g} times as high"
+            f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and its height is {height:.3g} times the "
+            "simulated one"
         )
         if same:
-            text += " and moves with the gain" if moving else "; it is the same at the other gains"
+            text += "; it changes with the gain" if moving else "; it is the same at the other gains"
         if fit:
-            text += f"; {' and '.join(fit)} runs fit"
+            text += f"; the {' and '.join(fit)} peaks agree"
         found.append(
             Discrepancy(
                 channel=sensor.channel, configuration=configuration, gain=gain, run=trial.run.id, band_hz=band, what="frf",
@@ -288,8 +301,8 @@ def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
             channel="heatblock", configuration="unlocked", gain=gain, run=run.id, band_hz=band, what="ratio",
             size=float(np.sqrt(np.mean(off[inside] ** 2))) / whole,
             noise=float(np.sqrt(np.mean(measured.std[inside] ** 2))) / whole,
-            text=f"Between {band[0]:g} and {band[1]:g} Hz the isolation ratio (unlocked over locked) is simulated {median:.3g} "
-            f"times as large as measured in the middle, and differs in {int(bad.sum())} frequency bins by more than {SURE:g} "
-            "standard deviations.",
+            text=f"Between {band[0]:g} and {band[1]:g} Hz the simulated isolation ratio (unlocked over locked) is {median:.3g} "
+            f"times the measured one (median), and differs in {int(bad.sum())} frequency bins by more than {SURE:g} standard "
+            "deviations.",
         )
     ]  # fmt: skip

@@ -22,6 +22,7 @@ from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.spectra.quality import Fault, faults, without
+from isorig.analysis.wording import of_signal
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
 #: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
@@ -139,7 +140,7 @@ def characterize(
     # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
     excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
     misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
-    note = "" if misfit < 0.01 else f"the model leaves {100 * misfit:.1f} % of the signal unexplained; see rig diagnose"
+    note = "" if misfit < 0.01 else f"the model leaves {of_signal(misfit)} unexplained; see rig diagnose"
     known = _Known(done, fine, explained, misfit, note, _uncertain(campaign.known, done))
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(

@@ -33,6 +33,7 @@ def characterize(
     """
     from rich.console import Console
 
+    from isorig.analysis.wording import of_signal
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
@@ -59,7 +60,7 @@ def characterize(
     ]
     for doubt in found.doubts:
         print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
-    title = f"{campaign.name}: held-out error {100 * found.error:.2g} % of the signal, noise alone {100 * found.floor:.2g} %"
+    title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {100 * found.floor:.2g} %"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
     for level in drive_levels(measured, found.fit.model.drive.channel):
         size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"

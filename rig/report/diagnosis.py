@@ -11,6 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.step import Curve, Step
+from isorig.analysis.wording import of_signal
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
@@ -123,12 +124,12 @@ def _improvement(diagnosis: Diagnosis) -> str:
 
 
 def _summary(diagnosis: Diagnosis) -> list[str]:
-    errors = (diagnosis.baseline_error, diagnosis.extended_error, diagnosis.floor)
-    before, after, floor = (f"{100 * error:.2g} %" for error in errors)
+    before, after = (of_signal(error) for error in (diagnosis.baseline_error, diagnosis.extended_error))
     extended = f", that of the extended model {after}" if diagnosis.steps else ""
     sentences = [doubt.text for doubt in diagnosis.doubts] + [
-        f"On held-out data the error of the baseline is {before} of the signal{extended}; "
-        f"that of a perfect model would be {floor}, from sensor noise and the disturbance seen between repeated runs."
+        f"On held-out data the error of the baseline is {before}{extended}; "
+        f"that of a perfect model would be {of_signal(diagnosis.floor)}, from sensor noise and, "
+        "where a drive was repeated, the disturbance."
     ]
     if diagnosis.cut_short:
         sentences.append(CUT_SHORT)

@@ -9,6 +9,7 @@ from isorig.analysis.diagnose.misfit import Discrepancy
 from isorig.analysis.isolation.moves import move_within, on_move
 from isorig.analysis.isolation.ratio import Isolated
 from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.wording import of_signal
 from isorig.rig.design_study import BOND
 from isorig.rig.isolation_comparison import Compared
 from isorig.rig.report.advice import NOTHING, NOTHING_ELSE
@@ -108,11 +109,11 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
     if found.adequate:
         short = "No discrepancy found"
         text = (
-            f"It explains the runs down to the noise: its error is {100 * found.error:.2g} % of the signal, that of noise alone "
+            f"It explains the runs down to the noise: its error is {of_signal(found.error)}, that of noise alone "
             f"{100 * found.floor:.2g} %."
         )
     else:
-        short = f"Its error is {100 * found.error:.2g} % of the signal"
+        short = f"Its error is {of_signal(found.error)}"
         text = f"Noise alone would cause {100 * found.floor:.2g} %."
         if wrong:
             worst = wrong[0]

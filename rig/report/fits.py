@@ -6,6 +6,7 @@ from pathlib import Path
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.wording import of_signal
 from isorig.rig.report.charts import Role
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, build_report
@@ -20,7 +21,7 @@ def fits_page(campaign: Campaign, found: Characterization) -> str:
     charts = [*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
-        verdict=f"The held-out error of the joint fit is {100 * found.error:.2g} % of the signal, that of noise alone "
+        verdict=f"The held-out error of the joint fit is {of_signal(found.error)}, that of noise alone "
         f"{100 * found.floor:.2g} %.",
         summary=[fault.text for fault in found.faults],
         sections=[

@@ -12,6 +12,7 @@ from isorig.analysis.parameters.four_set_ups import Classic, ErrorSurface, SetUp
 from isorig.analysis.parameters.joint_fit import CALIBRATION, Characterization
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.quality import without
+from isorig.analysis.wording import of_signal
 from isorig.rig.baseline import baseline_model
 from isorig.rig.figures import save, set_ups_figure, surface_figure
 from isorig.rig.files.output import write_text
@@ -86,7 +87,7 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
     surface = [_surface_section(read.surface)] if read.surface is not None else []
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
-        verdict=f"The error of the joint fit is {100 * found.error:.2g} % of the signal on held-out data, that of noise alone "
+        verdict=f"The error of the joint fit is {of_signal(found.error)} on held-out data, that of noise alone "
         f"{100 * found.floor:.2g} %.",
         summary=[fault.text for fault in found.faults]
         + [f"{words(name).capitalize()}: not available, because {reason}." for name, reason in read.refused.items()],

@@ -1,0 +1,23 @@
+"""Sizes in words, at the bounds where per cent become multiples and factors."""
+
+import doctest
+
+import numpy as np
+
+from isorig.analysis import wording
+from isorig.analysis.wording import by_factor, of_signal
+
+
+def test_examples() -> None:
+    assert doctest.testmod(wording).failed == 0
+
+
+def test_an_error_as_large_as_the_signal_is_given_as_a_multiple() -> None:
+    assert of_signal(0.985) == "98 % of the signal"
+    assert of_signal(0.99) == "0.99 times the signal"
+    assert of_signal(9.87, 3) == "9.87 times the signal"
+
+
+def test_nearly_twice_as_much_is_given_as_a_factor_in_both_directions() -> None:
+    assert by_factor(np.log(1.89)) == "89 %"
+    assert by_factor(np.log(2.0)) == by_factor(-np.log(2.0)) == "a factor of 2"
