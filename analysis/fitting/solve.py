@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import FitError, ModelError, SimulationError
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_motion
-from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
 
 #: Number of models whose motion a problem caches.
@@ -168,10 +167,8 @@ class Problem:
     def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
         # The bodies' true motion; models that differ in their sensors' faults only share it.
         trial = self.trials[index]
-        sound = msgspec.structs.replace(
-            model, sensors=tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors), free=()
-        )
-        key = (index, msgspec.json.encode(sound))
+        sound = model.without_faults
+        key = (index, sound.encoded)
         with self._lock:
             motion = self._cache.get(key)
         if motion is None:

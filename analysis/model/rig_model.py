@@ -8,6 +8,7 @@ lever arms by which an element acts on further coordinates, for example for a ro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal, NoReturn
 
@@ -166,7 +167,7 @@ class Usual(Part, frozen=True, kw_only=True):
             )
 
 
-class RigModel(Part, frozen=True, kw_only=True):
+class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cached properties
     """A whole rig.
 
     Parameters
@@ -236,6 +237,24 @@ class RigModel(Part, frozen=True, kw_only=True):
         """The channels that a run of this rig has: its drives, then its sensors."""
         return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
 
+    @cached_property
+    def moving_parts(self) -> bytes:
+        """All that determines the motion, as a key for caches: not the sensors and the faults of channels."""
+        drives = [(drive.pushes, drive.factor, drive.imposes) for drive in self.drives]
+        parts = (self.bodies, self.links, self.contacts, self.configurations, drives)
+        return msgspec.msgpack.encode(parts, enc_hook=float)
+
+    @cached_property
+    def without_faults(self) -> RigModel:
+        """The rig with perfect sensors and without free parameters: it moves alike, and so do all that differ in these only."""
+        sound = tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in self.sensors)
+        return msgspec.structs.replace(self, sensors=sound, free=())
+
+    @cached_property
+    def encoded(self) -> bytes:
+        """The model as JSON."""
+        return msgspec.json.encode(self)
+
     def body(self, name: str) -> Body:
         """The body with that name."""
         return next((b for b in self.bodies if b.name == name), None) or _missing(self.bodies, name, "body")
@@ -279,7 +298,7 @@ class RigModel(Part, frozen=True, kw_only=True):
 
 def to_tree(model: RigModel) -> dict[str, Any]:
     """The model as plain dicts, lists and numbers, ready for JSON."""
-    tree: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(model))
+    tree: dict[str, Any] = msgspec.json.decode(model.encoded)
     return tree
 
 

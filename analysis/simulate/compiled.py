@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from math import prod
+from threading import Lock
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
@@ -32,6 +32,8 @@ CUTS = 4096
 #: Role of an element when contacts change state at one instant: none; dry friction, which sticks at zero speed; Karnopp's law,
 #: which sticks at any speed within its band.
 ALONE, SETTLING, BANDED = 0, 1, 2
+# Threads that simulate one rig under several drives compile it once.
+_COMPILING = Lock()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,9 +123,9 @@ def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -
     ModelError
         If the rig has no such configuration, more than `MODES` modes, or motions too fast for the step.
     """
-    drives = [(drive.pushes, drive.factor, drive.imposes) for drive in model.drives]
-    parts = (model.bodies, model.links, model.contacts, model.configurations, drives)
-    return _compiled(_Moving(model=model, parts=msgspec.msgpack.encode(parts, enc_hook=float)), configuration, h, finer)
+    moving = _Moving(model=model, parts=model.moving_parts)
+    with _COMPILING:
+        return _compiled(moving, configuration, h, finer)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +137,19 @@ class _Moving:
 
 @lru_cache(maxsize=32)
 def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Compiled:
+    systems = _systems(moving, configuration)
+    cuts = max(1, int(np.ceil(systems.quickest * h / TURN)), int(np.ceil(systems.steepest * h / STEEP_TURN)))
+    if cuts > CUTS:
+        raise ModelError(
+            f"the rig {moving.model.name!r} moves at up to {systems.quickest:.3g} rad/s, too quick for steps of {h:.3g} s; "
+            "lower its stiffest spring or damper, or raise the masses it acts on"
+        )
+    cuts *= finer
+    return systems.compiled(cuts, h / cuts)
+
+
+@lru_cache(maxsize=32)
+def _systems(moving: _Moving, configuration: str) -> _Systems:
     model = moving.model
     basis, mass, damping, stiffness = linear_part(model, configuration)
     imposed = imposed_coordinates(model, basis)
@@ -158,17 +173,7 @@ def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Comp
         [*(inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(basis))])).T, *columns]
     )
     elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis, loose)
-    systems = _Systems(free, inverse, elements)
-    quickest = float(np.abs(np.linalg.eigvals(systems.square())).max(initial=0.0))
-    steepest = max((_steepness(element, inverse) for element in elements), default=0.0)
-    cuts = max(1, int(np.ceil(quickest * h / TURN)), int(np.ceil(steepest * h / STEEP_TURN)))
-    if cuts > CUTS:
-        raise ModelError(
-            f"the rig {model.name!r} moves at up to {quickest:.3g} rad/s, too quick for steps of {h:.3g} s; "
-            "lower its stiffest spring or damper, or raise the masses it acts on"
-        )
-    cuts *= finer
-    return systems.compiled(basis, cuts, h / cuts, quickest * h / cuts)
+    return _Systems(basis, free, inverse, elements)
 
 
 def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -282,9 +287,14 @@ def _root(inverse: FloatArray) -> FloatArray:
 
 
 class _Systems:
-    """The linear system of every mode in physical units, z' = rate y."""
+    """The linear system of every mode in physical units, z' = rate y.
 
-    def __init__(self, free: FloatArray, inverse: FloatArray, elements: Sequence[Element]) -> None:
+    `quickest` is the largest magnitude of an eigenvalue in 1/s with the curved forces at their steepest, `steepest` the largest
+    rate of a curved force alone.
+    """
+
+    def __init__(self, basis: FloatArray, free: FloatArray, inverse: FloatArray, elements: Sequence[Element]) -> None:
+        self.basis = basis
         n = free.shape[0]
         self.m = m = 2 * n
         self.further = free.shape[1] - m - 2
@@ -328,8 +338,10 @@ class _Systems:
                 self.settle[mode] -= inverse @ w[settled].T @ shared(self.along[settled], self.grips[settled]) @ w[settled]
             self.rate[mode, n:] = moved
         self.w = w
+        self.quickest = float(np.abs(np.linalg.eigvals(self._square())).max(initial=0.0))
+        self.steepest = max((_steepness(element, inverse) for element in elements), default=0.0)
 
-    def square(self) -> FloatArray:
+    def _square(self) -> FloatArray:
         """System matrices of the modes, with the curved forces linearised at their steepest."""
         m = self.m
         square = np.zeros((len(self.modes), m, m))
@@ -391,8 +403,8 @@ class _Systems:
             mode -= self.modes[mode][other] * self.strides[other]
         return mode
 
-    def compiled(self, basis: FloatArray, cuts: int, step: float, speed: float) -> Compiled:
-        """The arrays for the kernel, in units of a step."""
+    def compiled(self, cuts: int, step: float) -> Compiled:
+        """The arrays for the kernel, in units of a step of `step` seconds."""
         m, size, modes = self.m, self.size, len(self.modes)
         n, elements = m // 2, self.elements
         # y in units of a step: speeds and first derivatives times its length, second derivatives times its square.
@@ -425,7 +437,7 @@ class _Systems:
                 limits[mode, place] = way.limit
         series, last = [rows], 1.0
         while (len(series) < 6 or last > 1e-17) and len(series) < 30:
-            last *= speed / len(series)
+            last *= self.quickest * step / len(series)
             series.append(series[-1] @ system / len(series))
         taylor = np.stack(series, axis=1)
         power = np.arange(len(series))
@@ -438,7 +450,7 @@ class _Systems:
         gates = {k: elements[k].gates or (1.0,) * len(elements[k].states) for k in self.curved}
         widest = max((len(element.states) for element in elements), default=1)
         return Compiled(
-            basis=basis,
+            basis=self.basis,
             cuts=cuts,
             whole=_columns(np.concatenate([met, moved[:, bent : bent + m], margins], axis=1)),
             blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
