@@ -55,6 +55,7 @@ class Screen:
     def __init__(self, current: Fit, problem: Problem) -> None:
         self.current = current
         self.problem = problem
+        self._span = np.linalg.qr(current.jacobian)[0]
 
     def ranked(self, candidates: Sequence[Candidate]) -> list[ScreenedCandidate]:
         """All candidates, best first: one step for each, and some more for the promising ones."""
@@ -81,7 +82,7 @@ class Screen:
 
     def _reached(self, residuals: FloatArray) -> FloatArray:
         # Remaining error after a linear step of the current parameters and along the line to each starting point and beyond.
-        span = np.linalg.qr(self.current.jacobian)[0]
+        span = self._span
         here, away = (r - (r @ span) @ span.T for r in (self.current.residual, residuals - self.current.residual))
         length = (away**2).sum(axis=1)
         far = np.clip(-(away @ here) / np.maximum(length, 1e-300), 0.0, BEYOND)

@@ -128,10 +128,12 @@ class Waveform:
         self._measured = measured
         self.size = 2 * self._lines * len(measured)
 
-    def residual(self, predicted: FloatArray) -> FloatArray:
-        """Weighted residual of predicted channels, shape (size,)."""
-        error = np.fft.rfft(predicted - self._measured, axis=1)[:, : self._lines] * self._weights
-        return np.concatenate([error.real.ravel(), error.imag.ravel()])
+    def write_residual(self, predicted: FloatArray, out: FloatArray) -> None:
+        """Write the weighted residual of predicted channels to `out`, shape (size,)."""
+        error = np.fft.rfft(predicted - self._measured, axis=1)[:, : self._lines]
+        parts = out.reshape(2, *error.shape)
+        np.multiply(error.real, self._weights, out=parts[0])
+        np.multiply(error.imag, self._weights, out=parts[1])
 
 
 class Problem:
@@ -160,10 +162,6 @@ class Problem:
         self.sizes = tuple(gauge.size for gauge in self._gauges)
         self.size = sum(self.sizes)
 
-    def residual_of(self, model: RigModel, index: int) -> FloatArray:
-        """Weighted residual of one trial."""
-        return self._gauges[index].residual(expected(model, self.trials[index], self._motion(model, index)))
-
     def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
         # The bodies' true motion; models that differ in their sensors' faults only share it.
         trial = self.trials[index]
@@ -182,17 +180,20 @@ class Problem:
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
         """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged."""
 
-        def one(job: tuple[int, int]) -> FloatArray:
-            which, index = job
-            try:
-                return self.residual_of(models[which], index)
-            except (SimulationError, ModelError):  # it grows without bound, or moves too fast for any step
-                return np.full(self._gauges[index].size, np.nan)
+        out = np.empty((len(models), self.size))
+        ends = np.cumsum(self.sizes)
 
-        jobs = [(which, index) for which in range(len(models)) for index in range(len(self.trials))]
-        parts = side_by_side(one, jobs)
-        count = len(self.trials)
-        return np.stack([np.concatenate(parts[i * count : (i + 1) * count]) for i in range(len(models))])
+        def one(job: tuple[int, int]) -> None:
+            which, index = job
+            part = out[which, ends[index] - self.sizes[index] : ends[index]]
+            try:
+                predicted = expected(models[which], self.trials[index], self._motion(models[which], index))
+                self._gauges[index].write_residual(predicted, part)
+            except (SimulationError, ModelError):  # it grows without bound, or moves too fast for any step
+                part[:] = np.nan
+
+        side_by_side(one, [(which, index) for which in range(len(models)) for index in range(len(self.trials))])
+        return out
 
 
 def fit(
@@ -236,18 +237,23 @@ def fit(
     def build(coordinates: FloatArray) -> RigModel:
         return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
 
-    begun, hold = theta, np.diag([_tethered(f, tether) for f in free])
+    # Rows of the tethers and of the curves' smoothness, below those of the data: ties @ coordinates - ties_at.
+    hold = np.diag([_tethered(f, tether) for f in free])
     bend, straight = _bending(model, free)
+    ties, ties_at = np.vstack([hold, bend]), np.concatenate([hold @ theta, -straight])
 
     def misfit(coordinates: FloatArray) -> FloatArray:
         try:
-            seen = problem.residuals([build(coordinates)])[0]
+            return np.asarray(problem.residuals([build(coordinates)])[0])
         except ModelError:
-            seen = np.full(problem.size, np.nan)
-        return np.concatenate([seen, hold @ (coordinates - begun), bend @ coordinates + straight])
+            return np.full(problem.size, np.nan)
+
+    def cost_of(seen: FloatArray, coordinates: FloatArray) -> float:
+        tied = ties @ coordinates - ties_at
+        return float(seen @ seen + tied @ tied)
 
     residual = misfit(theta)
-    cost = float(residual @ residual)
+    cost = cost_of(residual, theta)
     if not np.isfinite(cost):
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
@@ -255,12 +261,11 @@ def fit(
     taken, fresh = 0, True
     while taken < iterations or not fresh:
         if fresh:
-            jacobian = jacobian_of(problem, build, theta, free, residual[: problem.size])
-            jacobian = np.vstack([jacobian, hold, bend])
-            normal = jacobian.T @ jacobian
+            jacobian = jacobian_of(problem, build, theta, free, residual)
+            normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
             taken += 1
-        gradient = jacobian.T @ residual
+        gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
         for _ in range(6 if fresh else 1):
             scale = np.diag(normal)
@@ -271,8 +276,8 @@ def fit(
             trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + _limited(step, free), strict=True)])
             candidate = misfit(trial)
             evaluations += 1
-            new = float(candidate @ candidate)
-            linear = float(np.sum((residual + jacobian @ (trial - theta)) ** 2))
+            new = cost_of(candidate, trial)
+            linear = cost_of(residual + jacobian @ (trial - theta), trial)
             if np.isfinite(new) and new < cost:
                 theta, residual, cost, foretold = trial, candidate, new, linear
                 damping = max(damping / 9.0, 1e-9)
@@ -283,7 +288,7 @@ def fit(
         if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
         fresh = not fresh or before - cost < FORETOLD * (before - foretold)
-    fitted, jacobian, residual = build(theta), jacobian[: problem.size], residual[: problem.size]
+    fitted = build(theta)
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
@@ -331,8 +336,10 @@ def jacobian_of(
                 shifted.append(build(moved))
             except ModelError:  # not allowed on both sides: unchanged
                 shifted.append(build(theta))
-    columns = (problem.residuals(shifted) - residual) / steps[:, None]
-    return np.asarray(np.nan_to_num(columns).T)
+    columns = problem.residuals(shifted)
+    columns -= residual
+    columns /= steps[:, None]
+    return np.asarray(np.nan_to_num(columns, copy=False).T)
 
 
 def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:

@@ -80,6 +80,8 @@ def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray
 
 
 def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
+    if chain.delay == 0.0 and chain.offset == 0.0 and chain.gain == 1.0:
+        return values
     return (shift(values, -chain.delay, rate) - chain.offset) / chain.gain
 
 
@@ -140,13 +142,13 @@ def simulate(
     total = min((n + 2 * TAPS) * over, len(excitation.fine))
     h = 1.0 / (rate * over)
     sense = sense_of(model, compile_rig(model, configuration, h))
-    motion = np.zeros((len(model.sensors), total))
     if any(sensor.force_in is not None for sensor in model.sensors):
         from isorig.analysis.simulate.trace import with_forces
 
         return with_forces(
             model, excitation, configuration=configuration, start_time=start_time, as_recorded=as_recorded, samples=n, steps=total
         )  # fmt: skip
+    motion = np.empty((len(model.sensors), total))
     fine, begun = true_fine(model, excitation)[:, :total], imposed_start(model, excitation)
     run_rig(model, configuration, fine, h, start_time, sense, motion, begun=begun)
     return response_of(model, excitation, motion, n, as_recorded=as_recorded)
@@ -258,7 +260,7 @@ def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
             rows.append(_true(drive.chain, each.fine, each.sample_rate * each.oversample))
         else:
             rows.append(_imposed(drive, each)[2])
-    return np.array(rows)
+    return np.stack(rows) if len(rows) > 1 else rows[0][None]
 
 
 def imposed_start(model: RigModel, excitation: Excitation) -> dict[str, tuple[float, float]]:

@@ -127,8 +127,9 @@ def _sampler(factor: int, differentiate: bool) -> FloatArray:
 
 @fast_kernel
 def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatArray:
-    """Filter and keep every `down`-th value from the `lead`-th on, shape (n,)."""
-    length = len(taps)
+    """Filter and keep every `down`-th value from the `lead`-th on, shape (n,); beyond its end `x` continues linearly."""
+    length, size = len(taps), len(x)
+    slope = x[size - 1] - x[size - 2]
     flipped = taps[::-1].copy()
     out = np.zeros(n)
     for k in range(n):
@@ -140,6 +141,8 @@ def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatA
         acc = 0.0
         for j in range(len(inside)):
             acc += weights[j] * inside[j]
+        for at in range(max(size, first), last + 1):
+            acc += flipped[at - first] * (x[size - 1] + slope * (at - size + 1))
         out[k] = acc
     return out
 
@@ -148,12 +151,8 @@ def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: b
     """Low-pass (linear phase, -6 dB at half the sample rate) and decimate; with `differentiate` the derivative.
 
     Accelerations are differentiated from velocities: they jump where friction reverses, and a sampled jump aliases, while
-    velocities are continuous.
+    velocities are continuous. After the record's end the motion is extrapolated linearly.
     """
-    tail = TAPS * factor + 2
-    # After the record's end the motion is extrapolated linearly.
-    slope = fine[-1] - fine[-2]
-    fine = np.concatenate([fine, fine[-1] + slope * np.arange(1, tail)])
     g = _sampler(factor, differentiate)
     lead = TAPS + (1 if differentiate and factor > 1 else 0)
     if factor == 1:
