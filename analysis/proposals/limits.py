@@ -12,13 +12,11 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.proposals.policy import USABLE
 from isorig.analysis.simulate import Excitation, record, simulate, true_drive
-
-#: Prefix of the channel of a link's displacement sensor.
-DEFLECTION = "deflection "
+from isorig.analysis.simulate.gauges import DEFLECTION, gauged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,21 +66,6 @@ def largest(peaks: Sequence[Peaks]) -> Peaks:
 def _most(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
     names = {name for each in found for name in each}
     return {name: max(each.get(name, 0.0) for each in found) for name in sorted(names)}
-
-
-def gauged(model: RigModel, configuration: str) -> RigModel:
-    """The rig with a displacement sensor on every free link, as channels `deflection <link>`."""
-    setup = model.configurations[configuration]
-    free = [link for link in model.links if link.name not in setup.rigid or setup.lock_stiffness is not None]
-    gauges = []
-    for link in free:
-        body, other = (link.a, link.b) if link.a != GROUND else (link.b, link.a)
-        sign = 1.0 if link.a != GROUND else -1.0
-        arms = {name: sign * factor for name, factor in link.arms.items()}
-        gauges.append(
-            Sensor(channel=f"{DEFLECTION}{link.name}", body=body, relative_to=other, quantity="displacement", arms=arms)
-        )
-    return msgspec.structs.replace(model, sensors=(*model.sensors, *gauges))
 
 
 def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArray, sample_rate: float) -> Peaks:

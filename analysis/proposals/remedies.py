@@ -12,9 +12,10 @@ from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.proposals.choice import Apart, Comparison, Seen
-from isorig.analysis.proposals.limits import Peaks, gauged
+from isorig.analysis.proposals.limits import Peaks
 from isorig.analysis.proposals.policy import HIGHER, RAISED, RESOLVES, TRIED, WILL
 from isorig.analysis.proposals.prediction import Key, Prospect
+from isorig.analysis.simulate.gauges import gauged
 
 #: Prefix of the channel of a second accelerometer.
 SECOND = "second "

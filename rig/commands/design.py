@@ -1,4 +1,4 @@
-"""rig design: how soft the isolation may be for given moves."""
+"""rig design: the best values of a rig's parameters within limits."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from cyclopts import Parameter
 
 
 def design(
-    profile: Path,
+    plan: Path,
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    model: str | None = None,
     parameters: Path | None = None,
     method: Literal["joint", "half-power"] = "joint",
     points: int = 100,
@@ -20,43 +21,82 @@ def design(
     rocking_frequency: float = 30.0,
     seed: int = 0,
 ) -> None:
-    """Compute the largest stroke over the isolation frequency for given moves, and the lowest frequency within a limit.
+    """Find the values of chosen parameters with the smallest transmissibility, ratio or rms within the limits of a rig.
+
+    The plan names the parameters that may vary, with their bounds, and the target. A plan without them has the moves of the wire
+    bonder: the result is then the largest stroke over the isolation frequency, and the lowest frequency within a limit.
+
+    Example: rig design plan.toml --model absorber -o design
 
     Example: rig design moves.toml --parameters parameters/parameters.json -o design
 
     Parameters
     ----------
-    profile
-        The moves, the limit and the safety factor, a TOML file.
+    plan
+        The plan, a TOML file.
     output
-        The folder for design.json, strokes.csv, moves.csv, histories.csv and figures.
+        The folder for design.json, tables and figures, and designed.toml, the description with the best values.
+    model
+        The rig: a description, the name of one that rig describe lists, or a model.json; by default the wire bonder.
     parameters
-        The parameters.json of the present rig, with uncertainties; by default the thesis's table.
+        The parameters.json of the present rig, with uncertainties; by default the values are those of the model, for the moves
+        of the wire bonder those of the thesis.
     method
-        The values to use: those of the joint fit, or those by half-power.
+        For the moves of the wire bonder: the values of the joint fit, or those by half-power.
     points
-        Number of isolation frequencies.
+        Number of designs before the refinement, and of points in each sweep; for the moves the number of isolation frequencies.
     draws
         Number of parameter sets drawn from the uncertainties.
     offset
-        Distances of the drive from the motor's centre of gravity to study, m.
+        For the moves of the wire bonder: distances of the drive from the motor's centre of gravity to study, m.
     rocking_frequency
-        Frequency at which the motor rocks on its bearings, Hz.
+        For the moves of the wire bonder: frequency at which the motor rocks on its bearings, Hz.
     seed
         Random seed of the draws.
     """
+    from isorig.rig.errors import PlanError
+    from isorig.rig.parameter_design import is_parameter_plan
+
+    if not 2 <= points <= 100_000 or not 0 <= draws <= 100_000:
+        raise PlanError(f"{points} points and {draws} draws are not possible; give 2 to 100000 points and up to 100000 draws")
+    if is_parameter_plan(plan):
+        _parameters(plan, output, model or "wire-bonder", parameters, points=points, draws=draws, seed=seed)
+        return
+    if model is not None:
+        raise PlanError(
+            f"{plan} has no [[vary]] with parameter, low and high, which a design of another rig needs; add it, or omit --model"
+        )
+    _moves(plan, output, parameters, method, points, draws, offset, rocking_frequency, seed)
+
+
+def _parameters(plan: Path, output: Path, model: str, table: Path | None, *, points: int, draws: int, seed: int) -> None:
+    from rich.console import Console
+
+    from isorig.rig.files.rigfile import read_rig
+    from isorig.rig.parameter_design import designed_parameters, read_parameter_plan, write_parameter_design
+
+    read = read_parameter_plan(plan)
+    with Console(stderr=True).status("simulating designs"):
+        found = designed_parameters(read, read_rig(model), table, points=points, draws=draws, seed=seed)
+        sentences = write_parameter_design(output, found)
+    for sentence in sentences:
+        print(sentence)
+    print(output)
+
+
+def _moves(
+    profile: Path, output: Path, parameters: Path | None, method: Literal["joint", "half-power"], points: int, draws: int,
+    offset: tuple[float, ...], rocking_frequency: float, seed: int,
+) -> None:  # fmt: skip
     import numpy as np
 
     from isorig.rig.design_figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
     from isorig.rig.design_study import RATE, designed, read_design, rigs_of, with_head
-    from isorig.rig.errors import PlanError
     from isorig.rig.figures import isolation_figure, save
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.parameter_seed import read_seed
     from isorig.rig.terminal import show_table
 
-    if not 2 <= points <= 100_000 or not 0 <= draws <= 100_000:
-        raise PlanError(f"{points} points and {draws} draws are not possible; give 2 to 100000 points and up to 100000 draws")
     plan = read_design(profile)
     table = with_head(read_seed(parameters, method), plan)
     rigs = rigs_of(table, plan, draws=draws, randomness=seed)

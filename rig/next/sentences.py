@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.choice import Apart, Choice
-from isorig.analysis.proposals.limits import DEFLECTION, Peaks
+from isorig.analysis.proposals.limits import Peaks
 from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.proposals.remedies import SECOND, Remedy
+from isorig.analysis.simulate.gauges import DEFLECTION
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
 from isorig.rig.report.sections import words

@@ -1,0 +1,436 @@
+"""The design of any rig: which parameters may vary, what is to be small, and the best values within the limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from matplotlib.figure import Figure
+
+from isorig.analysis.campaign import BROAD, SI_UNIT, Campaign, FloatArray, Run
+from isorig.analysis.errors import DataError, ModelError
+from isorig.analysis.isolation.optimum import (
+    FREQUENCY,
+    Optimum,
+    Outcome,
+    Target,
+    Varied,
+    optimum,
+    outcomes,
+    value_of,
+    with_values,
+)
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.parameter_units import unit_of
+from isorig.analysis.model.rig_model import RigModel, Usual
+from isorig.analysis.simulate import Excitation
+from isorig.analysis.simulate.free_run import excitation_of
+from isorig.analysis.simulate.move_profile import Move, head_acceleration
+from isorig.rig.design_study import RATE, MovePlan
+from isorig.rig.errors import PlanError
+from isorig.rig.figures import ratio_figure, save
+from isorig.rig.files.output import write_csv, write_json, write_text
+from isorig.rig.files.parameter_table import read_parameters
+from isorig.rig.files.rigfile import GivenRig
+from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.tomlfile import read_toml
+from isorig.rig.isolation_comparison import Model
+from isorig.rig.prediction import predicted
+from isorig.rig.transmissibility import transmissibility
+from isorig.rig.virtual.campaign import BEGIN
+from isorig.rig.virtual.simulated_recording import made_up, usual_run
+
+#: Quantiles of the drawn parameter sets that are shown.
+DRAWN = (0.05, 0.95)
+
+
+class VariedPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A parameter that may vary: its path in the description, or `links.NAME.frequency`, and its bounds, SI."""
+
+    parameter: str
+    low: float
+    high: float
+
+
+class TargetPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is to be small; channels and configurations default to those of the description."""
+
+    what: Literal["transmissibility", "ratio", "rms"] = "transmissibility"
+    response: str | None = None
+    reference: str | None = None
+    configurations: tuple[str, ...] = ()
+    band: tuple[float, float] | None = None
+
+
+class ParameterPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Input of the design.
+
+    Parameters
+    ----------
+    vary
+        The parameters that may vary.
+    target
+        What is to be as small as possible.
+    limits
+        Limits, in addition to those of the description.
+    safety
+        Every limit is divided by this factor.
+    drive
+        The drive; by default the usual one of the description.
+    moves
+        Instead of it moves, for a drive whose channel is an acceleration.
+    """
+
+    vary: tuple[VariedPlan, ...]
+    target: TargetPlan = TargetPlan()
+    limits: Limits = Limits()
+    safety: float = 1.0
+    drive: dict[str, Any] = {}
+    moves: tuple[MovePlan, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """Outcomes over one parameter with all others at their best values, and those of the drawn rigs, shape (draws, points)."""
+
+    values: FloatArray
+    outcomes: Sequence[Outcome]
+    draws: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterDesign:
+    """The result: what was asked, the search's result, a sweep for each parameter, and targets of the drawn rigs."""
+
+    rig: RigModel
+    varied: tuple[Varied, ...]
+    target: Target
+    limits: Limits
+    found: Optimum
+    sweeps: Mapping[str, Sweep]
+    spread: tuple[float, float] | None
+    run: Run
+
+
+def is_parameter_plan(path: Path) -> bool:
+    """Whether a design plan says which parameters may vary."""
+    return "vary" in read_toml(path, dict, "a design plan")
+
+
+def read_parameter_plan(path: Path) -> ParameterPlan:
+    """Read and validate a design plan.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    plan = read_toml(path, lambda tree: msgspec.convert(tree, ParameterPlan, strict=False), "a design plan")
+    if not plan.vary:
+        raise PlanError(f"{path}: vary is empty; give at least one parameter with low and high")
+    if not 1.0 <= plan.safety < math.inf:
+        raise PlanError(f"{path}: safety is {plan.safety:g}; give a factor of 1 or more")
+    if plan.moves and plan.drive:
+        raise PlanError(f"{path}: there are moves and a drive; give one of them")
+    repeats = [move.repeat for move in plan.moves]
+    if plan.moves and (min(repeats) < 1 or sum(repeats) > 1000):
+        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to 1000, each repeated at least once")
+    return plan
+
+
+def designed_parameters(
+    plan: ParameterPlan, given: GivenRig, parameters: Path | None, *, points: int = 100, draws: int = 100, seed: int = 0
+) -> ParameterDesign:
+    """Search the best values, sweep each parameter around them, and repeat the sweeps for drawn rigs.
+
+    Parameters
+    ----------
+    plan
+        The design plan.
+    given
+        The rig.
+    parameters
+        The parameters.json of `rig characterize` for this rig: the free parameters that do not vary are drawn independently from
+        their standard uncertainties.
+    points
+        Number of designs before the refinement, and of points in each sweep.
+    draws
+        Number of drawn rigs; none without `parameters`.
+    seed
+        Random seed of drive, designs and draws.
+
+    Raises
+    ------
+    PlanError
+        The plan names something that the rig does not have.
+    """
+    rig = given.model
+    varied = tuple(_varied(rig, each) for each in plan.vary)
+    run = _run(plan, given, seed)
+    target = _target(rig, plan.target, run)
+    limits = _limits(rig, plan)
+    drive = excitation_of(rig, run, oversample=1 if plan.moves else 4)
+    try:
+        found = optimum(rig, varied, target, limits, drive, points=points, seed=seed)
+    except DataError as error:
+        raise PlanError(str(error)) from None
+    drawn = [] if parameters is None else _drawn(rig, parameters, {v.parameter for v in varied}, draws, seed)
+    sweeps = {v.parameter: _sweep(found, drawn, v, target, limits, drive, points) for v in varied}
+    spread = None
+    if drawn:
+        values = [each.value for each in outcomes([with_values(d, found.values) for d in drawn], target, limits, drive)]
+        low, high = np.quantile(values, DRAWN)
+        spread = float(low), float(high)
+    return ParameterDesign(
+        rig=rig, varied=varied, target=target, limits=limits, found=found, sweeps=sweeps, spread=spread, run=run
+    )  # fmt: skip
+
+
+def _varied(rig: RigModel, plan: VariedPlan) -> Varied:
+    here = f"vary: {plan.parameter}"
+    try:
+        present = value_of(rig, plan.parameter)
+        if not 0.0 < plan.low < plan.high < math.inf:
+            raise PlanError(f"{here} may vary from {plan.low:g} to {plan.high:g}; give 0 < low < high")
+        for value in (plan.low, plan.high):
+            with_values(rig, {plan.parameter: value})
+    except (ModelError, DataError) as error:
+        raise PlanError(f"{here}: {error}") from None
+    if plan.parameter.startswith(("sensors.", "drive.chain", "more_drives.")) or not math.isfinite(present):
+        raise PlanError(f"{here} is not a property of the rig; give a mass, a stiffness, a damping or a parameter of a law")
+    return Varied(parameter=plan.parameter, low=plan.low, high=plan.high)
+
+
+def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
+    rig = given.model
+    if plan.moves:
+        if rig.more_drives or rig.drive.quantity != "acceleration":
+            raise PlanError(
+                f"moves need a single drive whose channel is an acceleration; the drive of {rig.name} is "
+                f"{', '.join(f'{d.channel} ({d.quantity})' for d in rig.drives)}, so give drive instead"
+            )
+        try:
+            moves = [
+                Move(distance=m.distance, acceleration=m.acceleration, pause=m.pause, shape=m.shape)
+                for m in plan.moves
+                for _ in range(m.repeat)
+            ]
+        except DataError as error:
+            raise PlanError(str(error)) from None
+        channel = made_up(given, usual_run(rig)).runs[0].channels[rig.drive.channel]
+        samples = head_acceleration(moves, RATE)
+        return Run(
+            id="moves", configuration=next(iter(rig.configurations)), sample_rate=RATE, gain=1.0, excitation="moves",
+            channels={rig.drive.channel: replace(channel, samples=samples)}, started=BEGIN,
+        )  # fmt: skip
+    try:
+        usual = msgspec.convert({**msgspec.to_builtins(rig.usual), **plan.drive}, Usual)
+    except (msgspec.ValidationError, ModelError) as error:
+        raise PlanError(f"drive: {str(error).replace('`', '')}; correct that key") from None
+    if unknown := [key for key in plan.drive if key not in Usual.__struct_fields__]:
+        raise PlanError(f"drive has the key {unknown[0]!r}; give {', '.join(Usual.__struct_fields__)}")
+    described = msgspec.structs.replace(rig, usual=usual)
+    recipe = usual_run(described, next(iter(rig.configurations)))
+    return made_up(GivenRig(model=described), replace(recipe, seed=seed)).runs[0]
+
+
+def _target(rig: RigModel, plan: TargetPlan, run: Run) -> Target:
+    sensors, drives = [s.channel for s in rig.sensors], [d.channel for d in rig.drives]
+    reference = plan.reference or drives[0]
+    response = plan.response or next((name for name in reversed(sensors) if name != reference), "")
+    for name in (response, reference):
+        if name not in (*sensors, *drives):
+            raise PlanError(
+                f"target names the channel {name!r}, which {rig.name} does not have; it has {', '.join(rig.channels)}"
+            )
+    count = 2 if plan.what == "ratio" else 1
+    configurations = plan.configurations or tuple(rig.configurations)[:count]
+    if len(configurations) != count or not set(configurations) <= rig.configurations.keys():
+        raise PlanError(
+            f"target.configurations is {list(configurations)}; a {plan.what} needs {count} of {', '.join(rig.configurations)}"
+        )
+    band = plan.band or run.band or (1.0 / run.duration, run.sample_rate / 2.0)
+    if not 0.0 <= band[0] < band[1] <= run.sample_rate / 2.0:
+        raise PlanError(f"target.band is {list(band)}; give [lowest, highest] in Hz, at most {run.sample_rate / 2.0:g}")
+    return Target(what=plan.what, response=response, reference=reference, configurations=configurations, band=band)
+
+
+def _limits(rig: RigModel, plan: ParameterPlan) -> Limits:
+    try:
+        limits = rig.limits.within(plan.limits)
+    except ModelError as error:
+        raise PlanError(str(error)) from None
+    for key, names, known in (
+        ("stroke", limits.stroke, [link.name for link in rig.links]), ("channels", limits.channels, list(rig.channels)),
+    ):  # fmt: skip
+        if unknown := [name for name in names if name not in known]:
+            raise PlanError(f"limits.{key} names {unknown[0]!r}, which the rig does not have; it has {', '.join(known)}")
+    return Limits(
+        stroke={name: most / plan.safety for name, most in limits.stroke.items()},
+        channels={name: most / plan.safety for name, most in limits.channels.items()},
+    )
+
+
+def _drawn(rig: RigModel, path: Path, varied: set[str], draws: int, seed: int) -> list[RigModel]:
+    table = read_parameters(path).values
+    stds = {name: std for name, (_, std) in table.items() if name in rig.free and name not in varied and std > 0.0}
+    if not stds:
+        raise PlanError(
+            f"{path} has no standard uncertainty of a free parameter of {rig.name} that does not vary; give the parameters.json "
+            "of rig characterize for this rig, or omit it"
+        )
+    generator = np.random.default_rng(seed)
+    drawn = []
+    for _ in range(draws):
+        # Most parameters are positive; draws far below are limited.
+        values = {name: generator.normal(rig.get(name), std) for name, std in stds.items()}
+        drawn.append(rig.replace({n: v if rig.get(n) <= 0.0 else max(v, 0.01 * rig.get(n)) for n, v in values.items()}))
+    return drawn
+
+
+def _sweep(
+    found: Optimum, drawn: Sequence[RigModel], varied: Varied, target: Target, limits: Limits, drive: Excitation, points: int
+) -> Sweep:
+    values = varied.at(np.linspace(0.0, 1.0, points))
+    rigs = [with_values(found.model, {varied.parameter: float(v)}) for v in values]
+    # Each drawn rig has the best values of all other varied parameters.
+    others = [with_values(d, {**found.values, varied.parameter: float(v)}) for d in drawn for v in values]
+    seen = [each.value for each in outcomes(others, target, limits, drive)]
+    return Sweep(
+        values=values, outcomes=outcomes(rigs, target, limits, drive), draws=np.array(seen).reshape(len(drawn), len(values))
+    )  # fmt: skip
+
+
+def parameter_unit(parameter: str, rig: RigModel) -> str:
+    """Unit of a varied parameter."""
+    return "Hz" if parameter.startswith("links.") and parameter.endswith(f".{FREQUENCY}") else unit_of(parameter, rig)
+
+
+def target_name(design: ParameterDesign) -> tuple[str, str]:
+    """The target in words, and its unit."""
+    target = design.target
+    quantities = {d.channel: d.quantity for d in design.rig.drives} | {s.channel: s.quantity for s in design.rig.sensors}
+    unit = SI_UNIT[quantities[target.response]]
+    band = f"{target.band[0]:g} to {target.band[1]:g} Hz"
+    first = target.configurations[0]
+    match target.what:
+        case "ratio":
+            return f"rms of {target.response}, {first} / {target.configurations[1]}, {band}", "1"
+        case "rms":
+            return f"rms of {target.response}, {first}, {band}", unit
+        case "transmissibility":
+            other = SI_UNIT[quantities[target.reference]]
+            return f"rms of {target.response} / rms of {target.reference}, {first}, {band}", (
+                "1" if unit == other else f"{unit} per {other}"
+            )
+
+
+def design_sentences(design: ParameterDesign) -> list[str]:
+    """The result in words."""
+    found, (name, unit) = design.found, target_name(design)
+    unit = "" if unit == "1" else f" {unit}"
+    said = [
+        f"{parameter}: {value_of(design.rig, parameter):.4g} -> {value:.4g} {parameter_unit(parameter, design.rig)}"
+        for parameter, value in found.values.items()
+    ]
+    spread = "" if design.spread is None else (
+        f" (90 % of the rigs drawn from the uncertainties: {design.spread[0]:.4g} to {design.spread[1]:.4g})"
+    )  # fmt: skip
+    said.append(f"{name}: {found.present.value:.4g} -> {found.best.value:.4g}{unit}{spread}; {found.designs} designs simulated")
+    for limit, share in found.best.used.items():
+        said.append(f"{limit}: {100 * found.present.used[limit]:.3g} % -> {100 * share:.3g} % of the allowed value")
+    if not found.best.inside:
+        said.append("No design within the bounds keeps all limits: this is the closest one; give wider bounds or other limits.")
+    for parameter in found.at_bound:
+        said.append(f"{parameter} is at a bound of its range: a wider range may contain a better design.")
+    return said
+
+
+def write_parameter_design(folder: Path, design: ParameterDesign) -> list[str]:
+    """Write design.json, designed.toml, a table for each sweep, and the figures; returns the sentences."""
+    found, said = design.found, design_sentences(design)
+    name, unit = target_name(design)
+    for parameter, sweep in design.sweeps.items():
+        columns = {"value": sweep.values, "target": np.array([each.value for each in sweep.outcomes])}
+        for limit in found.best.used:
+            columns[limit.replace(" ", "_")] = np.array([each.used[limit] for each in sweep.outcomes])
+        if len(sweep.draws):
+            low, high = np.quantile(sweep.draws, DRAWN, axis=0)
+            columns |= {"target_low": low, "target_high": high}
+        write_csv(folder / f"sweep-{parameter}.csv", columns)
+    save(sweeps_figure(design), folder / "sweeps.png")
+    if design.run.excitation in BROAD and design.target.response not in {d.channel for d in design.rig.drives}:
+        save(response_figure(design), folder / "response.png")
+    write_text(folder / "designed.toml", description_text(found.model))
+    content: dict[str, Any] = {
+        "format": "rig-parameter-design", "format_version": 1, "rig": design.rig.name,
+        "target": {"name": name, "unit": unit, **msgspec.to_builtins(design.target)},
+        "parameters": {
+            parameter: {
+                "present": value_of(design.rig, parameter), "best": value, "unit": parameter_unit(parameter, design.rig),
+                "at_bound": parameter in found.at_bound,
+            }
+            for parameter, value in found.values.items()
+        },
+        "present": _row(found.present), "best": _row(found.best), "best_of_drawn": design.spread, "designs": found.designs,
+        "text": said,
+    }  # fmt: skip
+    write_json(folder / "design.json", content)
+    return said
+
+
+def _row(outcome: Outcome) -> dict[str, Any]:
+    finite = {name: share if math.isfinite(share) else None for name, share in outcome.used.items()}
+    return {
+        "target": outcome.value if math.isfinite(outcome.value) else None, "share_of_limit": finite, "inside": outcome.inside,
+    }  # fmt: skip
+
+
+def sweeps_figure(design: ParameterDesign) -> Figure:
+    """The target over each varied parameter, with the others at their best values; designs beyond a limit are shaded."""
+    figure = Figure(figsize=(9.0, 3.4 * len(design.sweeps) + 0.4), layout="constrained")
+    name, unit = target_name(design)
+    rows = figure.subplots(len(design.sweeps), 1, squeeze=False)[:, 0]
+    for axis, (parameter, sweep) in zip(rows, design.sweeps.items(), strict=True):
+        values = np.array([each.value for each in sweep.outcomes])
+        axis.plot(sweep.values, values, lw=1.4, label="others at their best values")
+        if len(sweep.draws):
+            low, high = np.quantile(sweep.draws, DRAWN, axis=0)
+            axis.fill_between(sweep.values, low, high, alpha=0.25, lw=0, label="90 % of the drawn rigs")
+        beyond = np.array([not each.inside for each in sweep.outcomes])
+        if beyond.any():
+            axis.fill_between(
+                sweep.values, 0.0, 1.0, where=beyond.tolist(), transform=axis.get_xaxis_transform(), color="tab:red", alpha=0.12,
+                lw=0, label="beyond a limit",
+            )  # fmt: skip
+        present = value_of(design.rig, parameter)
+        axis.axvline(present, color="0.6", lw=0.9, label=f"present, {present:.4g}")
+        best = design.found.values[parameter]
+        axis.axvline(best, color="tab:green", ls=":", lw=1.4, label=f"best, {best:.4g}")
+        axis.set(xscale="log", yscale="log", xlabel=f"{parameter}, {parameter_unit(parameter, design.rig)}")
+        axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
+        axis.legend(fontsize=8)
+    figure.supylabel(f"{name}{'' if unit == '1' else f', {unit}'}", fontsize=8)
+    return figure
+
+
+def response_figure(design: ParameterDesign) -> Figure:
+    """The transfer function behind the target, of the present rig and of the best one, estimated from simulated runs."""
+    target, rig = design.target, design.rig
+    relative = target.configurations[1] if target.what == "ratio" else ""
+    runs = tuple(replace(design.run, id=name, configuration=name) for name in target.configurations)
+    drives = Campaign(runs=runs, description=description_text(rig), source=rig.name)
+    found = transmissibility(
+        predicted(rig, drives), [Model(name="best", rig=design.found.model)], reference=target.reference,
+        response=target.response, configurations=(target.configurations[0], relative),
+        resolution=max(0.25, 8.0 / design.run.duration),
+    )  # fmt: skip
+    names = {"measured": "present"}
+    curves = {names.get(name, name): (r.frequency, r.value, r.std) for name, ratios in found.ratios.items() for r in ratios}
+    words = " relative to ".join(target.configurations)
+    return ratio_figure(curves, f"{rig.name}: |{target.response} / {target.reference}|, {words}", found.unit)
