@@ -277,15 +277,15 @@ class MtiInstrument:
 
     def _clock(self, seconds: NDArray[np.float64]) -> int | None:
         # Time at the first group in microseconds, by majority of the groups: damaged digits are outvoted.
-        told = np.flatnonzero(np.isfinite(seconds))
-        if not len(told):
+        known = np.flatnonzero(np.isfinite(seconds))
+        if not len(known):
             return None
         wrap = Order.WRAP * 1e-6
-        first = float(seconds[told[0]])
-        steps = (seconds[told] - first + wrap / 2.0) % wrap - wrap / 2.0
+        first = float(seconds[known[0]])
+        steps = (seconds[known] - first + wrap / 2.0) % wrap - wrap / 2.0
         if self._rate is None:
-            return round(first * 1e6) if told[0] == 0 else None
-        steps = steps - told / self._rate
+            return round(first * 1e6) if known[0] == 0 else None
+        steps = steps - known / self._rate
         return round((first + float(np.median(steps))) * 1e6) % Order.WRAP
 
 

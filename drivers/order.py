@@ -199,15 +199,15 @@ class Order:
         counter, clock = steps.counter, steps.clock
         forward = counter >= self._rows and self._is_possible(counter, reading.host)
         timed = clock is not None and self._near(counter, clock)
-        told = steps.sequence is None or steps.sequence >= 1
-        if forward and told and (clock is None or timed):
+        numbered = steps.sequence is None or steps.sequence >= 1
+        if forward and numbered and (clock is None or timed):
             return counter, Status.GOOD
         if forward and (timed or counter == steps.went_on):
             return counter, Status.DISAGREES
         went_on = steps.went_on
         if clock is not None and went_on is not None and self._near(went_on, clock):
             return went_on, Status.DISAGREES
-        if forward and told:
+        if forward and numbered:
             return counter, Status.DISAGREES
         by_clock = round(clock) if clock is not None else 0
         if clock is not None and self._near(self._rows, clock):

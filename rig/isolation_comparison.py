@@ -102,7 +102,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
                 notes.append(f"Half-power is not shown: {error}.")
                 continue
             models.append(Model(name=CALLED[each], rig=seed.model))
-            notes += [sentence for sentence in seed.told if sentence not in notes]
+            notes += [sentence for sentence in seed.remarks if sentence not in notes]
     return models, notes
 
 

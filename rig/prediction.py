@@ -46,7 +46,7 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
             model, excitation, configuration=run.configuration, start_time=seconds_from(campaign, run, origin),
             as_recorded=as_recorded,
         )  # fmt: skip
-        # A streamed gain stays beside the drive that it made.
+        # A streamed gain stays with the drive that it made.
         channels = {name: channel for name, channel in run.channels.items() if name in (*driving, "gain")}
         for sensor in model.sensors:
             channels[sensor.channel] = Channel(

@@ -78,7 +78,7 @@ class Diagnosis:
         Reduction of the error by the extension, with intervals.
     trials
         The runs.
-    beside
+    compared
         The same runs compared with the baseline's simulation.
     division
         The division into fitted and held-out data.
@@ -113,7 +113,7 @@ class Diagnosis:
     calibration: float | None
     improvement: Improvement
     trials: tuple[Trial, ...]
-    beside: Doubles
+    compared: Doubles
     division: Division
     shares: tuple[tuple[float, float, float], ...]
     budgets: tuple[Budget, Budget]
@@ -167,14 +167,14 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
         progress("gathering the evidence")
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
-    beside = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
-    said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, beside, strict=False)]
+    compared = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
+    said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(found.quiet))
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
     return Diagnosis(
         verdict=found.verdict, baseline=first.fit, extended=last.fit,
-        discrepancies=(*shown, *discrepancies(campaign, first.fit.model, fine, beside[0])), beside=beside[0],
+        discrepancies=(*shown, *discrepancies(campaign, first.fit.model, fine, compared[0])), compared=compared[0],
         steps=tuple(with_evidence(updated(step, last.fit), each) for step, each in zip(steps, said, strict=False) if step),
         baseline_error=first.score.figure, extended_error=last.score.figure, floor=floor, scores=(first.score, last.score),
         signs=said[0], worst=worst(first.score, _allowed(found.quiet)), enough=found.enough,

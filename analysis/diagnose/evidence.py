@@ -83,7 +83,7 @@ class Sign:
         return any(name == cause and place in ("", location) for name, place in self.speaks_for)
 
 
-def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: Doubles) -> tuple[Sign, ...]:
+def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared: Doubles) -> tuple[Sign, ...]:
     """All signs of a campaign compared with a fitted model; for a rig that is judged by its drive, those of the records alone.
 
     Parameters
@@ -92,13 +92,13 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: 
         The measurement, and its prepared runs.
     model
         The fitted model.
-    beside
+    compared
         The measured/simulated pairs.
     """
-    pairs, groups = beside.pairs, beside.groups
+    pairs, groups = compared.pairs, compared.groups
     return (
         *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),
-        *_configurations(pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, beside),
+        *_configurations(pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, compared),
         *_periods(model, pairs),
     )  # fmt: skip
 
@@ -400,17 +400,17 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
     return found
 
 
-def _surfaces(model: RigModel, beside: Doubles) -> list[Sign]:
-    return [sign for surface in surfaces(model, beside) for sign in (*_bends(surface), *_rubs(surface))]
+def _surfaces(model: RigModel, compared: Doubles) -> list[Sign]:
+    return [sign for surface in surfaces(model, compared) for sign in (*_bends(surface), *_rubs(surface))]
 
 
-def surfaces(model: RigModel, beside: Doubles) -> tuple[Surface, ...]:
+def surfaces(model: RigModel, compared: Doubles) -> tuple[Surface, ...]:
     """The restoring-force surface of every observable link: from its run at the highest gain with motion near its frequency."""
     found = []
     for link in model.links:
         mass = min(model.body(end).mass for end in (link.a, link.b) if end != GROUND)
         own = np.sqrt(max(link.stiffness, 0.0) / mass) / (2 * np.pi)
-        for (name, _), group in sorted(beside.groups.items(), key=lambda item: -item[0][1]):
+        for (name, _), group in sorted(compared.groups.items(), key=lambda item: -item[0][1]):
             low, high = group.pairs[0].trial.run.band or (0.0, np.inf)
             if link.name not in model.configurations[name].rigid and low <= own <= high:
                 surface = surface_of(model, link, group.pairs[0])

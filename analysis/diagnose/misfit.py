@@ -57,12 +57,12 @@ class Discrepancy:
 
 
 def discrepancies(
-    campaign: Campaign, model: RigModel, trials: Sequence[Trial], beside: Doubles, *, most: int = 8
+    campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared: Doubles, *, most: int = 8
 ) -> tuple[Discrepancy, ...]:
     """Discrepancies above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
     kinds = (
-        _peaks(model, beside), _bands(model, trials)[:most], _coherences(model, beside)[:REPORTED],
-        _ratios(campaign, beside.pairs),
+        _peaks(model, compared), _bands(model, trials)[:most], _coherences(model, compared)[:REPORTED],
+        _ratios(campaign, compared.pairs),
     )  # fmt: skip
     found = [d for kind in kinds for d in kind]
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
@@ -188,9 +188,9 @@ def _clear(by: float, std: float, at: float) -> bool:
     return abs(by) > max(MOVED * std, SHARE * at)
 
 
-def _peaks(model: RigModel, beside: Doubles) -> list[Discrepancy]:
+def _peaks(model: RigModel, compared: Doubles) -> list[Discrepancy]:
     found = []
-    groups = beside.groups
+    groups = compared.groups
     for sensor in model.sensors:
         shifts = {}
         for key, group in groups.items():
@@ -244,9 +244,9 @@ def _error_in(pair: Double, channel: str, band: tuple[float, float]) -> tuple[fl
     return float(np.sqrt((np.abs(error) ** 2).sum() / signal)), float(np.sqrt(quiet / signal))
 
 
-def _coherences(model: RigModel, beside: Doubles) -> list[Discrepancy]:
+def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
     found = []
-    for (configuration, gain), group in beside.groups.items():
+    for (configuration, gain), group in compared.groups.items():
         for sensor in model.sensors:
             seen = group.lines(sensor.channel, coherence=0.0)
             if seen is None or len(seen.frequency) < 2 * SMOOTHED:

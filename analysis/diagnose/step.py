@@ -37,7 +37,7 @@ from isorig.analysis.fitting.ladder import (
     without,
 )
 from isorig.analysis.fitting.score import Score, adequate, confidence, margin_in_errors, score, units
-from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, glanced
+from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, fit
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import FrictionCurve
@@ -202,7 +202,7 @@ def next_step(
         Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
     """
     seconds = horizon(current.model, trials)
-    problem = Problem(glanced(trials, seconds))
+    problem = Problem(shortened(trials, seconds))
     glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
     evidence = observe(campaign, current.model, trials, guess)
     screened = Screen(glance, problem).ranked(

@@ -14,7 +14,7 @@ from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.score import score, worst
-from isorig.analysis.fitting.screen import Progress, ScreenedCandidate, glanced
+from isorig.analysis.fitting.screen import Progress, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
 from isorig.analysis.fitting.start import equation_start
 from isorig.analysis.fitting.trials import Trial, expected, prepare
@@ -139,14 +139,14 @@ def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
     if any(trial.motion for trial in trials):  # judged by the drive at each moment: nothing diverges
         shows = max(shows, HORIZONS[-1])
     rungs = [rung for rung in zip(HORIZONS, STEPS, strict=True) if rung[0] >= shows] or [(shows, STEPS[-1])]
-    return tuple(Rung(problem=Problem(glanced(trials, seconds)), steps=steps) for seconds, steps in rungs)
+    return tuple(Rung(problem=Problem(shortened(trials, seconds)), steps=steps) for seconds, steps in rungs)
 
 
 def horizon(model: RigModel, trials: Sequence[Trial]) -> float:
     """Seconds of each run, from the start, after which a model's misfit is as visible as in the whole."""
     *short, whole = (*SCREENS, np.inf)
-    size = _largest(model, Problem(glanced(trials, whole)))
-    return next((s for s in short if _largest(model, Problem(glanced(trials, s))) > SHOWN * size), whole)
+    size = _largest(model, Problem(shortened(trials, whole)))
+    return next((s for s in short if _largest(model, Problem(shortened(trials, s))) > SHOWN * size), whole)
 
 
 def _largest(model: RigModel, problem: Problem) -> float:
@@ -171,7 +171,7 @@ def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
     for seconds in (s for s in UNROLLED if s < longest):
         if _misfit(done.model, runs) < UNCHANGED * done.cost:
             break
-        problem = Problem(glanced(trials, seconds))
+        problem = Problem(shortened(trials, seconds))
         done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
     problem = Problem(trials, share=SIMULATION_LIMIT)
     return fit(done.model, done.free, problem, iterations=LAST_STEPS, tolerance=1e-3, tether=HOLDS)

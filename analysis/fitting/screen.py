@@ -16,7 +16,7 @@ from isorig.analysis.model.rig_model import RigModel
 
 Progress = Callable[[str], None]
 #: Maximum simulation steps per sample of a short fit.
-GLANCE_OVERSAMPLE = 4
+SHORT_OVERSAMPLE = 4
 #: Maximum number of a candidate's starting points that are evaluated, and used in the elimination.
 MOST_STARTS, RACED = 4, 2
 #: Trusted range of the linear extrapolation to a starting point, in distances to it.
@@ -34,12 +34,12 @@ class ScreenedCandidate:
     models: tuple[RigModel, ...]
 
 
-def glanced(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
+def shortened(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
     """The same trials for a short fit: `seconds` from the drive's onset on, on a coarser grid."""
 
     def cut(trial: Trial) -> Trial:
         fitted = round(min(trial.fitted, trial.onset + seconds * trial.sample_rate))
-        coarse = trial.excitation.resampled(min(trial.excitation.oversample, GLANCE_OVERSAMPLE))
+        coarse = trial.excitation.resampled(min(trial.excitation.oversample, SHORT_OVERSAMPLE))
         return replace(trial, fitted=fitted, excitation=coarse.beginning(fitted))
 
     return tuple(cut(trial) for trial in trials)

@@ -135,14 +135,14 @@ def _peak(campaign: Campaign, gain: float, configuration: str, guess: float, res
     runs = broad(campaign.select(configuration=configuration, gain=gain))
     longest = max(run.duration for run in runs)
 
-    def look(resolution: float) -> Frf:
+    def estimated(resolution: float) -> Frf:
         found = estimate(runs, references=[reference], channels=[response], resolution=resolution)
         return found.frf(response, reference)
 
     finest = SEGMENTS / longest
-    frf = look(max(finest, guess / 300.0))
+    frf = estimated(max(finest, guess / 300.0))
     at, width = _top(frf, guess)
-    frf = look(max(finest, width / LINES))
+    frf = estimated(max(finest, width / LINES))
     reach = 3.0 * width + 4.0 * frf.resolution
     return fit_modes(frf, (at - reach, at + reach), kind="general", guesses=[(at, width / (2.0 * at))]).modes[0]
 

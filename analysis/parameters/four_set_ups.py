@@ -173,15 +173,15 @@ def _read(
     seconds = max(run.duration for run in runs)
     rate = runs[0].sample_rate
 
-    def look(resolution: float) -> Frf:
+    def estimated(resolution: float) -> Frf:
         length = rate / resolution
         asked = max(rate / (2.0 * round(length / 2.0)), 2.0 / seconds)
         return estimate(runs, references=[reference], channels=[response], resolution=asked).frf(response, reference)
 
     # A first estimate gives the bandwidth, the bandwidth determines the resolution.
-    coarse = look(max(guess[name] / 100.0, SEGMENTS / seconds))
+    coarse = estimated(max(guess[name] / 100.0, SEGMENTS / seconds))
     width = _width(coarse, guess[name], band)
-    frf = look(max(width / LINES, SEGMENTS / seconds))
+    frf = estimated(max(width / LINES, SEGMENTS / seconds))
     found = half_power(frf, _around(guess, name, band))
     fit, reason, mode, method = None, "", found.mode, "half-power"
     try:

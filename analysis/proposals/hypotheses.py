@@ -67,9 +67,9 @@ def _starts(candidate: Candidate) -> tuple[RigModel, ...]:
     return tuple(starts[-1] for starts in at.values() if starts)
 
 
-def _rider(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
+def _resonator(c: Candidate, m: RigModel, e: Evidence) -> Mapping[str, float]:
     name = f"{c.location}_added"
-    share = SMALLEST.rider * m.body(c.location).mass / m.body(name).mass
+    share = SMALLEST.resonator * m.body(c.location).mass / m.body(name).mass
     link = m.link(name)
     return {
         f"bodies.{name}.mass": share * m.body(name).mass, f"links.{name}.stiffness": share * link.stiffness,
@@ -154,7 +154,7 @@ SIZED: Mapping[str, Sized] = {
     "end_stop": _stop,
     "quadratic_damping": _drag,
     "stiffness_drift": lambda c, m, e: {"drift_rate": SMALLEST.drift / SESSION},
-    "extra_mode": _rider,
+    "extra_mode": _resonator,
     "moment_coupling": lambda c, m, e: {"drive.pushes.rocking": SMALLEST.arm * m.drive.pushes[c.location]},
     "wrong_mass": lambda c, m, e: {c.free[0].path: (1.0 + SMALLEST.mass) * m.get(c.free[0].path)},
     "imperfect_lock": _lock,

@@ -133,7 +133,7 @@ class Smallest:
         Force of quadratic damping at the largest velocity divided by dry friction and viscous force there.
     drift
         Relative change of a stiffness over `SESSION`.
-    rider, arm
+    resonator, arm
         Mass of a hypothetical attached resonator as a share of its body's; arm of the drive about the centre of gravity, m.
     mass, gain
         Shares.
@@ -156,7 +156,7 @@ class Smallest:
     stop_stiffness: float = 0.5
     drag: float = 0.17
     drift: float = 0.033
-    rider: float = 0.007
+    resonator: float = 0.007
     arm: float = 0.0033
     mass: float = 0.02
     lock: float = 1200.0

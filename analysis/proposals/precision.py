@@ -136,24 +136,25 @@ class Known:
             raise DataError("the parameter does not depend on any fitted value: it is given, so no run can improve it")
         self.linear = all(path.startswith(("bodies.", "links.")) and ".laws." not in path for path in touched)
         self._slope = slope
-        self.now = np.diag(beforehand(variant.free)) + sum((self.told(run) for run in in_hand), np.zeros((len(slope),) * 2))
+        known = np.diag(beforehand(variant.free))
+        self.now = known + sum((self.information(run) for run in in_hand), np.zeros(known.shape))
         measured = std_of(variant, figure)
         #: Measured divided by predicted standard uncertainty for the existing runs.
         self._scale = measured / sqrt(self._variance(self.now)) if measured > 0.0 else 1.0
 
-    def std(self, told: FloatArray) -> float:
+    def std(self, information: FloatArray) -> float:
         """The parameter's relative standard uncertainty with this total information on the fitted values."""
-        return self._scale * sqrt(self._variance(told)) / abs(self.value)
+        return self._scale * sqrt(self._variance(information)) / abs(self.value)
 
-    def told(self, prospect: Prospect) -> FloatArray:
+    def information(self, prospect: Prospect) -> FloatArray:
         """Information of a run on the search coordinates of the fitted values, the inverse of a covariance, shape (k, k)."""
         if self.linear and prospect.run.excitation in BROAD:
             return self._by_transfer(prospect)
         seen = Predicted(prospect, self._noise, self._variant.model)
         return np.asarray(seen.weight * np.nan_to_num(seen.slopes(self._variant).normal.sum(axis=0)))
 
-    def _variance(self, told: FloatArray) -> float:
-        return float(self._slope @ np.linalg.solve(told, self._slope))
+    def _variance(self, information: FloatArray) -> float:
+        return float(self._slope @ np.linalg.solve(information, self._slope))
 
     def _by_transfer(self, prospect: Prospect) -> FloatArray:
         # Error bars of the run's predicted transfer functions, and their derivatives with respect to the fitted values.
@@ -235,7 +236,7 @@ def design(
     try:
         for k, prospect in enumerate(prospects):
             progress(f"comparing candidate {k + 1} of {len(prospects)}")
-            candidates.append((prospect, known.told(prospect)))
+            candidates.append((prospect, known.information(prospect)))
     except OutOfTimeError:
         pass
     now = known.now

@@ -18,7 +18,7 @@ STRAY = 0.5
 LINE = 60.0
 #: Bins on either side that the Hann window spreads a spectral line over, and further bins that it must exceed as well: a
 #: resonance near the mains frequency is wider than a spectral line.
-SPREAD, BESIDE = 4, 24
+SPREAD, NEIGHBOURS = 4, 24
 
 
 def hum(samples: FloatArray, rate: float, frequency: float, length: int | None = None) -> FloatArray:
@@ -69,8 +69,8 @@ def mains_in(samples: FloatArray, rate: float) -> float | None:
             near = slice(round((middle - order * STRAY) / step), round((middle + order * STRAY) / step) + 1)
             around = np.median(power[round((middle - 5.0) / step) : round((middle + 5.0) / step)])
             k = near.start + int(np.argmax(power[near]))
-            beside = np.median(np.r_[power[max(k - BESIDE, 0) : k - SPREAD], power[k + SPREAD + 1 : k + BESIDE + 1]])
-            height = float(power[k] / max(around, beside, 1e-300))
+            neighbours = np.median(np.r_[power[max(k - NEIGHBOURS, 0) : k - SPREAD], power[k + SPREAD + 1 : k + NEIGHBOURS + 1]])
+            height = float(power[k] / max(around, neighbours, 1e-300))
             if height > LINE and (best is None or height > best[0]):
                 best = height, _peak(power, k) * step / order
     return None if best is None else best[1]

@@ -12,7 +12,7 @@ from isorig.analysis.diagnose.mechanisms import CATALOGUE
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError, FitError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, glanced
+from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, fit
 from isorig.analysis.fitting.trials import Trial, prepare
 from isorig.analysis.model.rig_model import RigModel
@@ -128,7 +128,7 @@ def explanations(
         The earlier fit cannot be simulated on the campaign.
     """
     trials = prepare(campaign, earlier)
-    short = glanced(trials, SECONDS)
+    short = shortened(trials, SECONDS)
     free = base_parameters(earlier)
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
     whole = Remembering(short, known)

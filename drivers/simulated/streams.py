@@ -215,9 +215,9 @@ class SimulatedSlcan:
         count = self._pace.due(self._rate, 256)
         first, self._pace.sent = self._pace.sent, self._pace.sent + count
         part = self._signal.take(np.arange(first, first + count), axis=0, mode="wrap")
-        told = self._rate * (1.0 + 1e-6 * self._ppm)
+        rate = self._rate * (1.0 + 1e-6 * self._ppm)
         frames: list[bytes] = []
-        for group in groups(part, rate=told, first=first, counter=self._counter):
+        for group in groups(part, rate=rate, first=first, counter=self._counter):
             for identifier, data in group:
                 flags = (0x100).to_bytes(4, "big")
                 clipped = identifier == STATUS_WORD and self.mishaps.met("overload")

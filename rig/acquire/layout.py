@@ -54,7 +54,7 @@ class ChannelLayout(msgspec.Struct, frozen=True, kw_only=True):
     scale: float
     offset: float
     full_scale: float | None = None
-    told: dict[str, str] = {}
+    description: dict[str, str] = {}
 
     @property
     def stored(self) -> np.dtype[Any]:
@@ -103,7 +103,8 @@ def layout_of(plan: Plan, inputs: Sequence[Input]) -> Layout:
         channels[name] = ChannelLayout(
             input=about.input, dtype=source.dtype, quantity=about.quantity, unit=about.unit,
             scale=source.per_count / about.sensitivity, offset=source.offset / about.sensitivity,
-            full_scale=None if source.full_scale is None else abs(source.full_scale / about.sensitivity), told=about.told,
+            full_scale=None if source.full_scale is None else abs(source.full_scale / about.sensitivity),
+            description=about.description,
         )  # fmt: skip
     runs = [
         RunLayout(

@@ -58,10 +58,10 @@ def add_note(output: Path, run: str, text: str) -> Note:
     return note
 
 
-def notes_beside(output: Path) -> list[Note]:
+def separate_notes(output: Path) -> list[Note]:
     """The notes that are not in the recording yet, without an incomplete last one."""
     try:
-        lines = _beside(output).read_bytes().splitlines()
+        lines = _separate_file(output).read_bytes().splitlines()
     except OSError:
         return []
     found = []
@@ -99,8 +99,8 @@ def _is_text(file: h5py.File, path: str) -> bool:
 def reopen_notes(output: Path) -> None:
     """Move the notes of a recording to the separate file, for a session that continues and writes the recording again."""
     with _LOCK:
-        beside = notes_beside(output)
-        _append(output, [note for note in notes_in(output) if note not in beside])
+        separate = separate_notes(output)
+        _append(output, [note for note in notes_in(output) if note not in separate])
 
 
 def settle_notes(output: Path, session: Path | None = None) -> None:
@@ -121,13 +121,13 @@ def settle_notes(output: Path, session: Path | None = None) -> None:
     if session is None and working_file(output).exists():
         return
     with _LOCK:
-        beside, inside = notes_beside(session or output), notes_in(output)
-        if not beside or not output.exists():
+        separate, inside = separate_notes(session or output), notes_in(output)
+        if not separate or not output.exists():
             return
-        if set(beside) - set(inside):
-            _write(output, list(dict.fromkeys([*inside, *beside])))
+        if set(separate) - set(inside):
+            _write(output, list(dict.fromkeys([*inside, *separate])))
         if session is None:
-            _beside(output).unlink(missing_ok=True)
+            _separate_file(output).unlink(missing_ok=True)
 
 
 def _write(output: Path, notes: Sequence[Note]) -> None:
@@ -143,7 +143,7 @@ def _write(output: Path, notes: Sequence[Note]) -> None:
                 for key, column in columns.items():
                     store(group, key, column)
         except (OSError, RuntimeError) as error:
-            kept = f"they stay in {_beside(output)}"
+            kept = f"they stay in {_separate_file(output)}"
             raise OutputError(f"the notes cannot be put into {output} ({reason(error)}); {kept}") from None
 
 
@@ -157,7 +157,7 @@ def _append(output: Path, notes: Sequence[Note]) -> None:
     if not notes:
         return
     try:
-        with _beside(output).open("ab+") as file:
+        with _separate_file(output).open("ab+") as file:
             if file.tell() and (file.seek(-1, os.SEEK_END), file.read(1))[1] != b"\n":
                 file.write(b"\n")  # the last one is incomplete
             file.writelines(msgspec.json.encode(note) + b"\n" for note in notes)
@@ -167,5 +167,5 @@ def _append(output: Path, notes: Sequence[Note]) -> None:
         raise OutputError(f"notes cannot be saved next to {output} ({error.strerror}); make room and write them again") from None
 
 
-def _beside(output: Path) -> Path:
+def _separate_file(output: Path) -> Path:
     return output.with_name(output.name + ".notes")

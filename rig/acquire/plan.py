@@ -70,7 +70,7 @@ class ChannelPlan(Part, frozen=True):
     direction: str = ""
 
     @property
-    def told(self) -> dict[str, str]:
+    def description(self) -> dict[str, str]:
         """Description of the sensor for readers of the recording."""
         return {key: getattr(self, key) for key in SENSOR}
 

@@ -292,7 +292,7 @@ class WorkingFile:
             run=self._measured(planned, best, gaps, timing, rate) if best.stored else None,
             stored=best.stored, lost=sum(gap.count for gap in gaps), damaged=damaged, planned=planned.planned,
             overloads=best.overloads, planned_gain=planned.gain, drift=best.drift(rate), timing=timing,
-            sensors={name: channel.told for name, channel in self._whole.channels.items()},
+            sensors={name: channel.description for name, channel in self._whole.channels.items()},
         )  # fmt: skip
 
     def _measured(self, planned: RunLayout, take: _Take, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:

@@ -63,7 +63,7 @@ class Remarks:
         """Reasons against keeping the run."""
         return tuple(self._against())
 
-    def told(self) -> Sequence[str]:
+    def others(self) -> Sequence[str]:
         """Information that is not a reason against the run."""
         return tuple(self._sentences(TOLD))
 

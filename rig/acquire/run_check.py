@@ -44,7 +44,7 @@ class Verdict:
         rms of the motor's motion relative to the table divided by that of its own motion: near 0 if friction holds it; None if
         unknown.
     advice
-        Advice, including information that is not a fault.
+        Advice, including remarks that is not a fault.
     """
 
     good: bool
@@ -54,8 +54,8 @@ class Verdict:
     advice: tuple[str, ...]
 
 
-def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), told: Sequence[str] = ()) -> Verdict:
-    """Check a run after its measurement; `against` are reasons against keeping it from the acquisition, `told` is information."""
+def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), remarks: Sequence[str] = ()) -> Verdict:
+    """Check a run after its measurement; `against` are reasons to repeat it, `remarks` further sentences."""
     run = found.run
     if run is None:
         return Verdict(
@@ -70,12 +70,12 @@ def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), told
                 f"{name} has a coherence of only {value:.2f} with the drive; "
                 "a higher gain helps against noise, a lower one against friction that hardly slides."
             )
-    told = [*told, *_clock(found)]
-    told += [sentence for item in detections if (sentence := _distortion(item)) is not None]
+    remarks = [*remarks, *_clock(found)]
+    remarks += [sentence for item in detections if (sentence := _distortion(item)) is not None]
     if sliding is not None and sliding < STUCK:
-        told.append("The motor moved with the table: friction was not overcome. Measure a run at a higher gain as well.")
+        remarks.append("The motor moved with the table: friction was not overcome. Measure a run at a higher gain as well.")
     return Verdict(
-        good=not against, coherence=coherence, detections=detections, sliding=sliding, advice=(*against, *told)
+        good=not against, coherence=coherence, detections=detections, sliding=sliding, advice=(*against, *remarks)
     )  # fmt: skip
 
 

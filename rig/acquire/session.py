@@ -110,15 +110,15 @@ def acquire(
         The instrument or the disk fails.
     """
     aside = Aside()
-    told = beside(operator, aside)
+    decoupled = decoupled_operator(operator, aside)
     try:
         with output_locked(output), _port_locked(port), ended_by_signals():
             _make_room(plan, output, force=force)
             done = _done(working_file(output), output, plan, resume=resume) - _planned(again, plan)
             if plan.instrument.analyzer:
-                taken = _with_analyzer(plan, port, output, told, done, resume=resume, force=force)
+                taken = _with_analyzer(plan, port, output, decoupled, done, resume=resume, force=force)
             else:
-                taken = _with_stream(plan, port, output, told, done, resume=resume, force=force, sync=sync)
+                taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync)
             aside.settle()
     finally:
         aside.end()
@@ -134,7 +134,7 @@ def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
         raise OutputError(f"{no_room}; --force starts anyway")
 
 
-def beside(operator: Operator, aside: Aside) -> Operator:
+def decoupled_operator(operator: Operator, aside: Aside) -> Operator:
     """The same operator, called from another thread, with all calls completed before a question is asked."""
 
     def lock(configuration: str) -> None:
@@ -177,7 +177,7 @@ def _with_stream(
                     watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
                     tally = take(instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped)
                     found = saved.run(name)
-                    verdict = check_run(found, drive=plan.drive, against=remarks.against(), told=remarks.told())
+                    verdict = check_run(found, drive=plan.drive, against=remarks.against(), remarks=remarks.others())
                     taken.append(Taken(id=name, tally=tally, verdict=verdict, drift=found.drift))
                     operator.taken(taken[-1])
         finally:

@@ -85,7 +85,7 @@ def keep_recovered(working_file: Path, output: Path) -> list[Recovered]:
 
 def keep_measured(output: Path, plan: Plan, run: Run, *, add: bool) -> None:
     """Make a recording of a run in memory, or add it to one."""
-    extra = Extra(channels={name: plan.channels[name].told for name in run.channels})
+    extra = Extra(channels={name: plan.channels[name].description for name in run.channels})
     with _earlier(output, add) as earlier:
         after = _ended(kept.run for kept in earlier.values())
         if after is not None and run.started is not None and run.started < after:

@@ -81,8 +81,8 @@ def acquire(
     reopen_notes(output)
     wire = port or planned.instrument.port
     with ended_by_signals(), Terminal(json=json) as terminal:
-        told = Operator(lock=_silent if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
-        shown = viewed(planned, output, told, terminal, asks=not yes) if view else nullcontext((None, told))
+        own = Operator(lock=_silent if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
+        shown = viewed(planned, output, own, terminal, asks=not yes) if view else nullcontext((None, own))
         try:
             with shown as (desk, operator):
                 path, taken = run_session(

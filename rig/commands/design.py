@@ -137,7 +137,7 @@ def _moves(
         "median_ratio_5_to_15_hz": {
             name: float(np.median(r.ratio[(r.frequency >= 5.0) & (r.frequency <= 15.0)])) for name, r in found.ratios.items()
         },
-        "assumed": list(table.assumed), "notes": table.told,
+        "assumed": list(table.assumed), "notes": table.remarks,
         "bond": {
             "distance_m": plan.bond.distance, "seconds": plan.bond.seconds, "tolerance_m": plan.bond.tolerance,
             "cases": {
@@ -162,7 +162,7 @@ def _moves(
             f"{name}: in a move of {1e3 * plan.bond.distance:g} mm in {1e3 * plan.bond.seconds:g} ms the heatblock moves "
             f"{1e6 * response.largest:.2g} µm relative to the table (allowed ±{1e6 * plan.bond.tolerance:g} µm) and {still}"
         )
-    for sentence in table.told:
+    for sentence in table.remarks:
         print(sentence)
     for item in content["drive_offsets"]:
         print(

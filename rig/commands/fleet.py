@@ -94,7 +94,7 @@ def update(
     from isorig.rig.diagnose_many import time_limit
     from isorig.rig.errors import RecordingError
     from isorig.rig.fleet.catalogue import Catalogue
-    from isorig.rig.fleet.change_causes import look
+    from isorig.rig.fleet.change_causes import search_causes
     from isorig.rig.fleet.sentences import answer_words
     from isorig.rig.fleet.update import update, work_of
 
@@ -114,7 +114,7 @@ def update(
 
         updated = update(store, work.jobs, scheduler=scheduler, tell=tell)
         status.update("searching for changes")
-        for line in look(store, baseline, scheduler=scheduler, false_per_month=false_alarms) if explain else ():
+        for line in search_causes(store, baseline, scheduler=scheduler, false_per_month=false_alarms) if explain else ():
             print(line, flush=True)
     print(f"{work.known} recordings had an answer, {updated.done} were processed now")
     if updated.without:

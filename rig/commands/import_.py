@@ -42,14 +42,14 @@ def import_(
     from isorig.rig.files.output import write_text
 
     if draft:
-        beside = output.with_name(f"{output.stem}-rig.toml")
-        proposed = draft_mapping([read_foreign(path) for path in files], output.parent, beside.name)
+        rig_file = output.with_name(f"{output.stem}-rig.toml")
+        proposed = draft_mapping([read_foreign(path) for path in files], output.parent, rig_file.name)
         write_text(output, proposed.mapping)
-        if proposed.description and beside.exists():
-            print(f"{beside} exists and is kept as the rig's description.")
+        if proposed.description and rig_file.exists():
+            print(f"{rig_file} exists and is kept as the rig's description.")
         elif proposed.description:
-            write_text(beside, proposed.description)
-            print(f"{beside} is proposed as the rig's description; correct it, or let rig describe --new ask for one.")
+            write_text(rig_file, proposed.description)
+            print(f"{rig_file} is proposed as the rig's description; correct it, or let rig describe --new ask for one.")
     elif len(files) > 1 or files[0].suffix.lower() != ".toml":
         raise PlanError(f"{files[0]} is not a mapping; propose one with rig import --draft, then import that")
     else:

@@ -91,7 +91,7 @@ def simulate(
         given = GivenRig(model=table.model)
         if level is None and drive is None:
             level = table.level(gain, excitation or given.model.usual.excitation)
-        for sentence in table.told:
+        for sentence in table.remarks:
             print(sentence)
     usual = usual_run(given.model, configuration)
     plan = replace(

@@ -32,7 +32,7 @@ def view(
     import sys
     import time
 
-    from isorig.rig.acquire.notes import notes_beside, notes_in
+    from isorig.rig.acquire.notes import notes_in, separate_notes
     from isorig.rig.acquire.plan_check import read_plan
     from isorig.rig.acquire.recorder import working_file
     from isorig.rig.errors import PlanError, RecordingError
@@ -54,7 +54,7 @@ def view(
             if replay:
                 planned = planned_as(recorded.runs)
     readings = replayed(campaign, speed) if replay else watched(campaign, lambda: False)
-    notes = tuple(dict.fromkeys([*notes_in(campaign), *notes_beside(campaign)]))
+    notes = tuple(dict.fromkeys([*notes_in(campaign), *separate_notes(campaign)]))
     subject = Subject(title=campaign.name, mode="replay" if replay else "watch", planned=planned, notes=notes)
     end = math.inf if seconds is None else time.monotonic() + seconds
     try:

@@ -54,7 +54,7 @@ class Draft:
     description: str = ""
 
 
-def draft_mapping(tables: Sequence[ForeignTable], folder: Path, beside: str = "rig.toml") -> Draft:
+def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str = "rig.toml") -> Draft:
     """A mapping: one run for each commonly sampled part of a file, with the channels that it has.
 
     If the columns are not those of the wire bonder, a description of a rig is proposed too.
@@ -65,7 +65,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, beside: str = "r
         Content of the files.
     folder
         Folder of the mapping.
-    beside
+    description_file
         Name of the description's file in that folder.
 
     Raises
@@ -91,7 +91,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, beside: str = "r
     else:
         lines += [
             "# The rig's description: masses, springs, drive, sensors. See docs/describe.md; rig describe --new asks for one.",
-            f"description = {_quoted(beside)}    # ?", "",
+            f"description = {_quoted(description_file)}    # ?", "",
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])

@@ -250,11 +250,11 @@ def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:
 
     with replaced(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
         # The package uses the name's extension, and appends to existing files.
-        beside = temporary.with_name(temporary.name + ".uff")
+        universal = temporary.with_name(temporary.name + ".uff")
         try:
-            file = pyuff.UFF(str(beside))
+            file = pyuff.UFF(str(universal))
             # Not "overwrite", which loses the header of a first binary dataset.
             file.write_sets(list(sets), "add")
-            beside.replace(temporary)
+            universal.replace(temporary)
         finally:
-            beside.unlink(missing_ok=True)
+            universal.unlink(missing_ok=True)

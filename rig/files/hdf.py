@@ -169,11 +169,11 @@ def _begin(path: Path) -> tuple[bytes, tuple[int, int, int, int]]:
     return begin, (about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns)
 
 
-def _unreadable(path: Path, begin: bytes, told: str) -> str:
+def _unreadable(path: Path, begin: bytes, message: str) -> str:
     if not begin:
         return f"{path} is empty; record or copy it again"
     if begin != SIGNATURE:
         return f"{path} is not an HDF5 file; give a recording, or import the file first"
-    if "truncated" in told:
+    if "truncated" in message:
         return f"{path} is truncated ({path.stat().st_size} bytes); copy it again from its source"
-    return f"{path} is damaged or was never closed ({told}); copy it again, or recover it if its recorder was killed"
+    return f"{path} is damaged or was never closed ({message}); copy it again, or recover it if its recorder was killed"

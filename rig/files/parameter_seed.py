@@ -67,7 +67,7 @@ class Seed:
         return None if near is None else near.value * gain / near.gain
 
     @property
-    def told(self) -> list[str]:
+    def remarks(self) -> list[str]:
         """Notes to be printed before a simulation with these values."""
         said = list(self.notes)
         if self.assumed:

@@ -53,11 +53,11 @@ def characterize_campaign(campaign: Campaign, tell: Callable[[str], None], given
 
 
 def write_characterization(
-    folder: Path, campaign: Campaign, found: Characterization, beside: Mapping[str, Any] | None = None
+    folder: Path, campaign: Campaign, found: Characterization, further: Mapping[str, Any] | None = None
 ) -> Path:
     """Write parameters.json, the same table as CSV, and the fitted model; returns the path of the first.
 
-    `beside` is added to parameters.json as further keys.
+    `further` is added to parameters.json as further keys.
     """
     table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
     text = io.StringIO()
@@ -74,7 +74,7 @@ def write_characterization(
         "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
         "measured": origin.isoformat() if origin is not None else None, "parameters": table,
         "rig": found.fit.model.name, "drive": drive, "calibration_stated": found.calibrated,
-        "faults": [fault.text for fault in found.faults], "doubts": [doubt.text for doubt in found.doubts], **(beside or {}),
+        "faults": [fault.text for fault in found.faults], "doubts": [doubt.text for doubt in found.doubts], **(further or {}),
     }  # fmt: skip
     return write_json(folder / "parameters.json", content)
 

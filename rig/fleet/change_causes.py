@@ -131,7 +131,7 @@ def _explain(question: Question) -> None:
     catalogue.put_change(question.name, rows or [{**common, "rank": 0, **blank}])
 
 
-def look(
+def search_causes(
     catalogue: Catalogue, baseline: str, *, scheduler: str | None = None, false_per_month: float = FALSE_PER_MONTH
 ) -> Iterator[str]:
     """Track the fleet, search for the causes of new changes, and yield a line for each.

@@ -38,7 +38,7 @@ WORTH_TELLING = 0.01
 #: Campaigns listed on a rig's page, the latest first.
 LISTED = 60
 
-GLANCE = (
+SHORT = (
     "One row for each rig, those with the latest changes first. A small chart shows a parameter over the latest campaigns, each "
     "with its own scale; a dot is the first campaign after a change."
 )
@@ -135,7 +135,7 @@ def _glance(fleet: Fleet, rigs: Sequence[Rig], anchors: Mapping[str, str]) -> Se
         )  # fmt: skip
     return Section(
         title="All rigs",
-        text=[GLANCE],
+        text=[SHORT],
         tables=[
             Table(columns=("rig", "state", "last", "verdict", *(parameter_words(n) for n in names)), rows=rows)
         ],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from isorig.rig.baseline import Baseline
 from isorig.rig.fleet.catalogue import Catalogue
-from isorig.rig.fleet.change_causes import look
+from isorig.rig.fleet.change_causes import search_causes
 from isorig.rig.fleet.recordings import Recording, recordings_under
 from isorig.rig.fleet.sentences import answer_words
 from isorig.rig.fleet.update import update, work_of
@@ -71,7 +71,7 @@ def watch(
                 tell(note)
             if work.jobs:
                 update(catalogue, work.jobs, scheduler=scheduler, tell=lambda answer: tell(answer_words(answer)))
-                for line in look(catalogue, baseline, scheduler=scheduler):
+                for line in search_causes(catalogue, baseline, scheduler=scheduler):
                     tell(line)
         if end is not None and time.monotonic() + every > end:
             return

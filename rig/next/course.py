@@ -46,7 +46,7 @@ class StageRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run of a stage: its plan, and the reason for it."""
 
     plan: RunPlan
-    told: str
+    description: str
     why: list[str]
     pictures: list[Picture] = []
     promised: float | None = None
@@ -203,7 +203,7 @@ def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Cours
     # The next question and its runs, or the reason why there is none.
     number = len(course.stages) + 1
     if not course.stages and plan.runs:
-        first = [StageRun(plan=run, told=described_plan(run), why=["It is part of the plan."]) for run in plan.runs]
+        first = [StageRun(plan=run, description=described_plan(run), why=["It is part of the plan."]) for run in plan.runs]
         stage = Stage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
         return _with(folder, plan, course, stage, terms)
     if over := _over(course, terms):
@@ -222,7 +222,7 @@ def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Cours
     names = run_names(len(proposal.runs), [run.id for run in course.runs])
     runs = [
         StageRun(
-            plan=planned(item.run, name), told=described(item.run), why=reasons(item, proposal, now),
+            plan=planned(item.run, name), description=described(item.run), why=reasons(item, proposal, now),
             pictures=[picture_of(pair) for pair in item.choice.foreseen] if item.choice is not None else [],
             promised=item.choice.probability if item.choice is not None else None,
         )
@@ -237,7 +237,7 @@ def _with(folder: Path, plan: Plan, course: Course, stage: Stage, terms: Terms) 
     write_plan(folder / SESSION, with_runs(plan, course.runs), why)
     terms.tell(f"Stage {stage.number}: {' '.join(stage.asked)}")
     for run in stage.runs:
-        terms.tell("\n  ".join([f"{run.plan.id}: {run.told}", *run.why]))
+        terms.tell("\n  ".join([f"{run.plan.id}: {run.description}", *run.why]))
     return course
 
 
@@ -248,7 +248,7 @@ def _measured(plan: Plan, folder: Path, course: Course, terms: Terms) -> tuple[C
     taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
     if found.stopped:
         return course, True
-    declined = [*course.declined, *(run.told for run in stage.runs if run not in taken)]
+    declined = [*course.declined, *(run.description for run in stage.runs if run not in taken)]
     if not taken:
         ended = "None of the planned runs was measured." if stage.kind == "plan" else ""
         return msgspec.structs.replace(course, stages=course.stages[:-1], declined=declined, ended=ended), False

@@ -27,7 +27,7 @@ def course_page(course: Course) -> str:
 def _overview(course: Course) -> Section:
     rows = [
         (
-            f"{stage.number}", run.plan.id, run.told, f"{run.plan.seconds:g}", stage.asked[0],
+            f"{stage.number}", run.plan.id, run.description, f"{run.plan.seconds:g}", stage.asked[0],
             stage.answer[0] if stage.answer else stage.step, _names(stage.named),
         )
         for stage in course.stages
@@ -43,7 +43,7 @@ def _overview(course: Course) -> Section:
 def _section(stage: Stage) -> Section:
     text = [*stage.asked]
     for run in stage.runs:
-        text += [f"Run {run.plan.id}: {run.told}.", *run.why]
+        text += [f"Run {run.plan.id}: {run.description}.", *run.why]
     if stage.answer:
         text += ["After it:", *stage.answer]
         if stage.verdict:

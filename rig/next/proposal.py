@@ -117,7 +117,7 @@ class Proposed:
         The run.
     choice
         The comparison of causes behind it, where there was one.
-    told
+    remarks
         Sentences that say why it is taken, where no such comparison does.
     peaks
         What the surviving models reach in it, where they were simulated.
@@ -125,7 +125,7 @@ class Proposed:
 
     run: CandidateRun
     choice: Choice | None = None
-    told: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     peaks: Peaks | None = None
 
 
@@ -359,7 +359,7 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
     for ratio, one in sorted(ranked, key=lambda item: -item[0]):
         peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
         if ratio > 1.0 and not peaks.beyond(now.limits):
-            return Proposed(run=one.run, peaks=peaks, told=(f"A link moves {ratio:.2g} times as far as in the runs so far.",))
+            return Proposed(run=one.run, peaks=peaks, remarks=(f"A link moves {ratio:.2g} times as far as in the runs so far.",))
     return None
 
 

@@ -35,7 +35,7 @@ def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
     if item.run.rests:
         hidden = "In the runs so far the rig's own motion masks the noise, because friction excites all frequencies."
         return ["At rest the sensors show their own noise and hum.", hidden if now.rivals.runs else "They are not known yet."]
-    sentences = list(item.told)
+    sentences = list(item.remarks)
     if item.choice is not None:
         supposed = proposal.kind == "untested"
         sentences += [*(_shows(item.choice) if supposed else _parts(item.choice)), _after(item.choice, supposed)]

@@ -91,7 +91,7 @@ def propose_for(
 
 def _proposed(item: Precise, wanted: Wish) -> Proposed:
     text = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
-    return Proposed(run=item.prospect.run, told=(text,), peaks=item.peaks)
+    return Proposed(run=item.prospect.run, remarks=(text,), peaks=item.peaks)
 
 
 def _percent(share: float) -> str:

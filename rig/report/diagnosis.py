@@ -80,7 +80,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         Section(
             title="Evidence from the records before a cause is fitted",
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
-            charts=surface_charts(diagnosis.baseline.model, diagnosis.beside),
+            charts=surface_charts(diagnosis.baseline.model, diagnosis.compared),
         ),
         *(_named(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)),
         _considered(diagnosis),

@@ -29,7 +29,7 @@ class Sparkline:
 
     points: str
     marks: Sequence[tuple[float, float]]
-    told: str
+    description: str
 
 
 Cell = str | Link | Sparkline

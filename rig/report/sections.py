@@ -13,7 +13,7 @@ from isorig.analysis.parameters.joint_fit import Entry
 from isorig.rig.report.page import Section, Table
 
 #: Text for missing information of a recording.
-NOT_TOLD = "not given"
+NOT_GIVEN = "not given"
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 
 WIRE_BONDER = (
@@ -56,8 +56,8 @@ def channels_table(campaign: Campaign) -> Table:
             first.setdefault(name, channel)
     rows = [
         (
-            name, channel.about.get("sensor") or NOT_TOLD, channel.about.get("place") or NOT_TOLD,
-            NOT_TOLD if channel.full_scale is None else f"±{channel.full_scale:.3g}\u00a0{unit(channel.unit)}",
+            name, channel.about.get("sensor") or NOT_GIVEN, channel.about.get("place") or NOT_GIVEN,
+            NOT_GIVEN if channel.full_scale is None else f"±{channel.full_scale:.3g}\u00a0{unit(channel.unit)}",
         )
         for name, channel in first.items()
     ]  # fmt: skip

@@ -97,7 +97,7 @@ def _joints(model: RigModel, places: dict[str, tuple[float, float, float]]) -> l
         if contact.a in places and contact.b in places:
             top, bottom, x = _gap(places[contact.a], places[contact.b], 0.62)
             parts.append(f'<path d="M{x:.0f} {top:.0f}V{bottom:.0f}" class="rubs" stroke-width="5" stroke-dasharray="3 4"/>')
-            # Two lines: beside a narrow body there is no room for one.
+            # Two lines: next to a narrow body there is no room for one.
             middle = 0.5 * (top + bottom)
             parts.append(_words(x + 8.0, middle - 4.0, "friction"))
             parts.append(_words(x + 8.0, middle + 12.0, f"({contact.law.__struct_config__.tag})"))

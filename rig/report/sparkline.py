@@ -14,10 +14,10 @@ WIDTH, HEIGHT, EDGE = 64.0, 20.0, 2.0
 MOST = 60
 
 
-def sparkline(values: FloatArray, told: str, marked: Sequence[int] = ()) -> Sparkline:
+def sparkline(values: FloatArray, description: str, marked: Sequence[int] = ()) -> Sparkline:
     """The latest values, shape (n,), as a line; those at the indices `marked` get a dot.
 
-    `told` describes the content in words.
+    `description` describes the content in words.
     """
     start = max(len(values) - MOST, 0)
     y = values[start:]
@@ -27,5 +27,7 @@ def sparkline(values: FloatArray, told: str, marked: Sequence[int] = ()) -> Spar
     placed = HEIGHT - EDGE - (HEIGHT - 2 * EDGE) * ((y - low) / span if span > 0.0 else np.full(len(y), 0.5))
     points = [(round(float(a), 1), round(float(b), 1)) for a, b in zip(x, placed, strict=True)]
     return Sparkline(
-        points=" ".join(f"{a:g},{b:g}" for a, b in points), marks=[points[k - start] for k in marked if k >= start], told=told
+        points=" ".join(f"{a:g},{b:g}" for a, b in points),
+        marks=[points[k - start] for k in marked if k >= start],
+        description=description,
     )

@@ -9,10 +9,10 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.report.charts import Chart, Panel, Trace
 
 
-def surface_charts(model: RigModel, beside: Doubles) -> list[Chart]:
+def surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
     """Two charts for every observable link: measured points and simulated ones."""
     charts = []
-    for seen in surfaces(model, beside):
+    for seen in surfaces(model, compared):
         spring = model.link(seen.link).stiffness * seen.displacement
         where = f"{seen.run}: the force in the {seen.link}"
         charts += [

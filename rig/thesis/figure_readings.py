@@ -124,7 +124,7 @@ def half_power_explained(played: Played) -> Step:
                 fits.append(force)
             cells.append(
                 (
-                    f"{force:g}", f"{own:g}", f"{got.motor:.3f}: {motor.told(got.motor)}", f"{got.table:.3f}",
+                    f"{force:g}", f"{own:g}", f"{got.motor:.3f}: {motor.in_words(got.motor)}", f"{got.table:.3f}",
                     f"{mass:.1f} kg, {zeta:.3f}", f"{error:.0%}",
                 )
             )  # fmt: skip

@@ -119,7 +119,7 @@ def moved(played: Played) -> Step:
 
 
 def offsets(played: Played) -> Step:
-    """Figures 31 and 32: the heatblock's peak at many gains, as `rig isolation` looks at it."""
+    """Figures 31 and 32: the heatblock's peak at many gains, as `rig isolation` evaluates it."""
     per_gain = played.candidate.per_gain
     takes = [take(c, gain, BANDS[HIGH], played.share * 120.0, per_gain) for gain in GAINS for c in ("unlocked", "locked")]
     campaign = play(played.rig, takes)
@@ -143,8 +143,8 @@ def offsets(played: Played) -> Step:
         cells.append(
             (
                 f"{pair.gain:g}", f"{pair.offset:+.3f} ± {pair.std:.1g}", f"{same.ratio[at]:.2f}: "
-                f"{ONE_PLACE.told(float(same.ratio[at]))}",
-                f"{own:.2f}: {OWN_PLACE.told(own)}", f"{stuck:.0%}",
+                f"{ONE_PLACE.in_words(float(same.ratio[at]))}",
+                f"{own:.2f}: {OWN_PLACE.in_words(own)}", f"{stuck:.0%}",
             )
         )  # fmt: skip
         kept = (same.frequency >= 155.0) & (same.frequency <= 185.0)
@@ -180,7 +180,7 @@ def place(mass: float) -> tuple[float, float]:
 def _place(mass: float, needed: float) -> tuple[str, ...]:
     locked, rise = place(mass)
     enough = Stated(words="", low=needed, high=float("inf"), tolerance=0.05)
-    return (f"{mass:g}", f"{locked:.1f}", f"{locked + rise:.1f}", f"{rise:+.2f}", PLACE.told(locked), enough.told(rise))
+    return (f"{mass:g}", f"{locked:.1f}", f"{locked + rise:.1f}", f"{rise:+.2f}", PLACE.in_words(locked), enough.in_words(rise))
 
 
 def _masses(masses: list[float]) -> str:

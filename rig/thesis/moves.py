@@ -24,7 +24,7 @@ BENCH = (12.5, 40.0)
 
 
 def rigs(played: Played) -> dict[str, MoveIsolation]:
-    """Isolation by level of the rig that looks like the thesis, of Table 4 with 20 N, and without friction."""
+    """Isolation by level of the rig closest to the thesis, of Table 4 with 20 N, and without friction."""
     given = {
         played.candidate.name: played.rig,
         "Table 4 and 20 N": wire_bonder(),

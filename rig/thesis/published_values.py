@@ -57,7 +57,7 @@ class Stated:
         number = self.low > 0.0 and math.isfinite(self.high)
         return "same size" if number and 1.0 / SAME_SIZE <= factor <= SAME_SIZE else "differs"
 
-    def told(self, value: float) -> str:
+    def in_words(self, value: float) -> str:
         """The verdict in words."""
         factor = self.factor(value)
         if math.isnan(factor):

@@ -69,4 +69,4 @@ def rivals(found: Compared) -> Step:
         "The 98 % and 60 % are not included: the first is the same for all, and the acceleration of the second is not given.",
     ]
     heads = ("where", "what", "thesis (tolerance)", *found)
-    return Step(title="Which rig looks like the thesis", text=text, tables=[(heads, rows)])
+    return Step(title="Which rig agrees best with the thesis", text=text, tables=[(heads, rows)])

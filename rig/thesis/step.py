@@ -39,7 +39,7 @@ class Step:
 def judged(what: str, stated: Stated, value: float, *, here: str = "", why: Mapping[Verdict, str] | None = None) -> Row:
     """A row with a computed verdict; `here` replaces the default format of the value, `why` explains a verdict."""
     reason = (why or {}).get(stated.verdict(value), "")
-    text = stated.told(value)
+    text = stated.in_words(value)
     return Row(what=what, thesis=stated.shown, here=here or f"{value:.4g}", remark=f"{text}; {reason}" if reason else text)
 
 

@@ -52,7 +52,7 @@ class Standing(Message, frozen=True):
     Parameters
     ----------
     phase
-        "begins", "asks" (it waits for the operator before a run), "looks" (pre-run check), "measures", "finishes" (all runs are
+        "begins", "asks" (it waits for the operator before a run), "checks" (pre-run check), "measures", "finishes" (all runs are
         measured and it waits for the operator), or "over".
     run
         The current or next run; the last one when all are measured.
@@ -74,7 +74,7 @@ class Standing(Message, frozen=True):
         The notes.
     """
 
-    phase: Literal["begins", "asks", "looks", "measures", "finishes", "over"] = "begins"
+    phase: Literal["begins", "asks", "checks", "measures", "finishes", "over"] = "begins"
     run: str = ""
     last: str = ""
     may: tuple[Wish, ...] = ()

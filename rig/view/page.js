@@ -5,7 +5,7 @@
     dark: ["#6cb6f0", "#ff8f5e", "#4fcf9f", "#c79bea", "#e3bd4a", "#f084ae", "#dfe3e6", "#93a9bd"],
   };
   const phases = {
-    begins: ["starting", ""], asks: ["waiting for you", "ask"], looks: ["pre-run check", "on"], measures: ["measuring", "on"],
+    begins: ["starting", ""], asks: ["waiting for you", "ask"], checks: ["pre-run check", "on"], measures: ["measuring", "on"],
     quiet: ["no new sample", "quiet"], finishes: ["waiting for you", "ask"], over: ["ended", ""],
   };
   const root = document.documentElement;
@@ -23,9 +23,9 @@
   function words() {
     put("title", state.title);
     document.title = `${state.title}: rig`;
-    const [told, kind] = phases[state.phase];
+    const [shown, kind] = phases[state.phase];
     const replayed = state.mode === "replay" ? "replay, " : "";
-    put("phase", replayed + told);
+    put("phase", replayed + shown);
     at("phase").className = `chip ${kind}`;
     const run = state.run;
     put("run", run ? `Run ${run.number}${run.count ? ` of ${run.count}` : ""}: ${run.id}, ${run.configuration}, gain ${figure(run.gain)}` : "No run has started.");

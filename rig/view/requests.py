@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from isorig.rig.acquire.notes import MOST, add_note, notes_beside, notes_in
+from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, Operator, Taken
 from isorig.rig.acquire.take import Live
 from isorig.rig.errors import OutputError
@@ -58,23 +58,23 @@ class Desk:
         self._last = ""
         # The started run, until it is reported as measured.
         self._begun = ""
-        self._standing = Standing(notes=tuple(dict.fromkeys([*notes_in(output), *notes_beside(output)])))
+        self._standing = Standing(notes=tuple(dict.fromkeys([*notes_in(output), *separate_notes(output)])))
 
     @property
     def standing(self) -> Standing:
         """State of the session."""
         return self._standing
 
-    def operator(self, beside: Operator) -> Operator:
-        """An operator for a session: forwards everything to `beside`, and asks here."""
+    def operator(self, other: Operator) -> Operator:
+        """An operator for a session: forwards everything to `other`, and asks here."""
 
         def watch(live: Live) -> None:
             self._watch(live)
-            beside.watch(live)
+            other.watch(live)
 
         def taken(item: Taken) -> None:
             self._taken(item)
-            beside.taken(item)
+            other.taken(item)
 
         # Confirming a run includes that the rig is locked or unlocked for it.
         return Operator(lock=lambda configuration: None, watch=watch, taken=taken, decide=self.decide, stopped=self.stopped)
@@ -99,7 +99,7 @@ class Desk:
                 "judged": {key: value for key, value in now.judged.items() if key != name},
                 "stopped": tuple(key for key in now.stopped if key != name), "seconds": 0.0, "overloads": 0, "damaged": 0,
             }  # fmt: skip
-            self._stand(phase="looks", run=name, may=("note",), text="", **fresh)
+            self._stand(phase="checks", run=name, may=("note",), text="", **fresh)
         return "take"
 
     def stopped(self) -> bool:
@@ -184,7 +184,7 @@ class Desk:
             self._past.add(item.id)
             judged = {**self._standing.judged, item.id: Judgement(good=item.verdict.good, advice=item.verdict.advice)}
             stopped = (*self._standing.stopped, item.id) if self._stop else self._standing.stopped
-            self._stand(phase="looks", last=item.id, judged=judged, stopped=stopped, may=("note",))
+            self._stand(phase="checks", last=item.id, judged=judged, stopped=stopped, may=("note",))
 
     def _note(self, text: str) -> bool:
         with self._changed:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from isorig.rig.acquire.display_thread import Aside
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.session import Operator, beside
+from isorig.rig.acquire.session import Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.view.messages import Asked, Standing
 from isorig.rig.view.process import SessionScreen
@@ -57,7 +57,7 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
             desk.listeners.append(_Questions(terminal, aside).stands)
             if asks:
                 threading.Thread(target=answer, name="standard input", daemon=True).start()
-            yield desk, desk.operator(beside(operator, aside))
+            yield desk, desk.operator(decoupled_operator(operator, aside))
         aside.settle()
     finally:
         aside.end()

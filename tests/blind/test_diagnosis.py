@@ -13,11 +13,10 @@ from envelopes import Envelope, draw_envelope
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 
-#: Kind, size and seed; what is hidden where is drawn.
-DRAWN = (
-    ("none", 1.0, 11), ("asymmetric_friction", 0.33, 12), ("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14),
-    ("outside: hose", 1.0, 15),
-)  # fmt: skip
+#: Kind, size and seed, one for each verdict; what is hidden where is drawn.
+DRAWN = (("none", 1.0, 11), ("asymmetric_friction", 0.33, 12), ("outside: hose", 1.0, 15))
+#: More of the second verdict.
+MORE = (("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14))
 
 
 def judge(envelope: Envelope, findings: dict) -> None:
@@ -40,11 +39,14 @@ def judge(envelope: Envelope, findings: dict) -> None:
 
 
 @pytest.mark.timeout(900)
-def test_folder_of_envelopes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("drawn", [DRAWN, pytest.param(MORE, marks=pytest.mark.study)], ids=["each verdict", "sensors"])
+def test_folder_of_envelopes(
+    drawn: tuple[tuple[str, float, int], ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     recordings, out = tmp_path / "recordings", tmp_path / "out"
     recordings.mkdir()
     envelopes = {}
-    for k, (kind, size, seed) in enumerate(DRAWN):
+    for k, (kind, size, seed) in enumerate(drawn):
         envelopes[f"sealed-{k}"] = draw_envelope(kind, size, seed)
         write(recordings / f"sealed-{k}.h5", envelopes[f"sealed-{k}"].campaign)
     (recordings / "torn.h5").write_bytes((recordings / "sealed-0.h5").read_bytes()[:5000])

@@ -42,6 +42,7 @@ def test_positioning_system(tmp_path: Path) -> None:
     assert model.link("guide").damping + law.forward_viscosity == pytest.approx(166.7, rel=0.02)
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_silverbox(tmp_path: Path) -> None:
     """A hardening spring and nothing else; published free-run errors on the arrow: linear 14.2 mV, cubic 0.38 mV."""

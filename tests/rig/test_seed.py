@@ -70,7 +70,7 @@ def test_half_power_counts_friction_as_damping_and_says_what_stands_in(table: Pa
     joint, half = read_seed(table), read_seed(table, "half-power")
     assert half.values["motor_damping"] > 1.3 * joint.values["motor_damping"]
     assert half.values["heatblock_frequency"] == pytest.approx(THESIS["heatblock_frequency"], rel=0.01)
-    refused = [note for note in half.told if "Half-power is not applicable" in note]
+    refused = [note for note in half.remarks if "Half-power is not applicable" in note]
     file = read_parameters(table)
     assert len(refused) == sum(not item.half_power for item in file.read_off.values())
     assert file.surface is not None

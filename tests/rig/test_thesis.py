@@ -54,9 +54,9 @@ def test_verdicts_follow_from_the_number_and_the_tolerance() -> None:
     assert stated.verdict(0.073) == stated.verdict(0.073 * 1.149) == "agrees"
     assert stated.verdict(0.073 * 1.16) == "same size"
     assert stated.verdict(0.597) == "differs"
-    assert stated.told(0.597) == "differs: too high by a factor of 8.2"
-    assert printed(164.5, 0.005).told(169.6) == "same size: 3.1 % too high"
-    assert stated.told(float("nan")) == "differs: not available"
+    assert stated.in_words(0.597) == "differs: too high by a factor of 8.2"
+    assert printed(164.5, 0.005).in_words(169.6) == "same size: 3.1 % too high"
+    assert stated.in_words(float("nan")) == "differs: not available"
     low = below("too low", 0.95)
     assert [low.verdict(value) for value in (0.5, 0.95, 1.0, 1.9)] == ["agrees", "agrees", "differs", "differs"]
     assert above("a step", 1.2).verdict(1.19) == "agrees"

@@ -256,7 +256,7 @@ def test_precision_grows_with_the_length_and_the_wish_is_met_at_least_cost() -> 
     now = known.std(known.now)
     # What the runs in hand gave, the damper's 2 % and half the stiffness's, is where it starts.
     assert now == pytest.approx(np.hypot(0.02, 0.01), rel=1e-3)
-    again = known.told(in_hand)
+    again = known.information(in_hand)
     assert known.std(known.now + 3.0 * again) == pytest.approx(0.5 * now, rel=0.02)
     runs = [prospect(0.02, seconds=40.0, seed=2), prospect(1.0, seconds=40.0, seed=3)]
     found = design(

@@ -212,7 +212,7 @@ def test_lines_without_coherence_tell_nothing() -> None:
     figure = figure_of(fitted.model, "body_damping")
     for noise, told in ((1e-3, True), (1e4, False)):
         one = Known(fitted, figure, {"body": noise, "force": 1e-3}, [])
-        assert bool(np.any(one.told(prospect(1.0)) > 1.0)) == told
+        assert bool(np.any(one.information(prospect(1.0)) > 1.0)) == told
 
 
 def designed(budget: float, wish: float, in_hand: float = 8.0) -> list[float]:
@@ -238,7 +238,7 @@ class Informed(Known):
         self.__dict__.update(other.__dict__)
         self._share = share
 
-    def told(self, prospect: Prospect) -> FloatArray:
+    def information(self, prospect: Prospect) -> FloatArray:
         return np.asarray(self._share * self.now)
 
 
@@ -369,16 +369,16 @@ def test_resolution_of_transfer_functions() -> None:
     one = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
     between = prospect(1.0, band=(10 * policy.RESOLUTION + 0.1, 11 * policy.RESOLUTION - 0.1))
     at = prospect(1.0, band=(10 * policy.RESOLUTION - 0.1, 10 * policy.RESOLUTION + 0.1))
-    assert not one.told(between).any()
-    assert one.told(at).any()
+    assert not one.information(between).any()
+    assert one.information(at).any()
 
 
 def test_neighbouring_lines_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted = variant(one_mass(), std=0.02)
     one = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
-    told = one.told(prospect(1.0))
+    told = one.information(prospect(1.0))
     monkeypatch.setattr("isorig.analysis.proposals.precision.ALIKE", 2.0 * policy.ALIKE)
-    assert one.told(prospect(1.0)) == pytest.approx(0.5 * told)
+    assert one.information(prospect(1.0)) == pytest.approx(0.5 * told)
 
 
 def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
@@ -389,5 +389,5 @@ def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
     found = [v.model for v in hypotheses(model, peaks, {}, 1024.0) if v.key == ("extra_mode", "motor")]
     at = sorted(np.sqrt(m.link("motor_added").stiffness / m.body("motor_added").mass) / 2 / np.pi for m in found)
     assert at == pytest.approx(sorted(policy.HIDDEN_MODES), rel=1e-6)
-    share = policy.SMALLEST.rider
+    share = policy.SMALLEST.resonator
     assert [m.body("motor_added").mass / m.body("motor").mass for m in found] == pytest.approx([share] * len(found), rel=1e-6)

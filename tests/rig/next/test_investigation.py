@@ -102,7 +102,7 @@ def go(lab: Lab, folder: Path, plan: Plan, *, runs: int = 12, seconds: float = 3
 
 
 def proposal() -> Proposal:
-    return Proposal(kind="rivals", runs=(Proposed(run=PROPOSED, told=("It parts them.",)),))
+    return Proposal(kind="rivals", runs=(Proposed(run=PROPOSED, remarks=("It parts them.",)),))
 
 
 OPEN = rivals(two_springs(), named=[("hardening_stiffness", "isolation")])

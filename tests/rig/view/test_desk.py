@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pages import until
 
-from isorig.rig.acquire.notes import Note, add_note, notes_beside, notes_in, reopen_notes, settle_notes
+from isorig.rig.acquire.notes import Note, add_note, notes_in, reopen_notes, separate_notes, settle_notes
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, acquire
 from isorig.rig.acquire.terminal import Terminal
@@ -145,7 +145,7 @@ def test_a_session_that_asks_nothing_goes_on_by_itself(tmp_path: Path) -> None:
 
     going = session(tmp_path, act, asks=False)
     assert going.taken() == ["a", "a", "b", "c"]
-    assert {standing.phase for standing in going.stood} == {"looks", "measures", "over"}
+    assert {standing.phase for standing in going.stood} == {"checks", "measures", "over"}
     assert all("next" not in standing.may for standing in going.stood)
 
 
@@ -155,7 +155,7 @@ def test_notes_are_kept_in_the_recording(tmp_path: Path) -> None:
         assert going.press("note", "a", "the table was touched\n\x1b[31m")
         assert not going.press("note", "a", "   ")
         # It is safe before the session ends.
-        assert [note.text for note in notes_beside(going.output)] == ["the table was touched  [31m"]
+        assert [note.text for note in separate_notes(going.output)] == ["the table was touched  [31m"]
         going.press("again", "a")
         going.waits("measures", "b")
         assert going.press("note", "b", "µ" * 1000)
@@ -206,7 +206,7 @@ def test_notes_outlive_a_session_that_goes_on_and_one_that_was_recovered(tmp_pat
         acquire(plan_of(RUNS[0]), port, output, Watcher().operator, force=True)
         first = add_note(output, "a", "first")
         settle_notes(output)
-        assert notes_beside(output) == []
+        assert separate_notes(output) == []
         # A session that goes on writes the recording anew.
         reopen_notes(output)
         reopen_notes(output)
@@ -220,7 +220,7 @@ def test_notes_outlive_a_session_that_goes_on_and_one_that_was_recovered(tmp_pat
     shutil.copy(output, other)
     settle_notes(other, session=output)
     assert notes_in(other) == [first, second, third]
-    assert notes_beside(output) == [first, second, third]
+    assert separate_notes(output) == [first, second, third]
     left = output.with_name("c.h5.partial")
     left.touch()
     settle_notes(output)  # a session measures, or was killed: its recording will be written anew
@@ -249,15 +249,15 @@ def test_what_is_told_late_changes_nothing(tmp_path: Path) -> None:
     operator.watch(levels["a"])
     assert desk.standing.phase == "asks"
     desk.ask(Asked(do="next", run="a"))
-    until(lambda: desk.standing.phase == "looks")
+    until(lambda: desk.standing.phase == "checks")
     time.sleep(0.3)
     assert desk.standing.run == "a"  # it is not on to the next before this one has been told of
     operator.watch(levels["a"])
     assert desk.standing.phase == "measures"
     operator.taken(watcher.runs[0])
-    until(lambda: (desk.standing.phase, desk.standing.run) == ("looks", "b"))
+    until(lambda: (desk.standing.phase, desk.standing.run) == ("checks", "b"))
     operator.watch(levels["a"])
-    assert (desk.standing.phase, desk.standing.may) == ("looks", ("note",))
+    assert (desk.standing.phase, desk.standing.may) == ("checks", ("note",))
     operator.taken(watcher.runs[1])
     until(lambda: desk.standing.phase == "asks")
     operator.watch(levels["b"])
