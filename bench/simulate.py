@@ -179,7 +179,7 @@ def main() -> list[Row]:
         print(f"{name:44s} {least(lambda o=one: ours(o, force), 15) * 100.0:9.3f}")
 
     compiled = compile_rig(replace(model, contacts=()), "unlocked", 1.0 / RATE)
-    columns, out = compiled.whole[0, 0], np.zeros(len(force))
+    columns, out = compiled.rig.whole[0, 0], np.zeros(len(force))
     step, start, end = columns[:6, :6].T.copy(), columns[7, :6] - columns[8, :6], columns[8, :6].copy()
     recurrence(step, start, end, force, out)
     bare = least(lambda: recurrence(step, start, end, force, out), 15) * 100.0

@@ -20,6 +20,7 @@ from isorig.analysis.laws.elements import Element, Exit
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, matrices
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
+from isorig.analysis.simulate.workspace import Rig
 
 #: Maximum number of modes of a rig: six contacts, or four end stops.
 MODES = 729
@@ -38,75 +39,31 @@ _COMPILING = Lock()
 
 @dataclass(frozen=True, kw_only=True)
 class Compiled:
-    """A rig as arrays for the kernel, for steps of h / `cuts`.
-
-    The kernel's vector is y = (z, 1, u, u', f, f', f'' of every curved element, u, u' of every further drive): z the n
-    coordinates and their speeds, u the drives, linear within a step, f the curved forces, parabolas within a step; its length is
-    M. For an imposed motion the drive is the acceleration of its coordinate, independent of the forces. Quantities are in units
-    of a step: derivatives in y are multiplied by the step's length (and f'' by its square).
+    """A rig compiled for steps of h / `cuts`.
 
     Parameters
     ----------
+    rig
+        The arrays for the kernel.
     basis
         Full coordinates from the free ones, shape (bodies, n).
     cuts
         Number of parts into which a fine step is divided.
-    whole
-        Matrix from y to the values after a step, in groups of eight rows by columns: for each curved element its elongation and
-        speed (m, m/s) in the middle and at the end, then z, then for each exit its margin and the margin's slope, (modes,
-        groups, M, 8).
-    blocks
-        Groups of eight rows of `whole` that a mode needs, shape (modes,).
-    series
-        Taylor coefficients in time, in the same groups term by term: for each curved element its elongation and speed, then z,
-        then each exit's margin, (modes, terms * groups, M, 8).
-    terms
-        Number of terms.
-    exits
-        For each exit, the element whose state ends, the next mode, and the kind: 0 no contact, 1 a sliding contact changes state,
-        2 sticking contacts break away; shape (modes, exits, 3), element -1 if a mode has fewer exits.
-    limits
-        Reference of each exit's margin: the breakaway force, shape (modes, exits).
-    settle
-        Projection of the coordinates' speeds that sets the speeds of sticking contacts exactly to zero, shape (modes, n, n).
-    possible
-        Whether the contacts that slide in a mode are free to slide while the others stick, shape (modes,).
-    kinds
-        Role of each element when contacts change state at one instant, see `SETTLING`.
-    strides, states
-        mode = sum of stride * state; the states of each mode's elements, shape (modes, elements).
     resistance
         Each element's resistance as a row on y, shape (modes, elements, M).
     holds
         Whether each element sticks, shape (modes, elements).
-    curve_of, codes, params, directions, gates
-        For the curved elements: index of the element, law, parameters, direction, sign by state (padded with 0).
     memories
         Maximum number of state variables of a law.
     elements, rubs, across
         The elements' names, whether they are contacts, and their directions on the coordinates, shape (elements, n).
     """
 
+    rig: Rig
     basis: FloatArray
     cuts: int
-    whole: FloatArray
-    blocks: IntArray
-    series: FloatArray
-    terms: int
-    exits: IntArray
-    limits: FloatArray
-    settle: FloatArray
-    possible: IntArray
-    kinds: IntArray
-    strides: IntArray
-    states: IntArray
     resistance: FloatArray
     holds: IntArray
-    curve_of: IntArray
-    codes: IntArray
-    params: FloatArray
-    directions: FloatArray
-    gates: FloatArray
     memories: int
     elements: tuple[str, ...]
     rubs: tuple[bool, ...]
@@ -450,26 +407,30 @@ class _Systems:
         gates = {k: elements[k].gates or (1.0,) * len(elements[k].states) for k in self.curved}
         widest = max((len(element.states) for element in elements), default=1)
         return Compiled(
+            rig=Rig(
+                step=step,
+                n=n,
+                whole=_columns(np.concatenate([met, moved[:, bent : bent + m], margins], axis=1)),
+                blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
+                series=_columns(taylor),
+                terms=len(series),
+                exits=table,
+                limits=limits,
+                settle=self.settle,
+                possible=np.array([not self._forced(self._settled(mode)) for mode in range(modes)], dtype=np.int64),
+                kinds=np.array(self.kinds, dtype=np.int64),
+                strides=np.array(self.strides, dtype=np.int64),
+                states=np.array(self.modes, dtype=np.int64).reshape(modes, len(elements)),
+                curve_of=np.array(self.curved, dtype=np.int64),
+                codes=np.array([code_of(elements[k].formula) for k in self.curved], dtype=np.int64),
+                params=np.array(params).reshape(len(self.curved), width),
+                directions=self.w[self.curved].reshape(len(self.curved), n),
+                gates=np.array([[*gates[k], *[0.0] * (widest - len(gates[k]))] for k in self.curved]).reshape(len(gates), widest),
+            ),
             basis=self.basis,
             cuts=cuts,
-            whole=_columns(np.concatenate([met, moved[:, bent : bent + m], margins], axis=1)),
-            blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
-            series=_columns(taylor),
-            terms=len(series),
-            exits=table,
-            limits=limits,
-            settle=self.settle,
-            possible=np.array([not self._forced(self._settled(mode)) for mode in range(modes)], dtype=np.int64),
-            kinds=np.array(self.kinds, dtype=np.int64),
-            strides=np.array(self.strides, dtype=np.int64),
-            states=np.array(self.modes, dtype=np.int64).reshape(modes, len(elements)),
             resistance=self.resistance / scale,
             holds=self.holds,
-            curve_of=np.array(self.curved, dtype=np.int64),
-            codes=np.array([code_of(elements[k].formula) for k in self.curved], dtype=np.int64),
-            params=np.array(params).reshape(len(self.curved), width),
-            directions=self.w[self.curved].reshape(len(self.curved), n),
-            gates=np.array([[*gates[k], *[0.0] * (widest - len(gates[k]))] for k in self.curved]).reshape(len(gates), widest),
             memories=max((elements[k].memories for k in self.curved), default=0) or 1,
             elements=tuple(element.name for element in elements),
             rubs=tuple(element.rubs for element in elements),

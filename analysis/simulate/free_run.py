@@ -218,18 +218,14 @@ def run_rig(
     peaks = np.zeros(1 + len(others))
     for finer in FINER:
         compiled = compile_rig(model, configuration, h, finer)
-        order, step = compiled.basis.shape[1], h / compiled.cuts
         rows = sense.copy()
-        rows[:, order:] /= step
+        rows[:, compiled.rig.n :] /= compiled.rig.step
         start, mode = initial_state(model, configuration, compiled, begun)
-        if len(compiled.codes):  # only curved forces need them
+        if len(compiled.rig.codes):  # only curved forces need them
             peaks = np.abs(np.atleast_2d(drive)).max(axis=1)
         changes = run(
-            np.ascontiguousarray(first), more, peaks, start, mode, compiled.cuts, step, start_time, order, compiled.whole,
-            compiled.blocks, compiled.series, compiled.terms, compiled.exits, compiled.limits, compiled.settle, compiled.possible,
-            compiled.kinds, compiled.strides, compiled.states, compiled.curve_of, compiled.codes, compiled.params,
-            compiled.directions, compiled.gates, rows, out,
-            np.zeros((len(compiled.codes), 0)) if curved is None else curved,
+            np.ascontiguousarray(first), more, peaks, start, mode, compiled.cuts, start_time, compiled.rig, rows, out,
+            np.zeros((len(compiled.rig.codes), 0)) if curved is None else curved,
             np.zeros(0, dtype=np.int64) if modes is None else modes,
             np.zeros((0, 3)) if log is None else log,
             SPLIT if finer < FINER[-1] else np.inf,
@@ -237,7 +233,7 @@ def run_rig(
         )  # fmt: skip
         if changes >= 0:
             return changes, compiled
-        if len(compiled.codes) == 0:
+        if len(compiled.rig.codes) == 0:
             break
     if changes == UNSETTLED:
         names = ", ".join(name for name, rubs in zip(compiled.elements, compiled.rubs, strict=True) if rubs)
@@ -329,6 +325,6 @@ def initial_state(
     mode = 0
     for k, across in enumerate(compiled.across):
         speed = float(across @ start[order:])
-        if compiled.kinds[k] == SETTLING and speed != 0.0:
-            mode += int(compiled.strides[k]) * (1 if speed > 0.0 else 2)
+        if compiled.rig.kinds[k] == SETTLING and speed != 0.0:
+            mode += int(compiled.rig.strides[k]) * (1 if speed > 0.0 else 2)
     return start, mode

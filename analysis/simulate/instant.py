@@ -61,7 +61,7 @@ def begins(
     Parameters
     ----------
     series
-        Taylor coefficients of a mode, see `Compiled`.
+        Taylor coefficients of a mode, see `Rig`.
     groups, row
         Number of groups of eight rows per term; the margin's row.
     y, n

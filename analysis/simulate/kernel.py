@@ -1,6 +1,6 @@
 """The compiled inner loop: exact linear motion within a mode, changes of mode located to rounding, curved forces as parabolas.
 
-All quantities are in units of a step; see `Compiled` for the vector y and the arrays.
+All quantities are in units of a step; see `Rig` for the vector y and the arrays.
 """
 
 from __future__ import annotations
@@ -391,25 +391,8 @@ def run(
     start: FloatArray,
     mode: int,
     cuts: int,
-    step: float,
     t0: float,
-    n: int,
-    whole: FloatArray,
-    blocks: IntArray,
-    series: FloatArray,
-    terms: int,
-    exits: IntArray,
-    limits: FloatArray,
-    settle: FloatArray,
-    possible: IntArray,
-    kinds: IntArray,
-    strides: IntArray,
-    states: IntArray,
-    curve_of: IntArray,
-    codes: IntArray,
-    params: FloatArray,
-    directions: FloatArray,
-    gates: FloatArray,
+    rig: Rig,
     sense: FloatArray,
     out: FloatArray,
     curved: FloatArray,
@@ -430,11 +413,8 @@ def run(
         Largest magnitude of each drive, shape (drives,).
     start, mode
         Initial coordinates (m) and speeds (m/s), shape (2 n,), and the initial mode.
-    n
-        Number of coordinates.
-    whole, blocks, series, terms, exits, limits, settle, possible, kinds, strides, states, curve_of, codes, params, directions,
-    gates
-        See `Compiled`.
+    rig
+        The rig for these steps.
     sense
         Rows on z that give the sensors' values on the grid, shape (sensors, m).
     out, curved, modes
@@ -457,15 +437,11 @@ def run(
     weights = sense.copy()
     places, filled = np.zeros(sense.shape, dtype=np.int64), np.zeros(len(sense), dtype=np.int64)
     for r in range(len(sense)):
-        for i in range(2 * n):
+        for i in range(2 * rig.n):
             if sense[r, i] != 0.0:
                 places[r, filled[r]] = i
                 weights[r, filled[r]] = sense[r, i]
                 filled[r] += 1
-    rig = Rig(
-        step, n, whole, blocks, series, terms, exits, limits, settle, possible, kinds, strides, states, curve_of, codes, params,
-        directions, gates,
-    )  # fmt: skip
     motion = room(rig, memories)
     record = Record(weights, places, filled, out, curved, modes, log)
     return from_event_to_event(rig, motion, record, u, more, peaks, start, mode, cuts, t0, split_share)

@@ -126,7 +126,7 @@ class _Inside:
 def _run(model: RigModel, excitation: Excitation, configuration: str, start_time: float, total: int) -> _Inside:
     h = 1.0 / (excitation.sample_rate * excitation.oversample)
     compiled = compile_rig(model, configuration, h)
-    order, curves = compiled.basis.shape[1], len(compiled.codes)
+    order, curves = compiled.basis.shape[1], len(compiled.rig.codes)
     u = true_fine(model, excitation)[:, :total]
     steps = u.shape[1]
     states, curved = np.zeros((2 * order, steps)), np.zeros((curves, steps))

@@ -11,7 +11,12 @@ from isorig.analysis.jit import allocating_kernel, inlined, kernel
 
 
 class Rig(NamedTuple):
-    """The rig for one step length; see `Compiled` for the arrays.
+    """The rig for one step length.
+
+    The kernel's vector is y = (z, 1, u, u', f, f', f'' of every curved element, u, u' of every further drive): z the n
+    coordinates and their speeds, u the drives, linear within a step, f the curved forces, parabolas within a step; its length is
+    M. For an imposed motion the drive is the acceleration of its coordinate, independent of the forces. Quantities are in units
+    of a step: derivatives in y are multiplied by the step's length (and f'' by its square).
 
     Parameters
     ----------
@@ -19,6 +24,32 @@ class Rig(NamedTuple):
         Step length, s.
     n
         Number of coordinates.
+    whole
+        Matrix from y to the values after a step, in groups of eight rows by columns: for each curved element its elongation and
+        speed (m, m/s) in the middle and at the end, then z, then for each exit its margin and the margin's slope, (modes,
+        groups, M, 8).
+    blocks
+        Groups of eight rows of `whole` that a mode needs, shape (modes,).
+    series
+        Taylor coefficients in time, in the same groups term by term: for each curved element its elongation and speed, then z,
+        then each exit's margin, (modes, terms * groups, M, 8).
+    terms
+        Number of terms.
+    exits
+        For each exit, the element whose state ends, the next mode, and the kind: 0 no contact, 1 a sliding contact changes state,
+        2 sticking contacts break away; shape (modes, exits, 3), element -1 if a mode has fewer exits.
+    limits
+        Reference of each exit's margin: the breakaway force, shape (modes, exits).
+    settle
+        Projection of the coordinates' speeds that sets the speeds of sticking contacts exactly to zero, shape (modes, n, n).
+    possible
+        Whether the contacts that slide in a mode are free to slide while the others stick, shape (modes,).
+    kinds
+        Role of each element when contacts change state at one instant, see `SETTLING` in `compiled`.
+    strides, states
+        mode = sum of stride * state; the states of each mode's elements, shape (modes, elements).
+    curve_of, codes, params, directions, gates
+        For the curved elements: index of the element, law, parameters, direction, sign by state (padded with 0).
     """
 
     step: float
@@ -47,7 +78,7 @@ class Motion(NamedTuple):
     Parameters
     ----------
     y
-        The kernel's vector, see `Compiled`.
+        The kernel's vector, see `Rig`.
     gate, largest, floor
         By curved element: sign in its present state, recent magnitude of its force, magnitude below which it need not be exact.
     d0, v0, ends

@@ -262,7 +262,7 @@ def test_contacts_that_cannot_be_settled_are_an_error(monkeypatch: pytest.Monkey
         compiled = compile_rig(*given)  # type: ignore[arg-type]
         from dataclasses import replace as change
 
-        return change(compiled, possible=np.zeros_like(compiled.possible))
+        return change(compiled, rig=compiled.rig._replace(possible=np.zeros_like(compiled.rig.possible)))
 
     monkeypatch.setattr(free_run, "compile_rig", broken)
     with pytest.raises(SimulationError, match="without end"):
