@@ -73,7 +73,7 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
         how="Noise: of the sensors, and of the drive channel propagated through the model. Disturbance: "
         + (
             f"the difference between runs with one drive ({played}) beyond the noise; the same amount is assumed in other "
-            "runs, as far as it is not related to the drive. "
+            "runs, limited to the part that is not related to the drive. "
             if pairs
             else "not measured, because no drive was repeated; at most the unassigned part. "
         )

@@ -68,7 +68,7 @@ def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), rema
         if value < COHERENT:
             against.append(
                 f"{name} has a coherence of only {value:.2f} with the drive; "
-                "a higher gain helps against noise, a lower one against friction that hardly slides."
+                "a higher gain helps against noise, a lower one if friction slips only now and then."
             )
     remarks = [*remarks, *_clock(found)]
     remarks += [sentence for item in detections if (sentence := _distortion(item)) is not None]

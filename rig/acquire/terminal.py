@@ -58,7 +58,7 @@ class Terminal:
         self._quietly(lambda: print(_question(configuration), file=sys.stderr, flush=True))
         if not sys.stdin.readline():
             raise PlanError(
-                "standard input is closed, so nobody can answer; with --yes the program does not ask and the caller locks the rig"
+                "standard input is closed, so questions cannot be answered; with --yes the program does not ask and the caller locks the rig"
             )
         if not self._json:
             self._quietly(self._display.start)
@@ -79,7 +79,7 @@ class Terminal:
         answer = sys.stdin.readline()
         if not answer:
             raise PlanError(
-                "standard input is closed, so nobody can answer; with --yes the program does not ask and the caller locks the rig"
+                "standard input is closed, so questions cannot be answered; with --yes the program does not ask and the caller locks the rig"
             )
         if not self._json:
             self._quietly(self._display.start)
