@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from isorig.rig.acquire.session import Decision, Taken
     from isorig.rig.acquire.take import Live
 
+#: Refusal where a question cannot be asked.
+NO_ANSWER = (
+    "standard input is closed, so questions cannot be answered; with --yes the program does not ask and the caller locks the rig"
+)
 #: Characters of a level bar.
 BAR = 10
 
@@ -57,9 +61,7 @@ class Terminal:
         self._quietly(self._display.stop)
         self._quietly(lambda: print(_question(configuration), file=sys.stderr, flush=True))
         if not sys.stdin.readline():
-            raise PlanError(
-                "standard input is closed, so questions cannot be answered; with --yes the program does not ask and the caller locks the rig"
-            )
+            raise PlanError(NO_ANSWER)
         if not self._json:
             self._quietly(self._display.start)
 
@@ -78,9 +80,7 @@ class Terminal:
         self._quietly(lambda: print(question, file=sys.stderr, flush=True))
         answer = sys.stdin.readline()
         if not answer:
-            raise PlanError(
-                "standard input is closed, so questions cannot be answered; with --yes the program does not ask and the caller locks the rig"
-            )
+            raise PlanError(NO_ANSWER)
         if not self._json:
             self._quietly(self._display.start)
         decisions: dict[str, Decision] = {"n": "skip", "q": "end"}
