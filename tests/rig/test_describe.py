@@ -75,7 +75,7 @@ def test_the_page_has_every_law_with_its_units() -> None:
     for kinds, of in ((SPRING_LAWS, "link"), (CONTACT_LAWS, "contact")):
         for kind in kinds:
             named = ", ".join(f"`{name}` {parameter.unit}" for name, parameter in kind.parameters.items())
-            assert f"| `{kind.__struct_config__.tag}` | {of} | {named} |" in PAGE
+            assert f"| `{kind.__struct_config__.tag}` | {of} | {named} |" in PAGE, "docs/describe.md has this row"
 
 
 def test_the_page_names_what_ships() -> None:

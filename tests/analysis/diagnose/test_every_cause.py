@@ -14,7 +14,8 @@ from isorig.analysis.diagnose.mechanisms.base import Kind, Mechanism
 from isorig.analysis.proposals.hypotheses import SIZED
 from isorig.rig.virtual.effects import CAUSES, KINDS
 
-PAGE = (Path(__file__).parents[3] / "docs" / "diagnosing.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "diagnosing.md").read_text(encoding="utf-8")
 #: Causes for which proposals of further runs assume no size, and why.
 NOT_SIZED = {"play_and_friction": "the smallest one is a small clearance, which is assumed as `backlash`"}
 #: Causes that no campaign of the virtual wire bonder hides, and why.
@@ -57,3 +58,11 @@ def test_the_order_of_effects_gives_every_campaign_its_seed() -> None:
         "backlash", "end_stop", "quadratic_damping", "extra_mode", "moment_coupling", "wrong_mass", "imperfect_lock",
         "stiffness_drift", "channel_delay", "sensor_gain", "clipping", "crosstalk", "mains_hum",
     )  # fmt: skip
+
+
+def test_the_page_on_causes_lists_every_family() -> None:
+    sources = (ROOT / "analysis" / "diagnose" / "mechanisms").glob("*.py")
+    families = {name for file in sources for name in re.findall(r'family="(\w+)"', file.read_text(encoding="utf-8"))}
+    page = (ROOT / "docs" / "add-cause.md").read_text(encoding="utf-8")
+    listed = page.split("*Which family?*")[1].split("\n-")[0]
+    assert set(re.findall("`([a-z]+)`", listed)) == families
