@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Run, broad
+from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.gain_levels import by_level
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.impact import HammerTest, hammer_test
 from isorig.analysis.spectra.inputs import Estimator
+from isorig.analysis.spectra.limits import SLIGHT, Limits, magnitude_limits
 from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
 from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
@@ -25,8 +27,9 @@ from isorig.analysis.spectra.windows import WindowName, window_named
 class Transfer:
     """A transfer function and the runs of its average; `band` is the drive's, Hz.
 
-    `left_out` are runs with faulty records; `periods` is the same period by period, for a periodic drive; `hammer` is the hammer
-    test, if it is one.
+    `reference_density` is the power spectral density of the reference, unit^2 / Hz; `left_out` are runs with faulty records;
+    `periods` is the same period by period, for a periodic drive; `hammer` is the hammer test, if it is one. `imported` are
+    those that another program estimated: their averages and runs are unknown.
     """
 
     frf: Frf
@@ -34,19 +37,28 @@ class Transfer:
     gain: float
     runs: tuple[str, ...]
     band: tuple[float, float]
+    reference_density: FloatArray
     left_out: tuple[str, ...] = ()
     periods: PeriodicFrf | None = None
     hammer: HammerTest | None = None
+    imported: bool = False
 
     @property
     def name(self) -> str:
         """As part of a file name."""
+        if self.imported:
+            return f"{self.frf.response}-over-{self.frf.reference}"
         return f"{self.frf.response}-over-{self.frf.reference}-{self.configuration}-gain{self.gain:g}"
 
     @property
     def label(self) -> str:
         """As a legend entry."""
-        return f"{self.configuration}, gain {self.gain:g}"
+        return self.configuration if self.imported else f"{self.configuration}, gain {self.gain:g}"
+
+    @cached_property
+    def limits(self) -> Limits:
+        """The 95 % limits of its magnitude."""
+        return magnitude_limits(self.frf, self.reference_density)
 
     def within_band(self) -> Frf:
         """The frequency bins within the band of the drive."""
@@ -69,8 +81,8 @@ def transfer_functions(
 ) -> list[Transfer]:
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
 
-    A run whose gain changed counts as one run for each gain. Runs of unnamed excitation ("other") whose reference consists
-    of hammer pulses are evaluated hit by hit (`isorig.analysis.spectra.impact`).
+    A run whose gain changed counts as one run for each gain. Runs whose reference consists of hammer pulses are evaluated hit by
+    hit (`isorig.analysis.spectra.impact`) if their excitation is "other" or "random".
 
     Parameters
     ----------
@@ -133,6 +145,23 @@ def transfer_functions(
     return sorted(transfers, key=lambda item: item.frf.response)
 
 
+def imported(frfs: Sequence[Frf], source: str) -> list[Transfer]:
+    """Transfer functions that another program estimated, under names that are valid in file names."""
+    names: dict[str, int] = {}
+    found = []
+    for frf in frfs:
+        response, reference = (re.sub(r"[^\w.+-]+", "_", name).strip("._") or "unnamed" for name in (frf.response, frf.reference))
+        count = names[f"{response} {reference}"] = names.get(f"{response} {reference}", 0) + 1
+        named = replace(frf, response=response if count == 1 else f"{response}-{count}", reference=reference)
+        found.append(
+            Transfer(
+                frf=named, configuration=source, gain=1.0, runs=(), band=(float(frf.frequency[0]), float(frf.frequency[-1])),
+                reference_density=np.zeros(len(frf.frequency)), imported=True,
+            )
+        )  # fmt: skip
+    return found
+
+
 def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     """Faults of a campaign's records, with the head as drive if it was measured, otherwise with the reference.
 
@@ -144,58 +173,96 @@ def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     return tuple(fault for fault in found if fault.run not in hit or fault.kind == "dead")
 
 
-#: Frequency bins between the half-power points of a peak below which the bias by leakage is reported: from about 10 on it is
-#: below 1 % of the magnitude (bias of H1 by resolution: Bendat and Piersol 2010, 8.5).
-NARROW = 10.0
-
-
-def narrow_peaks(found: Sequence[Transfer]) -> tuple[str, ...]:
-    """One sentence on all transfer functions whose highest peak is too narrow: its error bars omit what leakage does to it."""
-    peaks = []
+def limits_in_words(found: Sequence[Transfer]) -> tuple[str, ...]:
+    """What the 95 % limits of the transfer functions include, and where there are none: one sentence for each reason."""
+    said = []
+    corrected = [(_too_low(item), item) for item in found if any(item.band[0] <= f <= item.band[1] for f in item.limits.narrow)]
+    if corrected:
+        share, item = max(corrected, key=lambda pair: pair[0])
+        f = min(item.limits.narrow, key=lambda f: abs(f - float(item.frf.frequency[_peak(item)])))
+        said.append(
+            f"Leakage lowers and widens peaks with few frequency bins ({_where(item)} at {f:.4g} Hz: {100 * share:.2g} % too low"
+            f"{_more(corrected)}); the limits are corrected for it, the magnitudes are not: use a finer --resolution than "
+            f"{item.frf.resolution:.3g} Hz."
+        )
+    unknown = [(f, item) for item in found for f in item.limits.unknown if item.band[0] <= f <= item.band[1]]
+    if unknown:
+        f, item = unknown[0]
+        said.append(
+            f"There are no limits near peaks with few frequency bins that no mode fits ({_where(item)} at {f:.4g} Hz"
+            f"{_more(unknown)}): their leakage is unknown; use a finer --resolution than {item.frf.resolution:.3g} Hz."
+        )
+    noisy = []
     for item in found:
-        seen = item.within_band()
-        size = np.abs(seen.value)
-        if seen.window is None or len(size) < 3:
-            continue
-        top = int(np.argmax(size))
-        below = np.flatnonzero(size < size[top] / np.sqrt(2.0))
-        left, right = below[below < top], below[below > top]
-        if len(left) and len(right) and (bins := int(right[0] - left[-1] - 1)) < NARROW:
-            where = f"{seen.response} over {seen.reference}, {item.label}"
-            peaks.append((bins, f"{where} at {seen.frequency[top]:.4g} Hz", seen.resolution))
-    if not peaks:
-        return ()
-    bins, where, resolution = min(peaks)
-    more = f" and {len(peaks) - 1} more" if len(peaks) > 1 else ""
-    return (
-        f"Peaks less than {NARROW:g} frequency bins wide ({where}: {bins}{more}) are lowered and widened by leakage, which their "
-        f"error bars do not include; use a finer --resolution than {resolution:g} Hz.",
-    )
+        top = _peak(item)
+        share = float(item.limits.reference_noise[top])
+        if share * abs(item.frf.value[top]) > SLIGHT * item.frf.magnitude_std[top]:
+            noisy.append((share, item))
+    if noisy:
+        share, item = max(noisy, key=lambda pair: pair[0])
+        said.append(
+            f"Noise on the reference may make H1 up to {100 * share:.2g} % too low ({_where(item)} at "
+            f"{item.frf.frequency[_peak(item)]:.4g} Hz{_more(noisy)}): the coherence does not show which channel has the noise; "
+            "the upper limits include it, and H2 is unbiased by it."
+        )
+    reasons = dict.fromkeys(item.limits.reason for item in found if item.limits.reason)
+    return (*said, *(f"No 95 % limits of the magnitude: {reason}." for reason in reasons))
+
+
+def _too_low(item: Transfer) -> float:
+    # The largest share, over the bins in the band, by which leakage lowers the magnitude.
+    inside = (item.frf.frequency >= item.band[0]) & (item.frf.frequency <= item.band[1]) & np.isfinite(item.limits.leakage)
+    leakage, size = item.limits.leakage[inside], np.abs(item.frf.value[inside])
+    return float(np.max(-leakage / np.maximum(size - leakage, 1e-300), initial=0.0))
+
+
+def _peak(item: Transfer) -> int:
+    inside = np.flatnonzero((item.frf.frequency >= item.band[0]) & (item.frf.frequency <= item.band[1]))
+    return int(inside[np.argmax(np.abs(item.frf.value[inside]))])
+
+
+def _where(item: Transfer) -> str:
+    return f"{item.frf.response} over {item.frf.reference}, {item.label}"
+
+
+def _more(cases: Sequence[object]) -> str:
+    return f", and {len(cases) - 1} more" if len(cases) > 1 else ""
 
 
 def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[str, ...]:
-    """A sentence for runs that do not name their excitation and were averaged as noise."""
+    """Sentences for runs that do not name their excitation and were averaged as noise, and for hammer tests named noise."""
     averaged = {run for item in found if item.hammer is None for run in item.runs}
     unnamed = [run.id for run in campaign.runs if run.id in averaged and run.excitation == "other"]
+    struck = {run for item in found if item.hammer is not None for run in item.runs}
+    misnamed = [run.id for run in campaign.runs if run.id in struck and run.excitation == "random"]
+    said = []
+    if misnamed:
+        more = f", and {len(misnamed) - 1} more" if len(misnamed) > 1 else ""
+        said.append(
+            f"The excitation of run {misnamed[0]!r}{more} is recorded as 'random', but the reference consists of hammer pulses: "
+            "evaluated hit by hit. Correct the excitation to 'other'."
+        )
     if not unnamed:
-        return ()
+        return tuple(said)
     runs = f"Run {unnamed[0]!r} does" if len(unnamed) == 1 else f"{len(unnamed)} runs do"
-    return (
+    said.append(
         f"{runs} not name the excitation (it is 'other') and the reference has no hammer hits: averaged as noise, by segments. "
-        "Name the excitation in the recording, or the force channel of the hammer with --reference.",
+        "Name the excitation in the recording, or the force channel of the hammer with --reference."
     )
+    return tuple(said)
 
 
 def _struck(
     runs: list[Run], reference: str, names: Sequence[str], resolution: float, estimator: Estimator, left_out: tuple[str, ...]
 ) -> list[Transfer]:
     test = hammer_test(runs, reference=reference, channels=names, resolution=resolution)
+    density = test.spectra.density(reference)
     return [
         Transfer(
-            frf=test.spectra.frf(name, reference, estimator), configuration=runs[0].configuration, gain=runs[0].gain,
-            runs=tuple(run.id for run in runs), band=test.band, left_out=left_out, hammer=test,
+            frf=frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs), band=test.band,
+            reference_density=density, left_out=left_out, hammer=test,
         )
-        for name in names
+        for frf in (test.spectra.frf(name, reference, estimator) for name in names)
     ]  # fmt: skip
 
 
@@ -209,7 +276,8 @@ def _averaged(
     return [
         Transfer(
             frf=frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs),
-            band=(max(band[0], spectra.resolution), band[1]), left_out=left_out,
+            band=(max(band[0], spectra.resolution), band[1]), reference_density=spectra.density(frf.reference),
+            left_out=left_out,
             periods=_by_period(runs, name, references[0]) if len(references) == 1 else None,
         )
         for name in names
@@ -239,15 +307,26 @@ def about(item: Transfer) -> dict[str, Any]:
     return {
         "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
         "gain": item.gain, "runs": list(item.runs), "left_out": list(item.left_out),
-        "estimator": seen.estimator, "averages": seen.averages,
+        "estimator": seen.estimator, "averages": None if item.imported else seen.averages,
         "resolution_hz": seen.resolution, "band_hz": list(item.band),
         "peak": {
             "frequency_hz": float(seen.frequency[top]), "magnitude": float(size[top]),
-            "magnitude_std": float(seen.magnitude_std[top]),
+            "magnitude_std": float(seen.magnitude_std[top]), **_about_limits(item.limits, _peak(item)),
         },
         "median_coherence": float(np.median(seen.coherence)),
         "units": list(seen.units), "window": None if seen.window is None else seen.window.name, "overlap": seen.overlap,
         **further,
+    }  # fmt: skip
+
+
+def _about_limits(limits: Limits, k: int) -> dict[str, Any]:
+    # Of one frequency bin; null where there is none.
+    low, high, leakage, noise = (
+        float(rows[k]) if np.isfinite(rows[k]) else None
+        for rows in (limits.low, limits.high, limits.leakage, limits.reference_noise)
+    )
+    return {
+        "magnitude_limits": None if low is None else [low, high], "leakage": leakage, "largest_reference_noise": noise,
     }  # fmt: skip
 
 

@@ -24,6 +24,9 @@ Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut 
 TRIGGER, ABOVE_NOISE = 0.1, 10.0
 #: A force is a hammer's if pulses of one sign contain at least this share of its energy in at most this share of its time.
 ENERGY, TIME = 0.9, 0.1
+#: Samples that decide whether noise is impulsive, and the least kurtosis of a hammer's force: with a share E of its energy in a
+#: share T of its time it is at least E^2 / T (Gaussian noise has 3).
+FIRST, IMPULSIVE = 2**20, ENERGY**2 / TIME
 #: A second pulse above this share of the first is a double hit (ISO 7626-5 requires single pulses), if it exceeds the filter's
 #: ringing by this factor.
 DOUBLE, RINGING = 0.05, 2.0
@@ -129,8 +132,20 @@ def _crossings(values: FloatArray, level: float) -> tuple[IntArray, IntArray]:
 
 
 def looks_hit(run: Run, reference: str) -> bool:
-    """Whether the reference is a hammer's force: the run's excitation is "other", and the force has short single pulses."""
-    return run.excitation == "other" and reference in run.channels and pulses(run, reference) is not None
+    """Whether the reference is a hammer's force: short single pulses, in a run whose excitation is "other" or "random".
+
+    Of a run whose excitation is "random" only the first `FIRST` samples are read, unless they are too impulsive for noise.
+    """
+    if reference not in run.channels or run.excitation not in ("other", "random"):
+        return False
+    if run.excitation == "random":
+        values = run.channel(reference).read(0, min(FIRST, len(run)))
+        if not len(values):
+            return False
+        square = (values - np.median(values)) ** 2
+        if float(np.mean(square**2)) < IMPULSIVE * float(np.mean(square)) ** 2:
+            return False
+    return pulses(run, reference) is not None
 
 
 def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:

@@ -7,8 +7,9 @@ the same window as the estimate: the frequency resolution does not bias its damp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -51,6 +52,8 @@ class ModalFit:
         rms of the weighted residuals; 1 if the error bars explain them.
     warning
         A warning, may be empty.
+    leakage
+        The modes as seen through the window minus the same without a window, at any frequencies in Hz: the bias of the estimate.
     """
 
     modes: tuple[Mode, ...]
@@ -59,6 +62,7 @@ class ModalFit:
     fitted: ComplexArray
     misfit: float
     warning: str = ""
+    leakage: Callable[[FloatArray], ComplexArray] | None = field(default=None, repr=False, compare=False)
 
 
 def fit_modes(
@@ -153,7 +157,12 @@ def fit_modes(
     return ModalFit(
         modes=modes, kind=kind, frequency=f, fitted=np.asarray(columns @ amplitudes), misfit=misfit,
         warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
+        leakage=partial(_leakage, shape, pairs.ravel(), amplitudes),
     )  # fmt: skip
+
+
+def _leakage(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, f: FloatArray) -> ComplexArray:
+    return np.asarray((shape.at(f, tapered=True).columns(pairs) - shape.at(f).columns(pairs)) @ amplitudes)
 
 
 def _guess(f: FloatArray, size: FloatArray, resolution: float) -> list[tuple[float, float]]:
@@ -177,9 +186,10 @@ class _Shape:
         # Distant damped modes leave a background of any phase.
         self._rest = [turn * term for term in rest for turn in (1.0, 1j)] if kind == "general" else rest
 
-    def at(self, f: FloatArray) -> _Shape:
-        """The same model at other frequencies, without the window."""
-        return _Shape(f, self._kind, self._residuals, Seen(decay=self._seen.decay), self._top)
+    def at(self, f: FloatArray, *, tapered: bool = False) -> _Shape:
+        """The same model at other frequencies, without the window unless `tapered`."""
+        seen = self._seen if tapered else Seen(decay=self._seen.decay)
+        return _Shape(f, self._kind, self._residuals, seen, self._top)
 
     def columns(self, pairs: FloatArray) -> ComplexArray:
         """Shape (..., modes + residuals), for frequencies (Hz) and damping ratios in turn."""

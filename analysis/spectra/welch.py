@@ -43,7 +43,8 @@ class Frf:
     coherence
         0 to 1, shape (bins,).
     magnitude_std, phase_std
-        One standard deviation of the magnitude (in the unit of `value`) and of the phase (rad), shape (bins,).
+        One standard deviation of the random error of the magnitude (in the unit of `value`) and of the phase (rad), shape
+        (bins,); `isorig.analysis.spectra.limits` adds leakage and noise on the reference.
     averages
         Effective number of independent averages.
     resolution

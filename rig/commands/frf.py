@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,10 +11,14 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
+    from isorig.analysis.spectra.welch import Frf
     from isorig.rig.transfer import Transfer
 
 #: Seconds between two readings of a recording that is being made.
 LOOK = 2.0
+#: File name extensions of recordings; files of other programs have other ones.
+HDF5 = (".h5", ".hdf5", ".hdf")
+AS_THEY_ARE = "These are transfer functions of another program, written as they are: options of the estimate have no effect."
 
 
 def frf(
@@ -41,10 +46,11 @@ def frf(
     Parameters
     ----------
     campaign
-        A recording.
+        A recording, or a file of another program (.uff, .mat, .csv ...) that contains transfer functions.
     output
         The folder for a figure and a table of each transfer function, and frf.json about all. For a periodic drive, also noise
-        and distortion from its periods. Faulty records are reported, and left out if there are others.
+        and distortion from its periods. Faulty records are reported, and left out if there are others. The tables have 95 %
+        limits of the magnitude, corrected for leakage at narrow peaks; where there are none (nan), a sentence states the reason.
     reference
         The channel that drives, once for each channel if several drive at the same time (MIMO). The default are the drives of
         the rig's description, of the wire bonder the head.
@@ -68,9 +74,11 @@ def frf(
     """
     from isorig.analysis.errors import DataError
     from isorig.rig.acquire.follow import follow as followed
+    from isorig.rig.exchange.reading import READERS
+    from isorig.rig.exchange.responses import read_responses
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
-    from isorig.rig.transfer import faults_in, narrow_peaks, transfer_functions, unnamed_excitation
+    from isorig.rig.transfer import faults_in, limits_in_words, transfer_functions, unnamed_excitation
 
     if band is not None and not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
@@ -82,12 +90,17 @@ def frf(
             measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
             overlap=overlap, found=wrong,
         )  # fmt: skip
-        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], narrow_peaks(found)
+        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], limits_in_words(found)
 
     def write(found: tuple[list[Transfer], Sequence[str], Sequence[str]], name: str) -> None:
         _pictures(found[0], output, view, band)
         _tell(*found, output, name)
 
+    if not follow and campaign.suffix.lower() in READERS and campaign.suffix.lower() not in HDF5:
+        read = _chosen(read_responses(campaign), campaign, reference, response)
+        write((read, (), (AS_THEY_ARE, *limits_in_words(read))), campaign.name)
+        print(output)
+        return
     if not follow:
         with open_recording(campaign) as measured:
             found = found_in(measured)
@@ -105,6 +118,17 @@ def frf(
         seconds = sum(run.duration for run in measured.runs)
         write(found, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
     print(output)
+
+
+def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Sequence[str]) -> list[Transfer]:
+    from isorig.analysis.errors import DataError
+    from isorig.rig.transfer import imported
+
+    found = [frf for frf in frfs if (not reference or frf.reference in reference) and (not response or frf.response in response)]
+    if not found:
+        has = ", ".join(f"{frf.response} over {frf.reference}" for frf in frfs[:8])
+        raise DataError(f"{path} has no transfer function of these channels but {has}; name those")
+    return imported(found, path.stem)
 
 
 def _pictures(
@@ -137,7 +161,9 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
         value = item.frf
         columns = {
             "frequency_hz": value.frequency, "real": value.value.real, "imag": value.value.imag, "magnitude": np.abs(value.value),
-            "magnitude_std": value.magnitude_std, "phase_std_rad": value.phase_std, "coherence": value.coherence,
+            "magnitude_std": value.magnitude_std, "magnitude_low": item.limits.low, "magnitude_high": item.limits.high,
+            "leakage": item.limits.leakage, "largest_reference_noise": item.limits.reference_noise,
+            "phase_std_rad": value.phase_std, "coherence": value.coherence,
         }  # fmt: skip
         if value.multiple_coherence is not None:
             columns["multiple_coherence"] = value.multiple_coherence
@@ -161,8 +187,8 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
             "avg",
             "band, Hz",
             "peak, Hz",
-            "magnitude",
-            "coherence",
+            "magnitude (95 %)",
+            "coh.",
         ),
         [_row(row, several) for row in rows],
     )
@@ -173,9 +199,20 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
 
 def _row(result: dict[str, Any], several: bool) -> list[str]:
     band, peak = result["band_hz"], result["peak"]
+    averages = "–" if result["averages"] is None else f"{result['averages']:.0f}"
     return [
         f"{result['response']} / {result['reference']}" if several else result["response"],
         result["configuration"],
-        f"{result['gain']:g}", f"{result['averages']:.0f}", f"{band[0]:g}–{band[1]:g}", f"{peak['frequency_hz']:.2f}",
-        f"{peak['magnitude']:.3g} ± {peak['magnitude_std']:.1g}", f"{result['median_coherence']:.3f}",
+        f"{result['gain']:g}", averages, f"{band[0]:.3g}–{band[1]:.3g}", f"{peak['frequency_hz']:.2f}",
+        _magnitude(peak), f"{result['median_coherence']:.3f}",
     ]  # fmt: skip
+
+
+def _magnitude(peak: dict[str, Any]) -> str:
+    # To two or three digits of the width of its limits.
+    if peak["magnitude_limits"] is None:
+        return f"{peak['magnitude']:.3g} (none)"
+    low, high = peak["magnitude_limits"]
+    width = max(high - low, 1e-6 * high)
+    digits = min(6, int(log10(high / width)) + 3) if width > 0.0 else 3
+    return f"{peak['magnitude']:.{digits}g} ({low:.{digits}g}–{high:.{digits}g})"

@@ -1,6 +1,8 @@
-"""The study of error bars of transfer functions and modes: how often nominal 95 % intervals contain the true value.
+"""The study of intervals of transfer functions and modes: how often nominal 95 % intervals contain the true value.
 
-`python tests/analysis/modal_coverage.py [--repeats 300]` writes docs/study/modal-coverage.csv and prints it.
+`python tests/analysis/modal_coverage.py [--repeats 300] [--case NAME ...]` writes docs/study/modal-coverage.csv and prints it.
+The column `curve` is for the limits that `rig frf` prints, `bars` for the magnitude with the standard deviation of its random
+error, both in the bins near the peak; `without` are the repeats whose limits are missing in a bin there, in percent.
 """
 
 from __future__ import annotations
@@ -14,10 +16,17 @@ from scipy.signal import lfilter
 
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import AnalysisError
+from isorig.analysis.spectra.limits import magnitude_limits
 from isorig.analysis.spectra.modes import fit_modes
 from isorig.analysis.spectra.welch import estimate
 
 TABLE = Path(__file__).parents[2] / "docs" / "study" / "modal-coverage.csv"
+PAGE = Path(__file__).parents[2] / "docs" / "theory.md"
+#: Columns of the table on that page, and their titles.
+SHOWN = {
+    "frequency": "natural frequency", "damping": "damping ratio", "curve": "limits of the magnitude",
+    "bars": "random error alone",
+}  # fmt: skip
 FREQUENCY, DAMPING, RATE, SECONDS = 50.0, 0.01, 256.0, 120.0
 #: Two-sided 95 % of the normal distribution.
 QUANTILE = 1.959964
@@ -28,15 +37,23 @@ CASES = {
     "reference noise 10 %": (0.1, 0.0, False, 5.0),
     "reference noise 30 %": (0.3, 0.0, False, 5.0),
     "coloured response noise 5 %": (0.0, 0.05, True, 5.0),
+    "both channels' noise 10 %": (0.1, 0.1, False, 5.0),
+    "response noise 2 %, 3 bins": (0.0, 0.02, False, 3.0),
+    "response noise 2 %, 20 bins": (0.0, 0.02, False, 20.0),
     "peak narrower than the resolution": (0.0, 0.02, False, 0.7),
+    "sparse impulses": (0.0, 0.02, False, 5.0),
 }
+#: Mean distance of the impulses of a sparse drive, s.
+APART = 1.0
 
 
-def measured(reference_noise: float, response_noise: float, coloured: bool, seed: int) -> Run:
-    """White noise through one mode, with noise in the channels."""
+def measured(reference_noise: float, response_noise: float, coloured: bool, seed: int, *, sparse: bool = False) -> Run:
+    """White noise, or sparse impulses, through one mode, with noise in the channels."""
     draw = np.random.default_rng(seed)
     n = round(RATE * SECONDS)
     drive = draw.standard_normal(n)
+    if sparse:
+        drive *= draw.random(n) < 1.0 / (APART * RATE)
     answer = np.fft.irfft(np.fft.rfft(drive) * accelerance(np.fft.rfftfreq(n, 1.0 / RATE)), n)
     noise = draw.standard_normal(n)
     if coloured:
@@ -59,16 +76,19 @@ def accelerance(f: FloatArray) -> FloatArray:
 def covered(case: str, repeats: int) -> dict[str, object]:
     """The covered shares of a case."""
     reference, response, coloured, lines = CASES[case]
-    hits: dict[str, list[float]] = {"frequency": [], "damping": [], "curve": []}
-    refused = 0
+    hits: dict[str, list[float]] = {"frequency": [], "damping": [], "curve": [], "bars": []}
+    refused = without = 0
     for seed in range(repeats):
-        spectra = estimate(
-            [measured(reference, response, coloured, seed)], references=["drive"], resolution=2.0 * DAMPING * FREQUENCY / lines
-        )
+        run = measured(reference, response, coloured, seed, sparse=case == "sparse impulses")
+        spectra = estimate([run], references=["drive"], resolution=2.0 * DAMPING * FREQUENCY / lines)
         frf = spectra.frf("answer", "drive")
         near = np.abs(frf.frequency - FREQUENCY) < max(2.0 * DAMPING * FREQUENCY, 2.0 * frf.resolution)
-        error = np.abs(np.abs(frf.value) - np.abs(accelerance(frf.frequency)))[near]
-        hits["curve"].append(float(np.mean(error <= QUANTILE * frf.magnitude_std[near])))
+        true, limits = np.abs(accelerance(frf.frequency)), magnitude_limits(frf, spectra.density("drive"))
+        given = near & np.isfinite(limits.low)
+        without += not np.isfinite(limits.low[near]).all()
+        hits["curve"] += ((limits.low <= true) & (true <= limits.high))[given].astype(float).tolist()
+        error = np.abs(np.abs(frf.value) - true)[near]
+        hits["bars"].append(float(np.mean(error <= QUANTILE * frf.magnitude_std[near])))
         reach = max(8.0 * DAMPING * FREQUENCY, 6.0 * frf.resolution)
         try:
             fit = fit_modes(
@@ -82,22 +102,36 @@ def covered(case: str, repeats: int) -> dict[str, object]:
         hits["frequency"].append(float(abs(mode.frequency - FREQUENCY) <= QUANTILE * mode.frequency_std))
         hits["damping"].append(float(abs(mode.damping - DAMPING) <= QUANTILE * mode.damping_std))
     shares = {name: f"{100.0 * np.mean(values):.1f}" if values else "" for name, values in hits.items()}
-    return {"case": case, "repeats": repeats, "refused": refused, **shares}
+    return {"case": case, "repeats": repeats, "refused": refused, **shares, "without": f"{100.0 * without / repeats:.1f}"}
+
+
+def write_page() -> None:
+    """The table in docs/theory.md."""
+    with TABLE.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    text = "\n".join("| " + " | ".join(row[column] for column in ("case", *SHOWN)) + " |" for row in rows)
+    page = PAGE.read_text(encoding="utf-8")
+    head = "| case | " + " | ".join(SHOWN.values()) + " |\n|" + "---|" * (1 + len(SHOWN)) + "\n"
+    start = page.index(head) + len(head)
+    PAGE.write_text(page[:start] + text + page[page.index("\n\n", start) :], encoding="utf-8")
 
 
 def main() -> None:
-    """Count and write the table."""
+    """Count and write the table; cases that are not counted keep their rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=300)
-    repeats = parser.parse_args().repeats
-    rows = []
-    for case in CASES:
-        rows.append(covered(case, repeats))
-        print(rows[-1], flush=True)
-    with TABLE.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    parser.add_argument("--case", action="append", choices=list(CASES), help="count only this case; repeatable")
+    given = parser.parse_args()
+    with TABLE.open(newline="") as file:
+        rows: dict[str, dict[str, object]] = {row["case"]: dict(row) for row in csv.DictReader(file)}
+    for case in given.case or CASES:
+        rows[case] = covered(case, given.repeats)
+        print(rows[case], flush=True)
+        with TABLE.open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[case]), lineterminator="\n", extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(rows[name] for name in CASES if name in rows)
+        write_page()
 
 
 if __name__ == "__main__":

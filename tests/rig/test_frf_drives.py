@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
-from isorig.rig.transfer import narrow_peaks
 
 RATE, FREQUENCY, DAMPING, STEP = 1024.0, 50.1, 0.01, 6144
 
@@ -30,7 +28,9 @@ def oscillator(force: FloatArray, frequency: float = FREQUENCY) -> FloatArray:
     return np.asarray(np.fft.irfft(lines, n)[: len(force)])
 
 
-def recording(folder: Path, channels: dict[str, FloatArray], *, forces: tuple[str, ...], full_scale: float | None = None) -> Path:
+def recording(folder: Path, channels: dict[str, FloatArray], *, forces: tuple[str, ...], full_scale: float | None = None,
+    excitation: str = "other",
+) -> Path:  # fmt: skip
     rows = {
         name: Channel(
             name=name, samples=values, quantity="force" if name in forces else "acceleration",
@@ -38,7 +38,7 @@ def recording(folder: Path, channels: dict[str, FloatArray], *, forces: tuple[st
         )
         for name, values in channels.items()
     }  # fmt: skip
-    run = Run(id="hits", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=rows, excitation="other")
+    run = Run(id="hits", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=rows, excitation=excitation)
     write(folder / "run.h5", Campaign(runs=(run,)))
     return folder / "run.h5"
 
@@ -104,7 +104,7 @@ def test_noise_of_unnamed_excitation_is_averaged_and_reported(tmp_path: Path, ca
     said = " ".join(capsys.readouterr().out.split())
     assert "averaged as noise" in said
     # The bandwidth is 1 Hz, four bins of 0.25 Hz.
-    assert "which their error bars do not include" in said
+    assert "Leakage lowers and widens peaks with few frequency bins" in said
     answered(path, "--reference", "force", "--resolution", "0.05")
     assert "the error bars do not include this bias" not in " ".join(capsys.readouterr().out.split())
 
@@ -150,18 +150,66 @@ def test_what_cannot_be_estimated_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("bins", "sentences"), [(9, 1), (10, 0)])
-def test_a_peak_of_fewer_than_ten_bins_is_reported(bins: int, sentences: int) -> None:
-    """Bins between the half-power points, the peak among them."""
-    size = np.full(101, 0.1)
-    size[50 - bins // 2 : 50 - bins // 2 + bins] = 1.0
-    size[50] = 1.1
-    seen = SimpleNamespace(
-        value=size, frequency=0.25 * np.arange(101), window="hann", response="table", reference="head", resolution=0.25
+def test_a_hammer_test_recorded_as_random_is_evaluated_hit_by_hit(tmp_path: Path) -> None:
+    force, answer = hammered()
+    path = recording(tmp_path, {"force": force, "block": answer}, forces=("force",), excitation="random")
+    content = answered(path, "--reference", "force", "--resolution", "0.25")
+    assert "hammer" in content["transfer_functions"][0]
+    assert any("recorded as 'random', but the reference consists of hammer pulses" in sentence for sentence in content["faults"])
+
+
+def noise_run(tmp_path: Path, *, reference_noise: float = 0.0, near: tuple[float, ...] = ()) -> Path:
+    """White noise for 120 s on one mode, or on several with alternating signs, with 2 % noise in the response."""
+    draw = np.random.default_rng(8)
+    force = draw.standard_normal(round(120.0 * RATE))
+    block = oscillator(force) + sum((-1.0) ** k * oscillator(force, f) for k, f in enumerate(near, 1))
+    block += 0.02 * block.std() * draw.standard_normal(len(block))
+    return recording(
+        tmp_path, {"force": force + reference_noise * draw.standard_normal(len(force)), "block": block}, forces=("force",)
     )
-    item: Any = SimpleNamespace(within_band=lambda: seen, label="unlocked, gain 70")
-    said = narrow_peaks([item])
-    assert len(said) == sentences
-    if said:
-        assert "table over head, unlocked, gain 70 at 12.5 Hz: 9)" in said[0]
-        assert "2 more" in narrow_peaks([item] * 3)[0]
+
+
+def test_limits_of_a_narrow_peak_are_corrected_for_leakage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """H1 is far below the peak of the true curve, 50; the limits contain it."""
+    content = answered(noise_run(tmp_path), "--reference", "force", "--resolution", "0.5")
+    peak = content["transfer_functions"][0]["peak"]
+    true = abs(accelerance(peak["frequency_hz"]))
+    assert peak["magnitude"] + 1.96 * peak["magnitude_std"] < true
+    assert peak["magnitude_limits"][0] < true < peak["magnitude_limits"][1]
+    assert peak["leakage"] < 0.0
+    (sentence,) = content["remarks"][-1:]
+    assert "Leakage lowers and widens" in sentence
+    assert "finer --resolution than 0.5 Hz" in sentence
+    said = capsys.readouterr().out
+    assert "Leakage lowers" in said
+    assert f"({peak['magnitude_limits'][0]:.3g}" in said
+    rows = np.genfromtxt(tmp_path / "out" / "block-over-force-unlocked-gain1.csv", delimiter=",", names=True)
+    near = np.abs(rows["frequency_hz"] - FREQUENCY) < 2.0
+    curve = np.abs(accelerance(rows["frequency_hz"][near]))
+    assert np.mean((rows["magnitude_low"][near] < curve) & (curve < rows["magnitude_high"][near])) > 0.8
+
+
+def test_noise_on_the_reference_is_included_in_the_upper_limit(tmp_path: Path) -> None:
+    content = answered(noise_run(tmp_path, reference_noise=0.3), "--reference", "force", "--resolution", "0.2")
+    peak = content["transfer_functions"][0]["peak"]
+    true = abs(accelerance(peak["frequency_hz"]))
+    assert peak["magnitude"] + 1.96 * peak["magnitude_std"] < true
+    assert peak["magnitude_limits"][0] < true < peak["magnitude_limits"][1]
+    assert any("Noise on the reference may make H1 up to" in sentence for sentence in content["remarks"])
+
+
+def test_no_limits_where_no_mode_fits(tmp_path: Path) -> None:
+    """Seven modes within eight bins look like two peaks, which a few modes do not describe."""
+    near = tuple(FREQUENCY + 0.7 * k for k in range(1, 7))
+    content = answered(noise_run(tmp_path, near=near), "--reference", "force", "--resolution", "0.5")
+    assert any("There are no limits near peaks" in sentence for sentence in content["remarks"])
+    assert content["transfer_functions"][0]["peak"]["magnitude_limits"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"), [(("--estimator", "H2"), "H2 adds up noise"), (("--resolution", "0.01"), "a single average")]
+)
+def test_the_reason_for_missing_limits_is_given(words: tuple[str, ...], reason: str, tmp_path: Path) -> None:
+    content = answered(noise_run(tmp_path), "--reference", "force", *words)
+    assert content["transfer_functions"][0]["peak"]["magnitude_limits"] is None
+    assert any(reason in sentence for sentence in content["remarks"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,32 @@ def test_what_this_program_exports_comes_back(recording: Path, tmp_path: Path) -
             np.testing.assert_allclose(one.value, other.value, rtol=1e-9, atol=1e-12)
             np.testing.assert_allclose(one.frequency, other.frequency)
             assert one.resolution == pytest.approx(4.0)
+
+
+def test_rig_frf_reads_them(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["export", str(recording), "-o", str(tmp_path / "f.uff"), "--what", "frf", "--resolution", "4"]
+    assert main(words) == 0
+    out = tmp_path / "out"
+    assert main(["frf", str(tmp_path / "f.uff"), "-o", str(out)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "transfer functions of another program, written as they are" in said
+    assert "No 95 % limits of the magnitude: a single average, or an unknown number" in said
+    content = json.loads((out / "frf.json").read_text())
+    assert {item["averages"] for item in content["transfer_functions"]} == {None}
+    with open_recording(recording) as campaign:
+        wanted = transfer_functions(campaign, resolution=4.0)
+    assert len(content["transfer_functions"]) == len(wanted) == len(list(out.glob("*.csv")))
+    peak = max(float(np.abs(item.frf.value).max()) for item in wanted)
+    assert max(item["peak"]["magnitude"] for item in content["transfer_functions"]) == pytest.approx(peak, rel=1e-6)
+
+
+def test_rig_frf_refuses_channels_that_the_file_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    savemat(tmp_path / "h.mat", {"f": F, "H": H})
+    assert main(["frf", str(tmp_path / "h.mat"), "--response", "nobody", "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "has no transfer function of these channels but" in error
+    assert len(error.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_coherence_comes_along(shared: Path) -> None:
