@@ -50,7 +50,11 @@ class CoulombFriction:
         for link in _moving_links(model):
             if any(contact.name == link.name for contact in model.contacts):
                 continue
-            force = max(link.stiffness * evidence.deflection[link.name], link.damping * evidence.speed[link.name])
+            # While the body sticks, a fit without friction makes the link stiff and damped: the description may be closer.
+            ends = (link, next((known for known in evidence.guess.links if known.name == link.name), link))
+            force = min(
+                max(end.stiffness * evidence.deflection[link.name], end.damping * evidence.speed[link.name]) for end in ends
+            )
             path = f"contacts.{link.name}.law.friction_force"
             # If the baseline has a large error, so have its link forces: the drive bounds the friction.
             levels = (0.02 * force, 0.15 * force, *((SHARE_OF_PUSH * evidence.push,) if evidence.push > force else ()))
