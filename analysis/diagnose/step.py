@@ -432,6 +432,11 @@ def _by_kind(forms: Sequence[Entry], shapes: Sequence[Entry], now: Score, floors
             (e for e in standing if ratio(e.score.error, standing[0].score.error, floors) < POLICY.matters),
             key=lambda entry: (len(entry.candidate.free), entry.candidate.rank),
         )
+        # A form at another place that cannot be excluded stands for the free shape there.
+        for other in close:
+            form = next((e for e in entries if e.place == other.place and e.candidate.shape is None), None)
+            if other is not chosen and form is not None and ratio(form.score.error, carried.score.error, floors) < POLICY.matters:
+                twins = twins - {other.candidate.key} | {form.candidate.key}
         return _found(carried, entries, now, twins, sureness, None, None)
     closest = (mates[0].candidate.cause, share_removed(now.error, mates[0].score.error, floors)) if mates else None
     return _found(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
