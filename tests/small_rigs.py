@@ -62,6 +62,21 @@ def chain() -> RigModel:
     )
 
 
+def stage() -> RigModel:
+    """One mass on a soft spring and a rail, pushed by a measured force, with position and acceleration measured."""
+    return RigModel(
+        name="stage",
+        bodies=(Body(name="table", mass=4.0),),
+        links=(Link(name="rail", a="table", stiffness=2500.0, damping=12.0),),
+        drive=Drive(channel="f", factor=1.0, pushes={"table": 1.0}, quantity="force"),
+        sensors=(
+            Sensor(channel="x", body="table", quantity="displacement"),
+            Sensor(channel="a", body="table", quantity="acceleration"),
+        ),
+        free=("links.rail.stiffness", "links.rail.damping", "bodies.table.mass"),
+    )
+
+
 def with_law(model: RigModel, link: str, law: laws.LinkLaw) -> RigModel:
     """The rig with one more law on a link."""
     return replace(model, links=tuple(replace(one, laws=(*one.laws, law)) if one.name == link else one for one in model.links))

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from small_rigs import SESSION, Take, carts, chain, guessed, played
+from small_rigs import SESSION, Take, carts, chain, guessed, played, stage
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, FloatArray
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import Body, Chain, Contact, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 
 Draw = np.random.Generator
@@ -51,21 +51,6 @@ class Motion:
     deflection: Mapping[str, float]
     speed: Mapping[str, float]
     peak: Mapping[str, float]
-
-
-def stage() -> RigModel:
-    """One mass on a soft spring and a rail, pushed by a measured force, with position and acceleration measured."""
-    return RigModel(
-        name="stage",
-        bodies=(Body(name="table", mass=4.0),),
-        links=(Link(name="rail", a="table", stiffness=2500.0, damping=12.0),),
-        drive=Drive(channel="f", factor=1.0, pushes={"table": 1.0}, quantity="force"),
-        sensors=(
-            Sensor(channel="x", body="table", quantity="displacement"),
-            Sensor(channel="a", body="table", quantity="acceleration"),
-        ),
-        free=("links.rail.stiffness", "links.rail.damping", "bodies.table.mass"),
-    )
 
 
 RIGS: tuple[Callable[[], RigModel], ...] = (chain, carts, stage)

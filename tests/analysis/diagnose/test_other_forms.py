@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, with_law
+from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
@@ -39,6 +39,15 @@ def test_friction_and_a_late_drive_are_found_together() -> None:
     values = {name: value for step in diagnosis.steps for name, (value, _, _) in step.parameters.items()}
     assert values["friction_force"] == pytest.approx(0.8, rel=0.01)
     assert values["delay"] == pytest.approx(0.0124, rel=0.01)
+
+
+def test_friction_that_holds_a_body_most_of_the_time_is_found() -> None:
+    # Without friction the best fit is a link so stiff and damped that nothing moves.
+    truth = rubbing(stage(), "rail", 12.3)
+    diagnosis = found(stage(), truth, SEED + 8)
+    assert diagnosis.baseline_error > 0.9
+    assert named(diagnosis) == {("coulomb_friction", "friction_shape", "rail")}
+    assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(12.3, rel=0.01)
 
 
 def test_cubic_damping_is_a_damping_of_another_form() -> None:

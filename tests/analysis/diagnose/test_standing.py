@@ -1,0 +1,49 @@
+"""What a step reports of candidates that the data cannot exclude: entries made by hand, no fit."""
+
+from __future__ import annotations
+
+import numpy as np
+from small_rigs import guessed, played, stage
+
+from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.diagnose.step import Entry, _by_kind
+from isorig.analysis.fitting.candidate import Candidate, Shape
+from isorig.analysis.fitting.score import BLOCKS, Score
+from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.trials import prepare
+
+FLOORS = np.full((4, 2), 0.004)
+
+
+def scored(error: float) -> Score:
+    return Score(np.full((4, 2), error), np.full((4, 2, BLOCKS), error**2), np.full((4, 2, BLOCKS), error**2))
+
+
+def entry(cause: str, channel: str, error: float, *, points: int = 0) -> Entry:
+    """A gain of a sensor, or a free shape of its curve with so many points."""
+    free = tuple(Free(path=f"sensors.{channel}.chain.gain", low=0.1, high=10.0) for _ in range(points or 1))
+    shape = Shape(over="value", unit="m", value_unit="m", path="", tables=()) if points else None
+    candidate = Candidate(
+        cause=cause, location=channel, family="gain", starts=(stage(),), free=free, reported=(), shape=shape, rank=0
+    )
+    fit = Fit(model=stage(), free=free, covariance=np.eye(len(free)), cost=1.0, evaluations=1)
+    return Entry(candidate=candidate, fit=fit, score=scored(error))
+
+
+def reported(*, elsewhere: float) -> set[tuple[str, str]]:
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    forms = [entry("sensor_gain", "x", 0.0100), entry("sensor_gain", "a", elsewhere)]
+    shapes = [entry("sensor", "x", 0.0098, points=5), entry("sensor", "a", 0.0099, points=5)]
+    found = _by_kind(forms, shapes, scored(0.1), FLOORS, observe(campaign, guess, trials, guess))
+    assert found is not None
+    assert found.step.form == "sensor_gain"
+    return {(found.step.cause, found.step.location), *found.step.indistinguishable}
+
+
+def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:
+    assert reported(elsewhere=0.0101) == {("sensor_gain", "x"), ("sensor_gain", "a")}
+
+
+def test_a_place_without_such_a_form_is_reported_by_its_free_shape() -> None:
+    assert reported(elsewhere=0.0300) == {("sensor_gain", "x"), ("sensor", "a")}
