@@ -18,7 +18,7 @@ from isorig.drivers.alignment import DIGITAL, Alignment, Stretch
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Raw, Status
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.kinds import Settings, Shaken, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, Settings, Shaken, Simulation, StreamKind
 from isorig.drivers.marks import Marks
 from isorig.drivers.port import Port
 
@@ -234,11 +234,5 @@ def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
 EXAMPLE = """
 sample_rate = 2000.0
 full_scale = 10.0
-[channels.head]
-input = 0
-sensitivity = 0.2
-[channels.motor]
-input = 3
-sensitivity = 0.2
 """
-KIND = StreamKind(name="di1100", open=DataqInstrument, example=EXAMPLE, settings=DataqSettings, far_end=_far_end)
+KIND = StreamKind(name="di1100", open=DataqInstrument, example=EXAMPLE + CHANNELS, settings=DataqSettings, far_end=_far_end)

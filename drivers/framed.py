@@ -18,7 +18,7 @@ from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.frames import TEXT, Decoder, Frame
 from isorig.drivers.instrument import Values
-from isorig.drivers.kinds import Settings, StreamKind
+from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.order import Order, Reading
 from isorig.drivers.port import Port
 
@@ -329,11 +329,5 @@ def _open(port: str, settings: FramedSettings) -> FramedInstrument:
 
 EXAMPLE = """
 sample_rate = 1000.0
-[channels.head]
-input = 0
-sensitivity = 0.2
-[channels.motor]
-input = 3
-sensitivity = 0.2
 """
-KIND = StreamKind(name="framed", open=_open, example=EXAMPLE, settings=FramedSettings)
+KIND = StreamKind(name="framed", open=_open, example=EXAMPLE + CHANNELS, settings=FramedSettings)

@@ -17,7 +17,7 @@ import numpy as np
 from isorig.drivers.answers import Kind, number, parse, text, whole
 from isorig.drivers.block import FloatArray, Record, Status
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import RecordsKind, Shaken, Simulation
+from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
 from isorig.drivers.port import Port
 from isorig.drivers.shows import Shows
 
@@ -195,17 +195,11 @@ trace = "XTIM:VOLT 1"
 kind = "time"
 channel = "motor"
 unit = "V"
-[channels.head]
-input = 0
-sensitivity = 0.2
-[channels.motor]
-input = 3
-sensitivity = 0.2
 """
 KIND = RecordsKind(
     name="35670a",
     open=Hp35670aInstrument,
     trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed, for example XTIM:VOLT 1"),
-    example=EXAMPLE,
+    example=EXAMPLE + CHANNELS,
     far_end=_far_end,
 )

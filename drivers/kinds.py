@@ -68,6 +68,15 @@ class Simulation:
     faults: Faults
 
 
+#: Channels of the examples of instruments that measure voltages, with those of the simulated rig.
+CHANNELS = """
+[channels.head]
+input = 0
+sensitivity = 0.2
+[channels.motor]
+input = 3
+sensitivity = 0.2
+"""
 #: Creates the simulated counterpart of an instrument, connected to a rig.
 FarEnd = Callable[[Shaken, Simulation], "Peer"]
 

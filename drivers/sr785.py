@@ -17,7 +17,7 @@ import numpy as np
 from isorig.drivers.answers import Kind, number, parse, text, whole
 from isorig.drivers.block import FloatArray, Record, Status
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import RecordsKind, Shaken, Simulation
+from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
 from isorig.drivers.port import Port
 from isorig.drivers.shows import Shows
 
@@ -190,11 +190,7 @@ trace = "1"
 kind = "time"
 channel = "motor"
 unit = "V"
-[channels.head]
-input = 0
-sensitivity = 0.2
-[channels.motor]
-input = 3
-sensitivity = 0.2
 """
-KIND = RecordsKind(name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"), example=EXAMPLE, far_end=_far_end)
+KIND = RecordsKind(
+    name="sr785", open=Sr785Instrument, trace=(r"[01]", "a display, 0 or 1"), example=EXAMPLE + CHANNELS, far_end=_far_end
+)
