@@ -17,8 +17,8 @@ import numpy as np
 from isorig.analysis.campaign import BoolArray, FloatArray
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.spectra.modes import ModalFit, fit_modes
-from isorig.analysis.spectra.seen import line_deviation
 from isorig.analysis.spectra.welch import FEWEST, Frf
+from isorig.analysis.spectra.window_effect import line_deviation
 
 #: Frequency bins between the half-power points of a peak below which its leakage is computed (at 20 bins it is 0.1 % of the
 #: magnitude), and below which a peak without a fitted mode has no limits (at 10 bins leakage is 0.5 %).

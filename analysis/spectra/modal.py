@@ -16,8 +16,8 @@ from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.spectra.poles import Pole, poles_by_order
 from isorig.analysis.spectra.residues import ITERATIONS, Data, Solved, fit, model, solve
-from isorig.analysis.spectra.seen import Seen, line_deviation, pole_of
 from isorig.analysis.spectra.welch import FEWEST, Frf
+from isorig.analysis.spectra.window_effect import Seen, line_deviation, pole_of
 
 #: A pole that persists over this many orders, allowing gaps of `GAP`, is tried as a mode.
 LONG, GAP = 5, 2

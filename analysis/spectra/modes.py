@@ -19,8 +19,8 @@ from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.spectra.hits import BEFORE
 from isorig.analysis.spectra.leakage import error_moments, record_moments, through
-from isorig.analysis.spectra.seen import Seen, line_deviation, pole_of
 from isorig.analysis.spectra.welch import FEWEST, Frf
+from isorig.analysis.spectra.window_effect import Seen, line_deviation, pole_of
 
 Kind = Literal["accelerance", "transmissibility", "general"]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
-from isorig.analysis.spectra.seen import Seen, pole_of
+from isorig.analysis.spectra.window_effect import Seen, pole_of
 
 #: Iterations, smallest relative step, and factor of the damping of steps.
 ITERATIONS, STEP, FACTOR = 60, 1e-9, 10.0

@@ -10,8 +10,8 @@ from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Records, Stream
 from isorig.drivers.kinds import RecordsKind, StreamKind
 from isorig.drivers.shows import Shows
-from isorig.rig.acquire.far_ends import virtual_port
 from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.simulated_instruments import virtual_port
 
 
 @contextmanager

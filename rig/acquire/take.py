@@ -14,7 +14,7 @@ from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Stream
 from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.live import RunningCoherence
+from isorig.rig.acquire.live_coherence import RunningCoherence
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
 from isorig.rig.acquire.remarks import Remarks

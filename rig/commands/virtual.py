@@ -136,8 +136,8 @@ def instrument(
     from isorig.drivers.simulated.framed import SimulatedFramed
     from isorig.drivers.simulated.served import TcpWire, exchange
     from isorig.drivers.simulated.wire import PtyWire
-    from isorig.rig.acquire.far_ends import PLAYS, far_end
     from isorig.rig.acquire.plant import VirtualPlant
+    from isorig.rig.acquire.simulated_instruments import PLAYS, far_end
     from isorig.rig.errors import RigError
     from isorig.rig.files.models import read_model
     from isorig.rig.virtual.effects import hidden_in

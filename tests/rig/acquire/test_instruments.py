@@ -15,9 +15,9 @@ from isorig.drivers.kinds import kinds
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import served
-from isorig.rig.acquire.far_ends import far_end
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import acquire
+from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 

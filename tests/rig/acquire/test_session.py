@@ -18,13 +18,13 @@ from isorig.drivers import mti600
 from isorig.drivers.block import Block, Input
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.served import served
-from isorig.rig.acquire.far_ends import far_end
 from isorig.rig.acquire.follow import follow
 from isorig.rig.acquire.journal import Reader
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
 from isorig.rig.acquire.recover import WorkingFile
 from isorig.rig.acquire.session import acquire
+from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read

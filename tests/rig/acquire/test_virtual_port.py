@@ -8,7 +8,7 @@ import pytest
 
 from isorig.drivers import kinds as registry
 from isorig.drivers import mti600
-from isorig.rig.acquire.far_ends import simulated_kinds
+from isorig.rig.acquire.simulated_instruments import simulated_kinds
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
 

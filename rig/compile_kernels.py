@@ -1,4 +1,4 @@
-"""`python -m isorig.rig.warm` compiles and caches the kernels, so that the first command does not wait for it."""
+"""`python -m isorig.rig.compile_kernels` compiles and caches the kernels, so that the first command does not wait for it."""
 
 from __future__ import annotations
 
