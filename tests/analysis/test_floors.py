@@ -120,7 +120,8 @@ def test_a_model_that_cannot_be_simulated_has_lost_the_motion(monkeypatch: pytes
 
 def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     one = trial_of(SIGNAL, 0.0)
-    both = replace(one, channels=("m", "n"), measured=np.stack([SIGNAL, SIGNAL]), noise=np.array([0.0, 0.3]))
+    names = ("m", "n", "o")
+    three = replace(one, channels=names, measured=np.stack([SIGNAL] * 3), noise=np.array([0.0, 0.3, 0.0]))
     calls: list[int] = []
 
     def simulate(model: RigModel, excitation: Excitation, **more: object) -> SimpleNamespace:
@@ -129,14 +130,32 @@ def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest
         k = sum(calls) - 1
         uneven = np.where(np.arange(N) % 4 == 0, 1.0, 0.0)
         first = 0.0 if clean else (0.02, 0.04, 0.06, 0.0, 0.0, 0.0, 0.0, 0.0)[k]
-        return SimpleNamespace(channels={"m": SIGNAL + first * uneven, "n": SIGNAL + (0.0 if clean else 0.01)})
+        last = 0.0 if clean else 0.01
+        return SimpleNamespace(channels={"m": SIGNAL + first * uneven, "n": SIGNAL + last, "o": SIGNAL + 2.0 * last})
 
     monkeypatch.setattr(scores, "simulate", simulate)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
-    found = scores.noise_floor(RIG, [both], 1.0)[0]
+    found = scores.noise_floor(RIG, [three], 1.0)[0]
     # A quarter of the samples off by 0.06 is 0.03 rms; sensor noise adds in square.
-    np.testing.assert_allclose(found, [0.03 / size, np.hypot(0.01, 0.3) / size], rtol=1e-6)
+    np.testing.assert_allclose(found, [0.03 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
     assert sum(calls) == 8
+
+
+def test_the_noise_added_to_the_drive_has_no_mean_and_the_given_deviation(monkeypatch: pytest.MonkeyPatch) -> None:
+    drives: list[FloatArray] = []
+
+    def simulate(model: RigModel, excitation: Excitation, **more: object) -> SimpleNamespace:
+        drives.append(excitation.recorded)
+        return SimpleNamespace(channels={"m": SIGNAL})
+
+    monkeypatch.setattr(scores, "simulate", simulate)
+    scores.noise_floor(RIG, [trial_of(SIGNAL, 1e-3)], 0.2)
+    clean, *noisy = drives
+    assert not clean.any()
+    assert len(noisy) == 2
+    for drive in noisy:
+        assert abs(drive.mean()) < 4.0 * 0.2 / np.sqrt(N)
+        assert drive.std() == pytest.approx(0.2, rel=0.05)
 
 
 def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: pytest.MonkeyPatch) -> None:

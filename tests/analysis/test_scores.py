@@ -8,7 +8,17 @@ import pytest
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.policy import Stage, step_counts, verdict, wins
 from isorig.analysis.fitting.excess import excess, log_excess, pooled, ratio, share_removed
-from isorig.analysis.fitting.score import BLOCKS, RUNS, Score, improvement, margin_in_errors, share_interval, units, worst
+from isorig.analysis.fitting.score import (
+    BLOCKS,
+    RUNS,
+    Score,
+    confidence,
+    improvement,
+    margin_in_errors,
+    share_interval,
+    units,
+    worst,
+)
 
 ERROR = np.array([[0.1, 0.2, 0.9], [0.05, 0.4, 3.0], [0.5, 0.5, 0.5]])
 FLOORS = np.array([[0.1, 0.01, 0.3], [0.06, 0.02, 0.1], [0.5, 0.4, 0.25]])
@@ -53,6 +63,18 @@ def test_the_least_of_the_wins_counts() -> None:
     assert wins(best, [np.full(6, 1.1), np.full(6, 0.9)]) == 0.0
 
 
+def test_confidence_is_the_share_of_draws_in_which_the_best_beats_every_rival() -> None:
+    generator = np.random.default_rng(8)
+    best = np.exp(generator.normal(size=(2, 3, BLOCKS)))
+    rivals = [best * np.exp(mean + 0.8 * generator.normal(size=BLOCKS)) for mean in (0.1, 0.2)]
+    margins = [np.log(rival / best).sum(axis=0).sum(axis=0) for rival in rivals]
+    picks = np.random.default_rng(0).integers(0, BLOCKS, (20000, BLOCKS))
+    expected = np.mean([all(margin[pick].sum() > 0.0 for margin in margins) for pick in picks])
+    assert 0.2 < expected < 0.8
+    found = confidence(scored(ERROR, blocks=best), [scored(ERROR, blocks=rival) for rival in rivals])
+    assert found == pytest.approx(expected, abs=0.08)
+
+
 def test_a_margin_is_of_the_rival_behind_the_best() -> None:
     generator = np.random.default_rng(5)
     blocks = np.exp(generator.normal(size=(2, 3, BLOCKS)))
@@ -83,6 +105,23 @@ def test_a_share_is_of_the_first_models_excess_with_the_interval_of_resampled_un
     assert low < value < high
     # Where the first model has no excess there is nothing to remove.
     assert share_interval(models[0], models[1], models[2], np.full_like(floors, 2.0))[0] == 0.0
+
+
+@pytest.mark.parametrize("runs", [5, 2])
+def test_the_interval_of_a_share_is_from_the_25th_to_the_975th_permille_of_draws_of_all_units(runs: int) -> None:
+    count = runs if runs >= RUNS else BLOCKS
+    removed = np.linspace(0.8, 0.1, count)
+    if runs >= RUNS:
+        models = [scored(error) for error in (np.full((runs, 1), 2.0), np.ones((runs, 1)), np.sqrt(1.0 - removed)[:, None])]
+    else:
+        shape = (runs, 1, BLOCKS)
+        powers = (np.full(shape, 4.0), np.ones(shape), np.broadcast_to(1.0 - removed, shape))
+        models = [scored(np.ones((runs, 1)), power) for power in powers]
+    value, low, high = share_interval(*models, np.zeros((runs, 1)), draws=4000)
+    # The first model has four times the excess of the one before the step.
+    assert value == pytest.approx(removed.mean() / 4.0)
+    means = removed[np.random.default_rng(0).integers(0, count, (100_000, count))].mean(axis=1)
+    np.testing.assert_allclose((low, high), np.quantile(means, (0.025, 0.975)) / 4.0, atol=0.003)
 
 
 def test_improvement_is_the_share_of_the_figure_beyond_the_floor() -> None:

@@ -96,8 +96,9 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
 }  # fmt: skip
 #: Numbers below this keep a division from zero.
 GUARD = 1e-10
-#: Seeds, and defaults of keywords (numbers of draws), are left out: another one gives another sample of the same.
-CHANCE = "default_rng"
+#: Calls whose arguments are left out: another seed (or default of a keyword, a number of draws) gives another sample of the same
+#: distribution, and every negative length means the same to `reshape`.
+UNCHANGED = ("default_rng", ".reshape")
 NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any", "mean": "median"}
 
 
@@ -124,7 +125,7 @@ def _nodes(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
         for field, value in ast.iter_fields(node):
             if field in ("annotation", "returns", "decorator_list", "slice"):
                 continue
-            if field == "kw_defaults" or (isinstance(node, ast.Call) and ast.unparse(node.func).endswith(CHANCE)):
+            if field == "kw_defaults" or (isinstance(node, ast.Call) and ast.unparse(node.func).endswith(UNCHANGED)):
                 continue
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.FunctionDef | ast.ClassDef):
