@@ -176,7 +176,15 @@ def test_steps_are_certain_and_alone_unless_said() -> None:
 
 
 def test_a_first_step_that_does_not_count_leaves_the_campaign_unexplained() -> None:
-    assert verdict([stage(0.0), stage(0.1, place="a")], np.full((6, 3), 0.004), 1.5) == ("unexplained", 0)
+    floors = np.full((6, 3), 0.004)
+    assert verdict([stage(0.0), stage(0.1, place="a")], floors, 1.5) == ("unexplained", 0)
+    # Also if the next one would explain nearly all.
+    assert verdict([stage(0.0), stage(0.1, place="a"), stage(0.95, place="b")], floors, 1.5) == ("unexplained", 0)
+
+
+def test_an_adequate_baseline_has_no_steps() -> None:
+    floors = np.full((6, 3), 0.004)
+    assert verdict([stage(1.0)], floors, 1.5) == ("adequate", 0)
     # Of three steps, those before the uncertain one are named.
     way = [stage(0.0), stage(0.6, place="a"), stage(0.75, place="b", refines=True, certain=False)]
     assert verdict(way, np.full((6, 3), 0.004), 1.5) == ("partly explained", 1)

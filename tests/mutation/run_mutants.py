@@ -72,8 +72,8 @@ NAMED = (
         "    return left[0] - left[1] >= policy.worth * left[0]", "    return True",
     ),
     (
-        "Hann segments are correlated by another number", "analysis/spectra/windows.py", "(np.pi * 1j * (n - m))",
-        "(2.0 * np.pi * 1j * (n - m))",
+        "Hann segments are correlated by another number", "analysis/spectra/windows.py", "a * (1.0 - shift)",
+        "a * (1.0 + shift)",
     ),
     (
         "a sign in the required drive", "analysis/simulate/inverse.py",
