@@ -36,7 +36,7 @@ study: setup
 	$(BIN)/python tests/blind/study.py --minutes $(MINUTES)
 	$(BIN)/python tests/blind/tally.py
 
-# Which changes of the scoring and decision code the tests notice: about half an hour; survivors are listed in docs/mutants.md.
+# Which changes of the scoring and decision code the tests notice: about a quarter of an hour; survivors are listed in docs/mutants.md.
 mutants: setup
 	$(BIN)/python tests/mutation/run_mutants.py --named
 	$(BIN)/python tests/mutation/run_mutants.py

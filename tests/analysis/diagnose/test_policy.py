@@ -134,6 +134,13 @@ def test_a_form_that_errs_more_in_every_run_alike_is_not_the_cause() -> None:
         assert form_stands(errors(0.4), shape, factor * shape, FLOORS) is stands
 
 
+def test_the_scatter_between_runs_is_known_from_two_runs_on() -> None:
+    shape, factor = errors(0.02), POLICY.form_alike + 0.01
+    for runs, stands in ((1, True), (2, False)):
+        before, floors = errors(0.4)[:runs], FLOORS[:runs]
+        assert form_stands(before, shape[:runs], factor * shape[:runs], floors) is stands
+
+
 def test_four_standard_errors_over_runs() -> None:
     shape = errors(0.02)
     more = np.array([0.0, 0.0, 0.002, 0.004, 0.006, 0.012])
