@@ -43,7 +43,7 @@ def _app(arguments: list[str]) -> App:
     # A command that is not called is not imported: the list uses its line from here. A called one has its own help page.
     app = App(
         name="rig",
-        help="A toolkit for motor-isolation test rigs: measurement, simulation, and diagnosis of simulation errors.",
+        help="A toolkit for vibration test rigs: measurement, simulation, and diagnosis of simulation errors.",
         version=lambda: version("isorig"),
         suppress_keyboard_interrupt=False,
     )

@@ -21,6 +21,7 @@ from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
 from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
 from isorig.analysis.spectra.windows import WindowName, window_named
+from isorig.rig.files.rigfile import references_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,13 +164,14 @@ def imported(frfs: Sequence[Frf], source: str) -> list[Transfer]:
 
 
 def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
-    """Faults of a campaign's records, with the head as drive if it was measured, otherwise with the reference.
+    """Faults of a campaign's records, with the drive of its rig if it was measured, otherwise with the reference.
 
     For a hammer test only dead channels are reported: its hits are checked one by one, and its records are mostly silent.
     """
-    head = any("head" in run.channels for run in campaign.runs)
+    drive = references_of(campaign)[0]
+    driven = any(drive in run.channels for run in campaign.runs)
     hit = {run.id for run in campaign.runs if looks_hit(run, reference)}
-    found = faults(campaign, reference="head" if head else reference)
+    found = faults(campaign, reference=drive if driven else reference)
     return tuple(fault for fault in found if fault.run not in hit or fault.kind == "dead")
 
 

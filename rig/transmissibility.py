@@ -91,8 +91,9 @@ def transmissibility(
         No gain was measured in both configurations.
     """
     rig = rig_of(campaign)
-    reference = reference or rig.drive.channel
-    response = response or next((s.channel for s in reversed(rig.sensors) if s.channel != reference), reference)
+    usual, drive, _ = rig.usual_ratio
+    reference = reference or drive
+    response = response or (usual if usual != reference else drive)
     measured = list(dict.fromkeys(run.configuration for run in campaign.runs))
     if configurations is None:
         order = [name for name in rig.configurations if name in measured] or measured

@@ -98,7 +98,7 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared
     pairs, groups = compared.pairs, compared.groups
     return (
         *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),
-        *_configurations(pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, compared),
+        *_configurations(model, pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, compared),
         *_periods(model, pairs),
     )  # fmt: skip
 
@@ -260,21 +260,24 @@ def _misfit(pairs: Sequence[Double]) -> float:
     return float(np.median(shares))
 
 
-def _configurations(pairs: Sequence[Double]) -> list[Sign]:
+def _configurations(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     names = list(dict.fromkeys(p.trial.run.configuration for p in pairs))
     if len(names) < 2:
         return []
     error = {name: _misfit([p for p in pairs if p.trial.run.configuration == name]) for name in names}
     shares = ", ".join(f"{name} {of_signal(e)}" for name, e in error.items())
     text = f"Configurations: error of the fitted baseline {shares}"
-    unlocked, locked = error.get("unlocked"), error.get("locked")
-    if unlocked is None or locked is None or max(unlocked, locked) < LEAST:
+    blocks = {name: set(model.configurations[name].rigid) for name in names}
+    pair = next(((free, held) for free in names for held in names if blocks[free] < blocks[held]), None)
+    if pair is None or max(error[name] for name in pair) < LEAST:
         return [Sign(text=text + ".")]
-    if unlocked > ONE_SIDED * locked:
-        speaks = tuple((cause, "isolation") for cause in (*CURVED, *RUBBING, "stiffness_drift"))
-        return [Sign(text=text + ": the error is in a part that moves only when unlocked.", speaks_for=speaks)]
-    if locked > ONE_SIDED * unlocked:
-        return [Sign(text=text + ": the error is larger when locked.", speaks_for=(("imperfect_lock", "lock"),))]
+    free, held = pair
+    if error[free] > ONE_SIDED * error[held]:
+        places = sorted(blocks[held] - blocks[free])
+        speaks = tuple((cause, place) for place in places for cause in (*CURVED, *RUBBING, "stiffness_drift"))
+        return [Sign(text=text + f": the error is in a part that moves only when {free}.", speaks_for=speaks)]
+    if error[held] > ONE_SIDED * error[free]:
+        return [Sign(text=text + f": the error is larger when {held}.", speaks_for=(("imperfect_lock", "lock"),))]
     return [Sign(text=text + ": the error is present in both.")]
 
 

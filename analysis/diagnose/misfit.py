@@ -62,7 +62,7 @@ def discrepancies(
     """Discrepancies above the noise: peaks, bands, coherence, the isolation ratio; largest first."""
     kinds = (
         _peaks(model, compared), _bands(model, trials)[:most], _coherences(model, compared)[:REPORTED],
-        _ratios(campaign, compared.pairs),
+        _ratios(model, campaign, compared.pairs),
     )  # fmt: skip
     found = [d for kind in kinds for d in kind]
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
@@ -275,10 +275,15 @@ def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
     return found
 
 
-def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
+def _ratios(model: RigModel, campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
+    response, reference, (first, *others) = model.usual_ratio
+    if not others or response == reference:
+        return []
     try:
         measured, simulated = (
-            isolation_ratio(replace(campaign, runs=tuple(runs)))
+            isolation_ratio(
+                replace(campaign, runs=tuple(runs)), response=response, reference=reference, configurations=(first, others[0])
+            )
             for runs in ([p.measured for p in pairs], [p.simulated for p in pairs])
         )
     except DataError:
@@ -295,14 +300,15 @@ def _ratios(campaign: Campaign, pairs: Sequence[Double]) -> list[Discrepancy]:
     band = (float(measured.frequency[low]), float(measured.frequency[high]))
     median = float(np.median(simulated.ratio[inside] / measured.ratio[inside]))
     gain = float(np.median(measured.gain[inside]))
-    run = next(p.trial.run for p in pairs if p.trial.run.configuration == "unlocked" and p.trial.run.gain == gain)
+    run = next(p.trial.run for p in pairs if p.trial.run.configuration == first and p.trial.run.gain == gain)
     return [
         Discrepancy(
-            channel="heatblock", configuration="unlocked", gain=gain, run=run.id, band_hz=band, what="ratio",
+            channel=response, configuration=first, gain=gain, run=run.id, band_hz=band, what="ratio",
             size=float(np.sqrt(np.mean(off[inside] ** 2))) / whole,
             noise=float(np.sqrt(np.mean(measured.std[inside] ** 2))) / whole,
-            text=f"Between {band[0]:g} and {band[1]:g} Hz the simulated isolation ratio (unlocked over locked) is {median:.3g} "
-            f"times the measured one (median), and differs in {int(bad.sum())} frequency bins by more than {SURE:g} standard "
-            "deviations.",
+            text=f"Between {band[0]:g} and {band[1]:g} Hz the simulated ratio |{response} / {reference}|, "
+            f"{first} over {others[0]}, is {median:.3g} times the "
+            f"measured one (median), and differs in {int(bad.sum())} frequency bins "
+            f"by more than {SURE:g} standard deviations.",
         )
     ]  # fmt: skip

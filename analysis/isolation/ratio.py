@@ -124,6 +124,7 @@ def isolation_ratio(
     *,
     response: str = "heatblock",
     reference: str = "head",
+    configurations: tuple[str, str] = ("unlocked", "locked"),
     resolution: float = 0.25,
     stitch: float = STITCH,
     around_peak: tuple[float, float] = (120.0, 220.0),
@@ -133,9 +134,11 @@ def isolation_ratio(
     Parameters
     ----------
     campaign
-        Must contain broad-band runs unlocked and locked at one gain at least.
+        Must contain broad-band runs in both configurations at one gain at least.
     response, reference
         Channels.
+    configurations
+        Numerator and denominator.
     resolution
         Frequency resolution, Hz.
     stitch
@@ -155,7 +158,7 @@ def isolation_ratio(
     >>> found.stitches
     (15.0,)
     """
-    pieces = _pieces(campaign, response, reference, resolution)
+    pieces = _pieces(campaign, response, reference, configurations, resolution)
     frequency = pieces[0].unlocked.frequency
     source = np.full(len(frequency), -1)
     stitches: list[float] = []
@@ -229,10 +232,12 @@ def magnitude_ratio(upper: Frf, lower: Frf) -> tuple[FloatArray, FloatArray]:
     return ratio, ratio * np.hypot(upper.magnitude_std / np.maximum(size_u, tiny), lower.magnitude_std / size_l)
 
 
-def _pieces(campaign: Campaign, response: str, reference: str, resolution: float) -> tuple[Piece, ...]:
+def _pieces(
+    campaign: Campaign, response: str, reference: str, configurations: tuple[str, str], resolution: float
+) -> tuple[Piece, ...]:
     gains = []
     for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
-        both = [broad(campaign.select(configuration=c, gain=gain)) for c in ("unlocked", "locked")]
+        both = [broad(campaign.select(configuration=c, gain=gain)) for c in configurations]
         if all(both):
             gains.append((gain, both))
     found = [
@@ -251,8 +256,8 @@ def _pieces(campaign: Campaign, response: str, reference: str, resolution: float
     if not pieces:
         text = ", ".join(sorted({f"{run.configuration} at gain {run.gain:g}" for run in broad(campaign.runs)})) or "none"
         raise DataError(
-            f"{campaign.source or 'the campaign'} has no gain measured both unlocked and locked with a broad-band drive "
-            f"(it has {text}); measure the missing one"
+            f"{campaign.source or 'the campaign'} has no gain measured both {' and '.join(configurations)} with a broad-band "
+            f"drive (it has {text}); measure the missing one"
         )
     return tuple(pieces)
 

@@ -228,6 +228,29 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         return (self.drive, *self.more_drives)
 
     @property
+    def usual_ratio(self) -> tuple[str, str, tuple[str, ...]]:
+        """Response, reference and configurations that are compared by default: the last sensor over the first drive, in the first
+        two configurations (or the only one). For the wire bonder heatblock over head, unlocked relative to locked."""
+        reference = self.drive.channel
+        response = next((sensor.channel for sensor in reversed(self.sensors) if sensor.channel != reference), reference)
+        return response, reference, tuple(self.configurations)[:2]
+
+    def sensed_contacts(self, configuration: str) -> tuple[tuple[Contact, str, str], ...]:
+        """Contacts that may slide in a configuration, each with the channels that record the motion of its two bodies alike."""
+        found = []
+        setup = self.configurations[configuration]
+        locked = [] if setup.lock_stiffness is not None else [{self.link(name).a, self.link(name).b} for name in setup.rigid]
+        for contact in self.contacts:
+            ends = {
+                body: {s.quantity: s.channel for s in self.sensors if (s.body, s.relative_to) == (body, GROUND) and not s.arms}
+                for body in (contact.a, contact.b)
+            }
+            alike = [quantity for quantity in ends[contact.a] if quantity in ends[contact.b]]
+            if alike and not contact.arms and {contact.a, contact.b} not in locked:
+                found.append((contact, ends[contact.a][alike[0]], ends[contact.b][alike[0]]))
+        return tuple(found)
+
+    @property
     def imposed(self) -> tuple[str, ...]:
         """The bodies whose motion is imposed."""
         return tuple(drive.imposes for drive in self.drives if drive.imposes is not None)

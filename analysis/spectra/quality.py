@@ -230,12 +230,16 @@ def _holes(run: Run, spectra: Spectra, reference: str) -> Iterator[Fault]:
     f, density = spectra.frequency[kept], spectra.density(reference)[kept]
     empty = np.concatenate([[False], density < HOLE * np.median(density[density >= 1e-3 * density.max()]), [False]])
     edges = np.flatnonzero(np.diff(empty.astype(np.int8)))
+    if run.band is None:
+        of, cure = "; the recording gives no band", "give the band of the run"
+    else:
+        of, cure = f" of its band ({low:g} to {high:g} Hz)", "excite the whole band or correct the band"
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         if last - first >= WIDE * len(f):
             yield Fault(
                 run=run.id, channel=reference, kind="no drive",
-                text=f"run {run.id!r}: the drive has no power from {f[first]:.4g} to {f[last - 1]:.4g} Hz of its band "
-                f"({low:g} to {high:g} Hz), so nothing is known there; excite the whole band or correct the band.",
+                text=f"run {run.id!r}: the drive has no power from {f[first]:.4g} to {f[last - 1]:.4g} Hz{of}, so nothing is "
+                f"known there; {cure}.",
             )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 from isorig.analysis.campaign import Quantity
+from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
@@ -138,6 +139,10 @@ class Plan(Part, frozen=True):
             )
         return run, repeat
 
+    def described(self) -> RigModel:
+        """The rig described by the plan, or the wire bonder."""
+        return self.model() or wire_bonder()
+
     def model(self) -> RigModel | None:
         """The rig described by the plan; None for the wire bonder."""
         description = self.rig.get("description")
@@ -146,8 +151,7 @@ class Plan(Part, frozen=True):
     @property
     def drive(self) -> str:
         """The drive channel."""
-        model = self.model()
-        return "head" if model is None else model.drive.channel
+        return self.described().drive.channel
 
 
 def as_virtual(plan: Plan) -> Plan:

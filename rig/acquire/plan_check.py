@@ -10,6 +10,7 @@ from pathlib import Path
 
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.errors import ModelError
+from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.kinds import RecordsKind
 from isorig.rig.acquire.plan import ChannelPlan, Plan, RunPlan, load_plan
 from isorig.rig.errors import PlanError
@@ -71,8 +72,7 @@ def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
 
 
 def _check_limits(plan: Plan, where: str) -> None:
-    model = plan.model()
-    links = ("isolation", "heatblock", "table") if model is None else tuple(link.name for link in model.links)
+    links = tuple(link.name for link in plan.described().links)
     for name in plan.limits.stroke:
         if name not in links:
             raise PlanError(f"{where}: limits.stroke names {name!r}; the rig has the links {', '.join(links)}")
@@ -112,7 +112,7 @@ def _configurations(plan: Plan, where: str) -> tuple[str, ...]:
         raise PlanError(f"{where}: rig.description is not TOML ({error}); give the text of the rig's description") from None
     except ModelError as error:
         raise PlanError(f"{where}: rig.description: {error}") from None
-    return ("unlocked", "locked") if model is None else tuple(model.configurations)
+    return tuple((model or wire_bonder()).configurations)
 
 
 def _check_channel(name: str, channel: ChannelPlan, where: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, Run, broad
 from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.acquire.recover import Recovered
@@ -17,7 +18,7 @@ from isorig.rig.acquire.recover import Recovered
 COHERENT = 0.5
 #: A channel with less than this share of the strongest of its kind is dead or not connected.
 DEAD = 1e-4
-#: Below this share of relative motion between motor and table, the motor is stuck.
+#: Below this share of relative motion between the two bodies of a contact, it sticks.
 STUCK = 0.2
 #: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.
 DISTORTED = 0.1
@@ -41,8 +42,8 @@ class Verdict:
     detections
         Noise and distortion of each response, if the drive is periodic and omits harmonics.
     sliding
-        rms of the motor's motion relative to the table divided by that of its own motion: near 0 if friction holds it; None if
-        unknown.
+        rms of the relative motion at a contact divided by that of its first body, the smallest of all contacts: near 0 if
+        friction holds it; None if unknown.
     advice
         Advice, including remarks that is not a fault.
     """
@@ -54,15 +55,15 @@ class Verdict:
     advice: tuple[str, ...]
 
 
-def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), remarks: Sequence[str] = ()) -> Verdict:
+def check_run(found: Recovered, *, rig: RigModel, against: Sequence[str] = (), remarks: Sequence[str] = ()) -> Verdict:
     """Check a run after its measurement; `against` are reasons to repeat it, `remarks` further sentences."""
-    run = found.run
+    run, drive = found.run, rig.drive.channel
     if run is None:
         return Verdict(
             good=False, coherence={}, detections=(), sliding=None,
             advice=("No sample arrived; check the instrument and repeat the run.", *against),
         )  # fmt: skip
-    coherence, detections, sliding = _coherence(found, drive), _detections(run, drive), _sliding(run)
+    coherence, detections, sliding = _coherence(found, drive), _detections(run, drive), _sliding(run, rig)
     against = [*_on_the_way(found), *against, *_channels(run), *_gain(run, found.planned_gain)]
     for name, value in coherence.items():
         if value < COHERENT:
@@ -72,10 +73,11 @@ def check_run(found: Recovered, *, drive: str, against: Sequence[str] = (), rema
             )
     remarks = [*remarks, *_clock(found)]
     remarks += [sentence for item in detections if (sentence := _distortion(item)) is not None]
-    if sliding is not None and sliding < STUCK:
-        remarks.append("The motor moved with the table: friction was not overcome. Measure a run at a higher gain as well.")
+    if sliding is not None and sliding.share < STUCK:
+        remarks.append(f"{sliding.text}: friction was not overcome. Measure a run at a higher gain as well.")
     return Verdict(
-        good=not against, coherence=coherence, detections=detections, sliding=sliding, advice=(*against, *remarks)
+        good=not against, coherence=coherence, detections=detections,
+        sliding=None if sliding is None else sliding.share, advice=(*against, *remarks)
     )  # fmt: skip
 
 
@@ -126,24 +128,51 @@ def _distortion(item: Detection) -> str | None:
     )
 
 
-def _sliding(run: Run) -> float | None:
-    if run.configuration != "unlocked" or not {"motor", "table"} <= set(run.channels):
-        return None
-    return relative_motion(_parts(run, "motor", "table"))
+@dataclass(frozen=True, kw_only=True)
+class Sliding:
+    """Relative motion at the contact that moves least: its share, and a text that the first body moved with the other."""
+
+    share: float
+    text: str
 
 
-def relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
-    """rms of the motor's motion relative to the table divided by that of its own motion: near 0 if friction holds it.
+def least_sliding(
+    rig: RigModel, configuration: str, parts: Callable[[str, str], Iterable[Sequence[FloatArray]] | None]
+) -> Sliding | None:
+    """The contact of a rig with the smallest relative motion; None if no contact has sensors on both bodies.
 
     Parameters
     ----------
+    rig
+        The rig.
+    configuration
+        Configuration of the run.
     parts
-        Acceleration of motor and table, part by part, each of shape (n,), m/s^2.
+        Gives the records of two channels part by part, each of shape (n,); None if one was not recorded.
     """
+    if configuration not in rig.configurations:
+        return None
+    found = []
+    for contact, one, other in rig.sensed_contacts(configuration):
+        records = parts(one, other)
+        if records is not None:
+            found.append(Sliding(share=_relative_motion(records), text=f"The {contact.a} moved with the {contact.b}"))
+    return min(found, key=lambda item: item.share, default=None)
+
+
+def _sliding(run: Run, rig: RigModel) -> Sliding | None:
+    def parts(one: str, other: str) -> Iterable[Sequence[FloatArray]] | None:
+        return _parts(run, one, other) if {one, other} <= set(run.channels) else None
+
+    return least_sliding(rig, run.configuration, parts)
+
+
+def _relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
+    # rms of the first body's motion relative to the other divided by that of its own motion.
     own, relative = _Spread(), _Spread()
-    for motor, table in parts:
-        own.add(motor)
-        relative.add(motor - table)
+    for one, other in parts:
+        own.add(one)
+        relative.add(one - other)
     return relative.std / max(own.std, 1e-30)
 
 

@@ -177,7 +177,7 @@ def _with_stream(
                     watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
                     tally = take(instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped)
                     found = saved.run(name)
-                    verdict = check_run(found, drive=plan.drive, against=remarks.against(), remarks=remarks.others())
+                    verdict = check_run(found, rig=plan.described(), against=remarks.against(), remarks=remarks.others())
                     taken.append(Taken(id=name, tally=tally, verdict=verdict, drift=found.drift))
                     operator.taken(taken[-1])
         finally:
@@ -217,7 +217,7 @@ def _with_analyzer(
                 overloads=overloads, planned_gain=run.gain, drift=None,
             )  # fmt: skip
             against = [f"The driver reports: {clause}." for clause in _noticed(instrument)]
-            verdict = check_run(found, drive=plan.drive, against=against)
+            verdict = check_run(found, rig=plan.described(), against=against)
             taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
             operator.taken(taken[-1])
     return taken

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -23,6 +24,8 @@ from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.recording import GAIN
 from isorig.rig.files.rigtext import description_text
 
+#: Words in the name of a channel that records the imposed motion of a base.
+BASES = ("base", "ground", "floor", "foundation", "basis", "boden")
 #: Words in a column's name, and the wire bonder's channel that they denote.
 WORDS = (("heatblock", "heatblock"), ("heat", "heatblock"), ("prey", "heatblock"), ("table", "table"), ("head", "head"),
          ("drive", "head"), ("motor", "motor"))  # fmt: skip
@@ -117,7 +120,8 @@ def _is_bonder(places: Iterable[str]) -> bool:
 def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
     # One body a motion sensor, in a row from the ground; the first channel that is no motion drives the last of them.
     kinds = {name: UNITS[_unit_of(name, column)].quantity for name, (_, column) in channels.items() if name != GAIN}
-    drive = next((name for name, kind in kinds.items() if kind not in MOTION), next(iter(kinds), "drive"))
+    moved = next((name for name in kinds if any(word in name for word in BASES)), next(iter(kinds), "drive"))
+    drive = next((name for name, kind in kinds.items() if kind not in MOTION), moved)
     sensed = [name for name, kind in kinds.items() if name != drive and kind in MOTION] or ["first"]
     bodies = tuple(
         Body(name=f"body_{name}", mass=1.0, motion="rotation" if kinds.get(name) in ROTARY else "straight") for name in sensed
@@ -126,18 +130,35 @@ def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
         Link(name=f"link_{name}", a=f"body_{name}", b=f"body_{sensed[k - 1]}" if k else GROUND, stiffness=1000.0, damping=1.0)
         for k, name in enumerate(sensed)
     )
+    quantity = kinds.get(drive, "force")
+    # A measured motion of a base is imposed.
+    based = quantity in MOTION and any(word in drive for word in BASES)
+    if based:
+        turns: Literal["straight", "rotation"] = "rotation" if quantity in ROTARY else "straight"
+        bodies = (Body(name=f"body_{drive}", mass=1.0, motion=turns), *bodies)
+        links = (msgspec.structs.replace(links[0], b=f"body_{drive}"), *links[1:])
+    pushed = Drive(channel=drive, quantity=quantity, factor=1.0, pushes={f"body_{sensed[-1]}": 1.0})
     model = RigModel(
         name="rig", bodies=bodies, links=links,
-        drive=Drive(channel=drive, quantity=kinds.get(drive, "force"), factor=1.0, pushes={f"body_{sensed[-1]}": 1.0}),
+        drive=Drive(channel=drive, quantity=quantity, imposes=f"body_{drive}") if based else pushed,
         sensors=tuple(Sensor(channel=name, body=f"body_{name}", quantity=kinds[name]) for name in sensed if name in kinds),
         configurations={name: Configuration() for name in sorted(setups, reverse=True)},
         free=tuple(f"links.{link.name}.{key}" for link in links for key in ("stiffness", "damping")),
     )  # fmt: skip
+    drive_note = "? factor: force per unit of the channel"
+    if based:
+        drive_note = "? the channel is the imposed motion of the base; if it is a force instead, give pushes and factor"
+    elif kinds.get(drive) in MOTION:
+        drive_note = (
+            '? factor: force per unit of the channel; if it is the motion of a base, add that body and write imposes = "BODY"\n'
+            "in place of pushes and factor"
+        )
     return description_text(model, {
         "": "Proposed from the columns of the files: how many bodies there are and how they are joined is a guess,\n"
         "and so is every number. Correct it after docs/describe.md, then call rig describe with this file.",
-        "bodies": "? kg, or kg m^2 of a rotation", "links": "? N/m and N s/m",
-        "drive": "? factor: force per unit of the channel",
+        "bodies": "? kg, for a rotation kg m^2",
+        "links": "? stiffness and damping: N/m and N s/m, for a rotation N m/rad and N m s/rad",
+        "drive": drive_note,
     })  # fmt: skip
 
 

@@ -131,7 +131,7 @@ class ParameterFile:
     levels: tuple[Level, ...] = ()
 
 
-def drive_levels(campaign: Campaign, channel: str = "head") -> tuple[Level, ...]:
+def drive_levels(campaign: Campaign, channel: str) -> tuple[Level, ...]:
     """The recorded drive level by gain and excitation; its uncertainty from segments of each run."""
     found: dict[tuple[float, str], list[tuple[float, float]]] = {}
     for run in campaign.runs:

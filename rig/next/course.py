@@ -25,7 +25,7 @@ from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
 from isorig.rig.next.page import Picture, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
-from isorig.rig.next.proposal import UNNAMED, Proposal, propose, situation, twins_of
+from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of
 from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins
 from isorig.rig.report.sections import words
@@ -314,7 +314,7 @@ def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
 def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
     """The rig described by a plan, with starting values."""
     known = {name: value for name, value in plan.rig.items() if not isinstance(value, str)}
-    return plan.model() or wire_bonder({**THESIS, **known}, friction=baseline == "coulomb")
+    return single_driven(plan.model() or wire_bonder({**THESIS, **known}, friction=baseline == "coulomb"))
 
 
 def _over(course: Course, terms: Terms) -> str:

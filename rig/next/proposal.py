@@ -165,6 +165,22 @@ class Proposal:
     remedies: tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...] = ()
 
 
+def single_driven(model: RigModel) -> RigModel:
+    """The rig, if it has a single drive.
+
+    Raises
+    ------
+    PlanError
+        It has several: their levels would have to be chosen together.
+    """
+    if model.more_drives:
+        raise PlanError(
+            f"the rig {model.name!r} has the drives {', '.join(drive.channel for drive in model.drives)}, and runs are proposed "
+            "for a rig with a single drive; choose its next run by hand"
+        )
+    return model
+
+
 def situation(
     diagnoses: Sequence[Rivals], limits: Limits, plans: Mapping[str, RunPlan] | None = None, declined: Set[str] = frozenset()
 ) -> Situation:  # fmt: skip
@@ -183,6 +199,7 @@ def situation(
             f"the rig {model.name!r} has a body that no spring holds, whose motion cannot be predicted; "
             "choose its next run by hand"
         )
+    single_driven(model)
     names = [tuple(model_.explains.model["configurations"]) for model_ in diagnoses]
     if len({(d.explains.model["name"], n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
         raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")

@@ -20,7 +20,7 @@ PAUSE = 30.0
 AGAIN = ("random", "multisine", "sweep", "moves")
 EXCITED = {
     "random": "random drive", "multisine": "odd multisine with omitted lines", "sine": "sine", "sweep": "sweep",
-    "moves": "moves of the head", "steps": "steps of the head to and fro", "free": "rest",
+    "moves": "moves", "steps": "steps to and fro", "free": "rest",
 }  # fmt: skip
 
 

@@ -11,7 +11,6 @@ from isorig.rig.report.sections import words
 
 #: Text if there is no advice.
 NOTHING = "The model can be used for rig predict, rig isolation and rig design."
-NOTHING_ELSE = "The model can be used for rig predict and rig isolation."
 #: Share of time stuck above which a gain does not show the isolation; rms force divided by friction at which the motor mostly
 #: slides.
 STUCK, SLIDES = 0.5, 1.2

@@ -12,7 +12,7 @@ from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.wording import of_signal
 from isorig.rig.design_study import BOND
 from isorig.rig.isolation_comparison import Compared
-from isorig.rig.report.advice import NOTHING, NOTHING_ELSE
+from isorig.rig.report.advice import NOTHING
 from isorig.rig.report.frequency import isolation_chart
 from isorig.rig.report.page import Answer, First, Section
 from isorig.rig.report.sections import channels_table
@@ -65,7 +65,7 @@ def _runs(campaign: Campaign) -> str:
 
 def _next(found: Characterization, advice: Sequence[str]) -> Answer:
     short = "Nothing is missing" if not advice else "Measure again" if found.adequate else "Search for the cause"
-    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING_ELSE if found.head_mass is None else NOTHING])
+    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING])
 
 
 def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> Answer:

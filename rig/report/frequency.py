@@ -32,7 +32,8 @@ def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
 def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     """Transfer functions, measured and simulated for the same runs; or the reason why there are none."""
     try:
-        return frf_section(campaign, predicted(model, campaign, as_recorded=True), model.drive.channel)
+        drives = [drive.channel for drive in model.drives]
+        return frf_section(campaign, predicted(model, campaign, as_recorded=True), drives, next(iter(model.configurations)))
     except DataError as error:
         return Section(title="Transfer functions", text=[f"Not available: {error}."])
 
@@ -47,36 +48,41 @@ def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, 
         return None, f"None: {error}."
 
 
-def frf_section(campaign: Campaign, simulated: Campaign, reference: str) -> Section:
-    """Transfer functions of every response, a colour for each configuration and gain, simulated ones dotted."""
-    measured, other = (transfer_functions(each, reference=reference) for each in (campaign, simulated))
-    names = dict.fromkeys(item.frf.response for item in measured)
+def frf_section(campaign: Campaign, simulated: Campaign, drives: Sequence[str], usual: str) -> Section:
+    """Transfer functions from every drive to every response, a colour for each configuration and gain, simulated ones dotted.
+
+    The curves of the configuration `usual` are solid, others dashed.
+    """
+    measured, other = (transfer_functions(each, reference=drives) for each in (campaign, simulated))
+    names = dict.fromkeys((item.frf.response, item.frf.reference) for item in measured)
     first = measured[0].frf
+    references = " and ".join(dict.fromkeys(item.frf.reference for item in measured))
     text = [
-        f"H1 from {first.reference}, resolution {first.resolution:g} Hz, averaged over the runs of each configuration and gain, "
+        f"H1 from {references}, resolution {first.resolution:g} Hz, averaged over the runs of each configuration and gain, "
         "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
         "another nonlinearity."
     ]
     charts = [
         _frf_chart(
-            [m for m in measured if m.frf.response == name],
-            [m for m in other if m.frf.response == name],
-            per(_unit(campaign, name), _unit(campaign, first.reference)),
+            [m for m in measured if (m.frf.response, m.frf.reference) == name],
+            [m for m in other if (m.frf.response, m.frf.reference) == name],
+            per(*(_unit(campaign, channel) for channel in name)),
+            usual,
         )
         for name in names
     ]
     return Section(title="Transfer functions", text=text, charts=charts)
 
 
-def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer], ratio_unit: str) -> Chart:
+def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer], ratio_unit: str, usual: str) -> Chart:
     colours: dict[str, Role] = {item.label: SERIES[k % len(SERIES)] for k, item in enumerate(measured)}
     traces = []
-    for item in sorted(measured, key=lambda m: m.configuration == "locked"):
+    for item in sorted(measured, key=lambda m: m.configuration != usual):
         frf, role = item.within_band(), colours[item.label]
         kept = spread_over(frf.frequency)
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        # Locked curves are dashed and on top: the curves coincide if the motor is stuck.
-        style: Style = "dash" if item.configuration == "locked" else "solid"
+        # Curves of other configurations are dashed and on top: they coincide if a contact sticks that a lock blocks.
+        style: Style = "solid" if item.configuration == usual else "dash"
         turned = np.degrees(np.angle(frf.value[kept]))
         traces += [
             Trace(name=item.label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
@@ -90,7 +96,7 @@ def _frf_chart(measured: Sequence[Transfer], simulated: Sequence[Transfer], rati
         traces.append(Trace(name="simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
     about = measured[0].frf
     return Chart(
-        name=f"frf-{about.response}", caption=f"{about.response} over {about.reference}.",
+        name=f"frf-{about.response}-over-{about.reference}", caption=f"{about.response} over {about.reference}.",
         panels=[
             Panel(label=f"|{about.response} / {about.reference}|, {ratio_unit}", log=True, height=2.0),
             Panel(label="phase, °", ends=(-185.0, 185.0), step=90.0),

@@ -137,5 +137,5 @@ def _digits(entry: Entry) -> int:
 
 def _verdict(found: Characterization) -> str:
     if found.adequate:
-        return "The simulation with friction explains the measurement down to the noise."
-    return "The simulation with friction does not explain the whole measurement."
+        return "The simulation explains the measurement down to the noise."
+    return "The simulation does not explain the whole measurement."

@@ -209,7 +209,7 @@
     if (wanted.get("isolation") !== plot.names.join()) drop("isolation");
     wanted.set("isolation", plot.names.join());
     if (charts.has("isolation")) charts.get("isolation")[0].chart.setData(data);
-    else charts.set("isolation", [bandedChart(at("isolation"), 240, plot, "unlocked / locked, with one standard deviation, over frequency in Hz", { log: true, legend: true }, data)]);
+    else charts.set("isolation", [bandedChart(at("isolation"), 240, plot, "ratio, with one standard deviation, over frequency in Hz", { log: true, legend: true }, data)]);
   }
 
   const drawers = { time, frf, isolation };

@@ -1,4 +1,4 @@
-"""Transfer functions of a running session, by configuration and gain, and the isolation ratio of two configurations."""
+"""Transfer functions of a running session, by configuration and gain, and their ratio between two configurations."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from isorig.rig.view.run_list import Planned
 RESOLUTION = 0.5
 #: Maximum number of frequency bins drawn for a transfer function.
 LINES = 600
-#: The response for the isolation ratio, and the configurations that it compares (thesis, Eq. 6).
-ISOLATED, OVER = "heatblock", ("unlocked", "locked")
 
 
 class Response:
@@ -141,12 +139,16 @@ def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
     return list(frfs), np.stack(rows)
 
 
-def isolation_rows(groups: Mapping[tuple[str, float], Group], drive: str) -> tuple[list[str], FloatArray] | None:
-    """Names of the gains measured in both configurations, and rows to plot: Hz, then each ratio and its std; None without one."""
+def ratio_rows(
+    groups: Mapping[tuple[str, float], Group], response: str, drive: str, over: tuple[str, str]
+) -> tuple[list[str], FloatArray] | None:
+    """The ratio |response / drive| of two configurations (thesis, Eq. 6).
+
+    Names of the gains measured in both configurations, and rows to plot: Hz, then each ratio and its std; None without one."""
     pairs = {}
     for gain in sorted({gain for _, gain in groups}, reverse=True):
-        upper, lower = (groups.get((configuration, gain)) for configuration in OVER)
-        if upper is None or lower is None or not {ISOLATED, drive} <= set(upper.spectra.channels) & set(lower.spectra.channels):
+        upper, lower = (groups.get((configuration, gain)) for configuration in over)
+        if upper is None or lower is None or not {response, drive} <= set(upper.spectra.channels) & set(lower.spectra.channels):
             continue
         n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
         if np.array_equal(upper.spectra.frequency[:n], lower.spectra.frequency[:n]):
@@ -160,7 +162,7 @@ def isolation_rows(groups: Mapping[tuple[str, float], Group], drive: str) -> tup
         n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
         if not np.array_equal(frequency[:n], upper.spectra.frequency[:n]):
             return None
-        found = magnitude_ratio(*(_cut(group.spectra.frf(ISOLATED, drive), n) for group in (upper, lower)))
+        found = magnitude_ratio(*(_cut(group.spectra.frf(response, drive), n) for group in (upper, lower)))
         inside = np.isin(np.arange(len(frequency)), np.intersect1d(upper.lines(), lower.lines()))
         rows += [np.where(inside, np.pad(values, (0, len(frequency) - n)), np.nan) for values in found]
     kept = np.flatnonzero(np.isfinite(rows[1:]).any(axis=0))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import msgspec
@@ -13,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run
-from isorig.analysis.errors import AnalysisError
-from isorig.analysis.model.rig_model import from_tree
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.levels import advice
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import STUCK, check_run, relative_motion
+from isorig.rig.acquire.run_check import STUCK, check_run, least_sliding
+from isorig.rig.errors import RigError
+from isorig.rig.files.rigfile import rig_of
 from isorig.rig.view.levels import Level, Levels
-from isorig.rig.view.responses import Response, groups_of, isolation_rows, transfer_rows
+from isorig.rig.view.responses import Response, groups_of, ratio_rows, transfer_rows
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Reading, beginning_of
 
@@ -70,7 +71,7 @@ class Picture:
     plots
         The plots by name.
     averaged, isolated
-        Progress of the transfer functions, and state of the isolation ratio, in a sentence each.
+        Progress of the transfer functions, and state of the ratio of two configurations, in a sentence each.
     advice
         Findings on the current run.
     """
@@ -80,7 +81,7 @@ class Picture:
     grown: float = 0.0
     plots: Mapping[str, Plot] = field(default_factory=dict)
     averaged: str = "No average yet: the first needs two seconds of a run with a broad-band drive."
-    isolated: str = "The isolation ratio needs one gain measured unlocked and locked."
+    isolated: str = ""
     advice: tuple[str, ...] = ()
 
 
@@ -119,10 +120,14 @@ class Board:
         self._tracks: dict[str, _Track] = {}
         self._picture = Picture()
         self._version = 0
+        self._rig = wire_bonder()
 
     def see(self, reading: Reading, publish: Callable[[Picture], None]) -> None:
         """Process a reading; a picture is published after each new part of a run."""
-        drive = _drive(reading.campaign)
+        self._rig = _rig(reading.campaign)
+        drive = self._rig.drive.channel
+        if not self._tracks:
+            self._picture = replace(self._picture, isolated=_missing_ratio(self._rig))
         for run in reading.campaign.runs:
             track = self._tracks.get(run.id)
             if track is None or track.started != run.started or len(run) < track.n:
@@ -146,7 +151,7 @@ class Board:
         track.planned = self._planned.get(run.id, track.planned)
         if whole and not track.whole:
             track.whole = True
-            track.judged = self._judged(track, run, drive) if self._judge and len(run) <= LONGEST else None
+            track.judged = self._judged(track, run) if self._judge and len(run) <= LONGEST else None
             track.response.close()
         plots = dict(self._picture.plots)
         if new or self._picture.shown != run.id:
@@ -156,7 +161,7 @@ class Board:
             plots, texts = self._averages(plots, track, drive)
         self._picture = Picture(
             runs={name: _seen(item) for name, item in self._tracks.items()}, shown=run.id,
-            grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run)),
+            grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run, self._rig)),
             averaged=texts.get("averaged", self._picture.averaged), isolated=texts.get("isolated", self._picture.isolated),
         )  # fmt: skip
 
@@ -168,17 +173,18 @@ class Board:
             names, rows = transfer_rows(here, drive)
             plots["frf"] = self._plot(names, rows)
             texts["averaged"] = here.text(drive)
-        ratio = isolation_rows(groups, drive)
+        response, _, over = self._rig.usual_ratio
+        ratio = ratio_rows(groups, response, drive, (over[0], over[1])) if len(over) == 2 else None
         if ratio is not None:
             plots["isolation"] = self._plot(*ratio)
-            texts["isolated"] = f"|heatblock / {drive}|, unlocked divided by locked, at {', '.join(ratio[0])}."
+            texts["isolated"] = f"|{response} / {drive}|, {over[0]} divided by {over[1]}, at {', '.join(ratio[0])}."
         return plots, texts
 
     def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
         self._version += 1
         return Plot(version=self._version, names=tuple(names), rows=rows.astype(np.float32))
 
-    def _judged(self, track: _Track, run: Run, drive: str) -> Judged:
+    def _judged(self, track: _Track, run: Run) -> Judged:
         planned = self._planned.get(run.id)
         asked = len(run) + track.lost if planned is None else round(planned.seconds * run.sample_rate)
         verdict = check_run(
@@ -186,7 +192,7 @@ class Board:
                 id=run.id, finished=len(run) + track.lost >= asked, begun=True, run=run, stored=len(run), lost=track.lost,
                 planned=asked, overloads=0, planned_gain=run.gain if planned is None else planned.gain, drift=None,
             ),
-            drive=drive,
+            rig=self._rig,
         )  # fmt: skip
         return Judged(good=verdict.good, advice=verdict.advice)
 
@@ -198,16 +204,21 @@ def _seen(track: _Track) -> Seen:
     )  # fmt: skip
 
 
-def _drive(campaign: Campaign) -> str:
-    if campaign.description is None:
-        return "head"
+def _rig(campaign: Campaign) -> RigModel:
     try:
-        return from_tree(tomllib.loads(campaign.description)).drive.channel
-    except (AnalysisError, tomllib.TOMLDecodeError):
-        return "head"
+        return rig_of(campaign)
+    except RigError:
+        return wire_bonder()
 
 
-def _advice(track: _Track, run: Run) -> Iterator[str]:
+def _missing_ratio(rig: RigModel) -> str:
+    response, drive, over = rig.usual_ratio
+    if len(over) < 2:
+        return f"The rig has a single configuration, {over[0]}."
+    return f"The ratio |{response} / {drive}| needs one gain measured {over[0]} and {over[1]}."
+
+
+def _advice(track: _Track, run: Run, rig: RigModel) -> Iterator[str]:
     if track.lost:
         yield f"{track.lost} samples were lost in transmission so far."
     levels = track.levels.levels()
@@ -219,7 +230,12 @@ def _advice(track: _Track, run: Run) -> Iterator[str]:
         full_scale = {level.name: level.full for level in inside if level.full is not None}
         yield from advice({level.name: level.held for level in inside if level.full is not None}, full_scale)
     recent = track.levels.recent()
-    if run.configuration == "unlocked" and {"motor", "table"} <= set(recent) and track.seconds >= EARLY:
-        share = relative_motion([(recent["motor"], recent["table"])])
-        if share < STUCK:
-            yield "The motor moves with the table: friction is not overcome now. Measure a run at a higher gain as well."
+    if track.seconds < EARLY:
+        return
+
+    def parts(one: str, other: str) -> list[tuple[FloatArray, FloatArray]] | None:
+        return [(recent[one], recent[other])] if {one, other} <= set(recent) else None
+
+    sliding = least_sliding(rig, run.configuration, parts)
+    if sliding is not None and sliding.share < STUCK:
+        yield f"{sliding.text}: friction is not overcome now. Measure a run at a higher gain as well."

@@ -12,14 +12,22 @@ from msgspec.structs import replace
 from small_rigs import with_law
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.estimate_pairs import doubles
+from isorig.analysis.diagnose.misfit import discrepancies
+from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
+from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import SHIPPED, read_rig
+from isorig.rig.next.proposal import single_driven
+from isorig.rig.prediction import predicted
+from isorig.rig.report.frequency import frf_section
 from isorig.rig.virtual.described import described_campaign
 
 #: What only the wire bonder has.
@@ -224,3 +232,42 @@ def test_an_extended_model_is_characterized_as_it_was_diagnosed(
     called(capsys, "characterize", tmp_path / "c.h5", "--model", tmp_path / "d" / "baseline.json", "-o", tmp_path / "b")
     table = json.loads((tmp_path / "b" / "parameters.json").read_text())["parameters"]
     assert "of the signal unexplained; see rig diagnose" in table["drive.factor"]["note"]
+
+
+def test_a_report_shows_every_drive_and_proposals_refuse_several(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = read_rig("two-shakers")
+    campaign = described_campaign(given, seed=1, seconds=12.0)
+    page = frf_section(campaign, predicted(given.model, campaign), ["f_left", "f_right"], "unlocked")
+    assert [chart.name for chart in page.charts] == [
+        f"frf-{response}-over-{drive}" for response in ("a_left", "a_right") for drive in ("f_left", "f_right")
+    ]
+    assert "H1 from f_left and f_right" in page.text[0]
+    with pytest.raises(PlanError, match=r"has the drives f_left, f_right, and runs are proposed for a rig with a single drive"):
+        single_driven(given.model)
+
+
+def test_the_ratio_and_the_contacts_are_those_of_the_description() -> None:
+    absorber, bonder = read_rig("absorber").model, read_rig("wire-bonder").model
+    assert absorber.usual_ratio == ("absorber", "shaker", ("unlocked", "wedged"))
+    assert bonder.usual_ratio == ("heatblock", "head", ("unlocked", "locked"))
+    assert [(c.name, a, b) for c, a, b in bonder.sensed_contacts("unlocked")] == [("isolation", "motor", "table")]
+    assert bonder.sensed_contacts("locked") == ()
+    # A model whose absorber is too stiff, and the sentence on the ratio of the two configurations.
+    campaign = described_campaign(read_rig("absorber"), seed=1, seconds=20.0)
+    wrong = absorber.replace({"links.absorber.stiffness": 9000.0})
+    trials = tuple(refined(trial) for trial in prepare(campaign, wrong))
+    found = discrepancies(campaign, wrong, trials, doubles(wrong, trials))
+    (ratio,) = (item for item in found if item.what == "ratio")
+    assert (ratio.channel, ratio.configuration) == ("absorber", "unlocked")
+    assert "ratio |absorber / shaker|, unlocked over wedged" in ratio.text
+
+
+def test_a_measured_base_is_proposed_as_an_imposed_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(600) / 500.0
+    table = np.column_stack([t, 0.1 * np.sin(40.0 * t), 0.2 * np.sin(40.0 * t)])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t [s],base [g],device [g]", comments="")
+    called(capsys, "import", "--draft", tmp_path / "a.csv", "-o", tmp_path / "map.toml")
+    called(capsys, "describe", tmp_path / "map-rig.toml")
+    model = read_rig(tmp_path / "map-rig.toml").model
+    assert model.imposed == ("body_base",)
+    assert (model.link("link_device").a, model.link("link_device").b) == ("body_device", "body_base")

@@ -79,8 +79,9 @@ class SensorGain:
 
 def _twin(model: RigModel, channel: str) -> tuple[str, str] | None:
     # Where the drive's force is mass times acceleration, the channel's gain and the mass are one factor.
-    force_by_mass = channel == model.drive.channel and model.drive.quantity == "acceleration"
-    return ("wrong_mass", "head") if force_by_mass else None
+    drive = model.drive
+    force_by_mass = channel == drive.channel and drive.quantity == "acceleration" and drive.imposes is None
+    return ("wrong_mass", channel) if force_by_mass else None
 
 
 class Clipping:

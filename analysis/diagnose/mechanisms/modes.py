@@ -180,7 +180,8 @@ class WrongMass:
     kind: ClassVar[Kind] = "known_value"
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
-        places = [("drive.factor", "head")] if model.drive.quantity == "acceleration" else []
+        by_mass = model.drive.quantity == "acceleration" and model.drive.imposes is None
+        places = [("drive.factor", model.drive.channel)] if by_mass else []
         places += [(f"bodies.{body.name}.mass", body.name) for body in model.bodies if _weighed(model, body)]
         return tuple(
             Candidate(

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import PART, check_run
 
@@ -47,7 +48,7 @@ def test_a_long_run_is_looked_at_part_by_part() -> None:
     found = Recovered(
         id="a", finished=True, begun=True, run=run, stored=n, lost=0, planned=n, overloads=0, planned_gain=70.0, drift=None
     )
-    verdict = check_run(found, drive="head")
+    verdict = check_run(found, rig=wire_bonder())
     assert verdict.sliding == pytest.approx((values["motor"] - values["table"]).std() / values["motor"].std(), rel=1e-9)
     told = " ".join(verdict.advice)
     assert "motor clipped 3 times" in told
