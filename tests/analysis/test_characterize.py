@@ -90,7 +90,7 @@ def test_another_sampling_filter_is_within_what_is_stated(taps: int, monkeypatch
             assert abs(entry.value - truth) <= 3.5 * entry.std, name
 
 
-def test_what_the_runs_do_not_show_is_not_told() -> None:
+def test_effects_that_the_runs_do_not_show_are_not_reported() -> None:
     model = wire_bonder({**THESIS, "friction_force": 9.0})
     campaign = virtual_campaign(model, TAKES, seed=1)
     for runs, silent in ((campaign.runs[2:], "locked"), (campaign.runs[1::2], "stuck")):

@@ -26,7 +26,7 @@ def driven_level() -> float:
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.1])
-def test_noise_is_told_as_what_was_put_in_and_no_distortion(noise: float) -> None:
+def test_noise_is_estimated_as_simulated_and_without_distortion(noise: float) -> None:
     found = detect(run_of(lambda x: 2.0 * x, noise=noise), response="motor", reference="head")
     # White noise of that rms has a line of rms noise * sqrt(PERIOD) in a period.
     assert found.noise == pytest.approx(noise * np.sqrt(PERIOD) / (2.0 * driven_level()), rel=0.05)
@@ -35,7 +35,7 @@ def test_noise_is_told_as_what_was_put_in_and_no_distortion(noise: float) -> Non
 
 
 @pytest.mark.parametrize(("power", "kind"), [(2, "even"), (3, "odd")])
-def test_distortion_is_told_as_even_or_odd_under_noise(power: int, kind: str) -> None:
+def test_even_and_odd_distortion_are_distinguished_in_noise(power: int, kind: str) -> None:
     bent = run_of(lambda x: x + 0.1 * x**power, noise=0.05)
     found = detect(bent, response="motor", reference="head")
     # The same lines without noise, from one period by plain Fourier.

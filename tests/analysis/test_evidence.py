@@ -91,7 +91,7 @@ def test_sound_rig_leaves_none() -> None:
     assert wrong(SOUND) == ()
 
 
-def test_surface_tells_the_stiffness_by_deflection() -> None:
+def test_the_surface_gives_the_stiffness_over_deflection() -> None:
     """Secant stiffness of k d + k3 d^3 is k + k3 E[d^4] / E[d^2] in each bin: it lies between k and k + k3 d^2."""
     k3 = 2e9
     campaign = played(linked(laws.Cubic(cubic_stiffness=k3)))

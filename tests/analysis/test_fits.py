@@ -51,7 +51,7 @@ def test_one_run_of_a_configuration_judges_no_beginning() -> None:
     assert beginnings(trials).judged == ()
 
 
-def test_a_rider_starts_near_the_model_without_it() -> None:
+def test_an_attached_resonator_starts_near_the_model_without_it() -> None:
     """A light rider far from a body's resonance must hardly show, or no slope leads from there."""
     trials = prepare(CAMPAIGN, RIG)
     riders = ExtraMode().candidates(RIG, replace(observe(CAMPAIGN, RIG, trials, RIG), misfit_frequencies=(230.0,)))
@@ -63,7 +63,7 @@ def test_a_rider_starts_near_the_model_without_it() -> None:
             assert error.max() < 0.12, (rider.location, trial.run.id, error)
 
 
-def test_a_mode_shows_beside_a_louder_misfit() -> None:
+def test_a_mode_is_found_despite_a_larger_misfit() -> None:
     """A motor's sensor that reads high is missed over octaves; the rider is a peak in another channel."""
     table = RIG.body("table").mass
     rider = ExtraMode().candidates(RIG, replace(observe(CAMPAIGN, RIG, prepare(CAMPAIGN, RIG), RIG), misfit_frequencies=(34.0,)))[

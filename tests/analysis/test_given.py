@@ -44,7 +44,7 @@ def test_calibration_is_carried_through_the_fit(campaign: Campaign) -> None:
     assert friction.std == pytest.approx(20.0 * np.hypot(0.01, 0.05 / 6.5), rel=0.1)
 
 
-def test_linear_steps_are_what_fitting_anew_finds(campaign: Campaign) -> None:
+def test_a_linear_step_equals_a_refit(campaign: Campaign) -> None:
     """A sensor that reads one per cent more, fitted anew, moves the values as the derivatives say."""
     found = of(campaign)
     (moves,) = given_moves(found.fit, found.trials, {"sensors.table.chain.gain": 0.01})

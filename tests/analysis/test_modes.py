@@ -67,7 +67,7 @@ def test_the_plain_fit_is_biased_where_ours_is_not() -> None:
     assert ours == pytest.approx(0.009, rel=0.03)
 
 
-def test_two_modes_that_lean_on_each_other() -> None:
+def test_two_overlapping_modes() -> None:
     modes = [(5.06, 0.073, 1.0), (6.2, 0.05, -0.6)]
     frf = measured(modes, 64.0, 0.1, 3, "accelerance", noise=0.005, seconds=600.0)
     fit = fit_modes(frf, (3.0, 9.0), kind="accelerance", guesses=[(5.0, 0.1), (6.5, 0.1)], residuals=1)

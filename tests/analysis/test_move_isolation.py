@@ -79,7 +79,7 @@ def test_level_for() -> None:
     assert level_for(found, 0.0) == 12.5
 
 
-def test_a_move_takes_as_long_as_it_is_told() -> None:
+def test_a_move_has_the_given_duration() -> None:
     for shape in ("sine", "constant"):
         move = move_within(4e-3, 11e-3, shape=shape)  # type: ignore[arg-type]
         assert move.duration == pytest.approx(11e-3)

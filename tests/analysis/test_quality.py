@@ -147,7 +147,7 @@ def test_a_drive_with_a_hole(session: Campaign) -> None:
     assert 165.0 < high < 200.0
 
 
-def test_what_is_spoilt_stays_out_of_averages(session: Campaign) -> None:
+def test_bad_data_are_left_out_of_averages(session: Campaign) -> None:
     hurt = changed(session, "u70a", "table", lambda x: 0.0 * x)
     found = faults(hurt)
     runs = hurt.select(configuration="unlocked", gain=70.0)
@@ -164,7 +164,7 @@ def test_what_is_spoilt_stays_out_of_averages(session: Campaign) -> None:
     scales=st.lists(st.sampled_from([0.0, 1e-12, 1.0, 1e6]), min_size=1, max_size=4), steps=st.sampled_from([0, 2, 100]),
     gap=st.booleans(), top=st.sampled_from([None, 1e-3, 50.0]),
 )  # fmt: skip
-def test_whatever_comes_it_answers(
+def test_any_data_gets_an_answer(
     n: int, rate: float, seed: int, scales: list[float], steps: int, gap: bool, top: float | None
 ) -> None:
     generator = np.random.default_rng(seed)

@@ -119,7 +119,7 @@ def test_memory_does_not_grow_with_the_record() -> None:
     assert peak(2_000_000) < 1.1 * peak(200_000) < 32e6
 
 
-def test_periods_tell_noise_from_distortion() -> None:
+def test_periods_distinguish_noise_from_distortion() -> None:
     period, periods, noise, cubic = 1024, 12, 0.02, 0.02
     lines = np.arange(1, 200, 2)
     runs, clean = [], []

@@ -46,7 +46,7 @@ def test_sr785_dialogue(order: str, wire: str) -> None:
     assert (spectrum.kind, spectrum.averages, spectrum.status, record.kind) == ("spectrum", 10, Status.GOOD, "time")
 
 
-def test_sr785_tells_of_an_overload_and_of_an_unknown_command() -> None:
+def test_sr785_reports_an_overload_and_an_unknown_command() -> None:
     with served(SimulatedSr785({0: SPECTRUM}, overload=True)) as port:
         instrument = Sr785Instrument(port, SHOWS[:1])
         instrument.measure(5.0)

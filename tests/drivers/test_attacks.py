@@ -89,7 +89,7 @@ def places(blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
     {"tick": -500}, {"tick": -123}, {"tick": 333}, {"tick": 2**31}, {"clock": -10**7}, {"clock": 10**7}, {"sequence": -10},
     {"sequence": 77},
 ])  # fmt: skip
-def test_one_witness_that_jumps_is_outvoted_and_told(change: dict[str, int]) -> None:
+def test_one_deviating_indicator_is_outvoted_and_reported(change: dict[str, int]) -> None:
     def spoil(fields: dict) -> bytes:
         late = fields["tick"] >= 500
         return frame(**(fields | {key: fields[key] + by for key, by in change.items() if late}))
@@ -112,7 +112,7 @@ def test_a_counter_that_stands_still_is_outvoted() -> None:
     assert len(noticed) == 19
 
 
-def test_an_instrument_that_begins_anew_in_a_run_is_refused() -> None:
+def test_an_instrument_that_restarts_during_a_run_is_refused() -> None:
     def spoil(fields: dict) -> bytes:
         if fields["tick"] < 500:
             return frame(**fields)
@@ -184,7 +184,7 @@ def test_a_bad_answer_is_refused_in_a_sentence(word: str, told: str) -> None:
     assert "\n" not in str(refusal.value)
 
 
-def test_a_header_that_tells_of_a_huge_frame_holds_nobody_up() -> None:
+def test_a_header_that_announces_a_huge_frame_causes_no_delay() -> None:
     def spoil(fields: dict) -> bytes:
         huge = frame(**(fields | {"columns": 255, "rows": 65535, "payload": b""}))
         return (huge if fields["tick"] == 500 else b"") + frame(**fields)
@@ -204,7 +204,7 @@ def test_a_count_that_cannot_be_is_not_believed() -> None:
     assert sum(len(block.samples) for block in blocks) == 1500
 
 
-def test_a_count_below_what_is_on_its_way_is_told() -> None:
+def test_a_count_below_the_received_samples_is_reported() -> None:
     far = FramedFar(frames=3, answer=lambda word: text_frame(b"COUNT 100") if word == "STOP" and far.sent else None)
     with far, closing(FramedInstrument(far.port)) as instrument:
         instrument.prepare(sample_rate=far.rate, channels=[0, 1])
@@ -269,7 +269,7 @@ def once(at: int, change: object) -> object:
     ],
     ids=["a byte lost", "a word lost", "a byte doubled"],
 )  # fmt: skip
-def test_di1100_is_aligned_anew_and_everything_behind_is_in_its_place(change: object, lost: int) -> None:
+def test_di1100_is_realigned_and_later_samples_are_in_place(change: object, lost: int) -> None:
     far = DataqFar(stream=once(1000, change), rate=4000.0, scans=3000)  # type: ignore[arg-type]
     blocks, _ = scanned(far, 0.9)
     assert (off(blocks) == 0).all()

@@ -137,7 +137,7 @@ def arrive(
     ppm=st.floats(-300.0, 300.0), gone=st.integers(100, 5000), when=st.floats(1.0, 11.0), seed=st.integers(0, 99),
     jitter=st.floats(0.0, 1e-3),
 )  # fmt: skip
-def test_loss_is_told_where_it_was_and_from_clocks_that_drift(
+def test_losses_are_located_and_distinguished_from_clock_drift(
     ppm: float, gone: int, when: float, seed: int, jitter: float
 ) -> None:
     rate = 1000.0
@@ -268,7 +268,7 @@ def test_di1100_loss_is_counted_over_a_wire() -> None:
     assert [gap for gap in gaps if gap] == [pytest.approx(1000, abs=20)]
 
 
-def test_mti_on_the_virtual_bus_tells_clipping_and_loss_inside() -> None:
+def test_mti_on_the_virtual_bus_reports_clipping_and_internal_loss() -> None:
     samples = np.zeros((20, 3), np.int16)
     samples[3, 1] = 32767
     with can.Bus(interface="virtual", channel="rig-test") as sender:

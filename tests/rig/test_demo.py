@@ -26,7 +26,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.timeout(300)
-def test_demo_measures_what_the_rig_is(demo: Path) -> None:
+def test_demo_measures_the_rig_s_parameters(demo: Path) -> None:
     campaign = read(demo / "campaign.h5")
     assert [(run.configuration, run.gain, run.excitation) for run in campaign.runs] == [
         ("unlocked", 70.0, "random"), ("unlocked", 70.0, "random"), ("unlocked", 35.0, "random"), ("unlocked", 7.0, "random"),
@@ -40,7 +40,7 @@ def test_demo_measures_what_the_rig_is(demo: Path) -> None:
         assert row["value"] == pytest.approx(THESIS[name], rel=tolerance)
 
 
-def test_demo_leaves_what_it_promises(demo: Path) -> None:
+def test_demo_writes_all_its_files(demo: Path) -> None:
     for name in ("report.html", "diagnosis/report.html", "isolation/isolation.png", "isolation/isolation.csv", "parameters.csv"):
         assert (demo / name).stat().st_size > 500, name
     assert len(list((demo / "frf").glob("*.csv"))) == 15

@@ -46,7 +46,7 @@ def told(campaign: Campaign, folder: Path) -> dict[str, object]:
     return answer
 
 
-def test_periods_tell_friction_from_noise(rubbing: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_periods_distinguish_friction_from_noise(rubbing: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (item,) = told(rubbing, tmp_path)["transfer_functions"]
     said = item["periods"]
     assert (said["periods"], said["realizations"]) == (7, 4)

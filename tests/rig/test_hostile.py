@@ -226,7 +226,7 @@ def test_a_matlab_file_that_crashes_its_reader_is_refused(tmp_path: Path, capsys
     assert told.count("\n") == 1
 
 
-def test_what_a_run_lacks_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_run_lacks_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.h5"
     write(path, example())
     with h5py.File(path, "a") as file:

@@ -163,7 +163,7 @@ def test_known_and_found_do_not_contradict_without_a_word(measured: str) -> None
     assert "The table mass was given as 250 kg and the fit gives 80 kg: only part of the mass" in measured
 
 
-def test_no_sentence_stands_twice(measured: str) -> None:
+def test_no_sentence_is_repeated(measured: str) -> None:
     text = re.sub(r"<(script|style).*?</\1>", "", measured, flags=re.DOTALL)
     found = re.findall(r"<(?:p|figcaption)[^>]*>(.*?)</(?:p|figcaption)>", text, flags=re.DOTALL)
     sentences = [s.strip() for paragraph in found for s in re.split(r"(?<=[.;])\s", paragraph) if len(s.strip()) > 25]
@@ -171,7 +171,7 @@ def test_no_sentence_stands_twice(measured: str) -> None:
     assert [s for s in set(sentences) if sentences.count(s) > 1] == []
 
 
-def test_axes_have_units_and_phase_stands_beside_magnitude(measured: str) -> None:
+def test_axes_have_units_and_phase_is_shown_with_magnitude(measured: str) -> None:
     charts = json.loads(re.findall(r'<script id="data" type="application/json">(.*?)</script>', measured, flags=re.DOTALL)[0])
     for chart in charts:
         labels = [panel["label"] for panel in chart["panels"]]
@@ -207,7 +207,7 @@ def test_another_rig_gets_its_transfer_functions_and_no_isolation_ratio() -> Non
     assert [section.title for section in frequency_sections(campaign, rig)] == ["Transfer functions"]
 
 
-def test_page_stands_alone() -> None:
+def test_page_needs_no_other_file() -> None:
     page = build_report(example())
     assert len(page.encode()) < 3_000_000
     assert "<script>alert(1)" not in page

@@ -77,7 +77,7 @@ def test_half_power_counts_friction_as_damping_and_says_what_stands_in(table: Pa
     assert half.values["table_mass"] == file.surface[0][0]
 
 
-def test_isolation_shows_both_beside_the_measured_ratio(folder: Path, table: Path, tmp_path: Path) -> None:
+def test_isolation_shows_both_with_the_measured_ratio(folder: Path, table: Path, tmp_path: Path) -> None:
     out = tmp_path / "iso"
     assert main(["isolation", str(folder / "campaign.h5"), "--parameters", str(table), "-o", str(out)]) == 0
     with (out / "isolation.csv").open() as file:

@@ -88,7 +88,7 @@ def test_a_description_in_toml(tmp_path: Path) -> None:
     ],
     ids=str,
 )
-def test_a_fault_is_told_with_key_value_and_remedy(where: tuple[str | int, ...], value: object, said: str) -> None:
+def test_a_fault_is_reported_with_key_value_and_remedy(where: tuple[str | int, ...], value: object, said: str) -> None:
     tree = copy.deepcopy(to_tree(three_mass()))
     node = tree
     for step in where[:-1]:
@@ -102,7 +102,7 @@ def test_a_fault_is_told_with_key_value_and_remedy(where: tuple[str | int, ...],
     assert said in str(found.value)
 
 
-def test_a_body_that_nothing_holds_floats() -> None:
+def test_a_body_without_a_link_is_refused_as_floating() -> None:
     tree = to_tree(three_mass())
     tree["bodies"].append({"name": "loose", "mass": 1.0})
     with pytest.raises(ModelError, match="body 'loose' floats"):
@@ -174,7 +174,7 @@ def test_made_up_drives(kind: str, tmp_path: Path) -> None:
     assert run.read("motor").std() > 0.0
 
 
-def test_stops_stand_in_a_table(tmp_path: Path) -> None:
+def test_stops_are_listed_in_a_table(tmp_path: Path) -> None:
     output, events = tmp_path / "out.h5", tmp_path / "stops.csv"
     call = ["simulate", "--model", "one-mass", "--excitation", "half-sine", "--seconds", "2", "--events", str(events)]
     assert main([*call, "-o", str(output)]) == 0

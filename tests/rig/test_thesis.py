@@ -249,7 +249,7 @@ def test_every_question_has_an_answer_and_what_would_settle_it(found: Compared) 
     assert "plans/two-gains.toml" in step.text[0]
 
 
-def test_the_plan_parts_coulomb_from_stribeck() -> None:
+def test_the_plan_distinguishes_coulomb_from_stribeck() -> None:
     """A fit with Coulomb's law explains both gains where friction is Coulomb's, and misses where it is Stribeck's."""
     plan = read_plan(PLAN)
     assert {run.gain for run in plan.runs if run.configuration == "unlocked" and run.excitation == "random"} == {70.0, 35.0}

@@ -90,7 +90,7 @@ def test_an_uncertain_step_is_named_only_where_it_explains() -> None:
         ((0.94, 0.94 + POLICY.later - 0.002), ("a", "b"), 1),
     ],
 )
-def test_a_further_step_must_tell_more(shares: tuple[float, ...], places: tuple[str, ...], kept: int) -> None:
+def test_a_further_step_must_remove_more(shares: tuple[float, ...], places: tuple[str, ...], kept: int) -> None:
     assert verdict(stages(*shares, places=places), FLOORS, POLICY.enough)[1] == kept
 
 
@@ -119,7 +119,7 @@ def test_a_form_keeps_nine_tenths_of_the_gain() -> None:
     assert ratio(after(0.5 * POLICY.form_share - 0.01), after(0.5), FLOORS) < POLICY.form_alike
 
 
-def test_a_form_that_errs_much_more_than_the_shape_is_not_the_cause() -> None:
+def test_a_form_with_a_much_larger_error_than_the_shape_is_not_the_cause() -> None:
     generator = np.random.default_rng(3)
     shape = errors(0.02) * generator.uniform(0.8, 1.2, (6, 3))
     for factor, stands in ((POLICY.form_close - 0.1, True), (POLICY.form_close + 0.1, False)):
@@ -128,7 +128,7 @@ def test_a_form_that_errs_much_more_than_the_shape_is_not_the_cause() -> None:
         assert form_stands(errors(0.4), shape, noisy, FLOORS) is stands
 
 
-def test_a_form_that_errs_more_in_every_run_alike_is_not_the_cause() -> None:
+def test_a_form_with_a_larger_error_in_every_run_is_not_the_cause() -> None:
     shape = errors(0.02)
     for factor, stands in ((POLICY.form_alike - 0.01, True), (POLICY.form_alike + 0.01, False)):
         assert form_stands(errors(0.4), shape, factor * shape, FLOORS) is stands

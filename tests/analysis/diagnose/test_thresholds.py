@@ -132,7 +132,7 @@ class Kind:
     free: tuple[int, ...]
 
 
-def test_the_simplest_of_equals_is_carried() -> None:
+def test_the_simplest_of_equals_is_kept() -> None:
     entries = [SimpleNamespace(candidate=Kind(rank, (0,) * free)) for rank, free in ((3, 1), (1, 2), (1, 3), (2, 1))]
     assert simplest(cast("list[Any]", entries)) is cast("Entry", entries[1])
 

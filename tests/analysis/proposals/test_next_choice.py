@@ -31,7 +31,7 @@ def cubic(share: float = 0.3) -> laws.Cubic:
     return laws.Cubic(cubic_stiffness=share * STIFFNESS / 0.01**2)
 
 
-def test_what_a_parameter_absorbs_is_no_distance() -> None:
+def test_a_difference_that_a_parameter_absorbs_is_no_distance() -> None:
     """A rival that differs in its fitted stiffness alone lies far off unrefitted, and nowhere once it is refitted."""
     truth, rival = variant(one_mass()), variant(one_mass().replace({"links.spring.stiffness": 1.005 * STIFFNESS}), "other")
     seen = Predicted(prospect(20.0), NOISE, rival.model)
@@ -76,7 +76,7 @@ def test_records_come_back_in_time() -> None:
     assert seen.record(seen.records([variant(one_mass())])[0, 0], "body") == pytest.approx(response, abs=1e-9)
 
 
-def test_runs_in_hand_hold_the_rival() -> None:
+def test_existing_runs_constrain_the_rival() -> None:
     """With a run in hand that fixes the stiffness, a difference that a stiffness would absorb counts."""
     truth, rival = variant(one_mass(link_laws=(cubic(),)), "hardening_stiffness"), variant(one_mass())
     strong, weak = (Predicted(prospect(rms), NOISE, rival.model) for rms in (20.0, 0.5))
@@ -99,7 +99,7 @@ def test_motion_without_bound_is_an_infinite_distance() -> None:
 
 
 @pytest.mark.parametrize(("size", "chance"), [(0.0, 0.0), (CANNOT, 0.0), (np.sqrt(CANNOT * WILL), 0.5), (WILL, 1.0), (1e9, 1.0)])
-def test_probability_that_a_run_parts(size: float, chance: float) -> None:
+def test_probability_that_a_run_distinguishes(size: float, chance: float) -> None:
     assert parted(size) == pytest.approx(chance)
 
 
@@ -174,7 +174,7 @@ def test_the_menu_keeps_gains_band_and_seconds() -> None:
     assert not covers(wire_bonder(), again[0])
 
 
-def test_the_choice_is_the_run_that_parts_within_the_limits() -> None:
+def test_the_chosen_run_distinguishes_within_the_limits() -> None:
     """A weak end stop and a hardening spring look alike until the stroke is used, and a limit of the stroke forbids that."""
     stop = one_mass(link_laws=(laws.EndStop(stroke=0.004, contact_stiffness=0.5 * STIFFNESS),))
     hard = one_mass(link_laws=(cubic(),))

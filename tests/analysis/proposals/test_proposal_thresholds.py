@@ -206,7 +206,7 @@ def known(in_hand: Prospect) -> Known:
     return Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
 
 
-def test_lines_without_coherence_tell_nothing() -> None:
+def test_bins_without_coherence_have_no_information() -> None:
     """Noise that hides the response leaves an H1 estimate's coherence near what it is of noise alone."""
     fitted = variant(one_mass(), std=0.02)
     figure = figure_of(fitted.model, "body_damping")

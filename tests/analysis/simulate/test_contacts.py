@@ -231,7 +231,7 @@ def test_karnopps_band_is_left_once(more: dict[str, float]) -> None:
         assert counts.max() <= 2
 
 
-def test_what_holds_goes_on_holding_where_more_than_one_motion_is_right() -> None:
+def test_contacts_keep_sticking_where_several_motions_are_possible() -> None:
     """Breakaway 30 N, sliding 10 N under a growing push: between 10 and 30 N the block could slide, and holds."""
     model = rig({"block": 1.0}, {}, [("block", "ground", 10.0, 30.0)], {"block": 1.0})
     ramp = np.linspace(0.0, 40.0, 2049)

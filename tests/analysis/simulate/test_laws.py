@@ -231,7 +231,7 @@ def test_contacts_side_by_side_are_each_alone() -> None:
         assert np.abs(together[name] - want).max() < 1e-7 * np.abs(want).max(), name
 
 
-def test_contacts_in_a_chain_share_what_holds() -> None:
+def test_contacts_in_a_chain_share_the_holding_force() -> None:
     """A block on a block on the ground, both held: each contact carries what is above it."""
     model = RigModel(
         name="stack",
@@ -260,7 +260,7 @@ def test_contacts_in_a_chain_share_what_holds() -> None:
     assert np.abs(found.response.channels["low"]).max() < 1e-12
 
 
-def test_a_softening_spring_that_lets_go_is_told() -> None:
+def test_a_softening_spring_without_restoring_force_is_reported() -> None:
     model = sprung(laws.Cubic(cubic_stiffness=-1e6))
     with pytest.raises(SimulationError, match="grows without bound"):
         simulate(model, Excitation.prepare(np.full(8192, 40.0), 2048.0))

@@ -131,7 +131,7 @@ def test_dates_are_those_of_brute_force() -> None:
         assert dated(value, variance) == (order[0] + 1, held.min(), held.max())
 
 
-def test_drift_is_told_from_step_and_neither_too_early() -> None:
+def test_drift_and_step_are_distinguished_once_there_are_enough_campaigns() -> None:
     draw = np.random.default_rng(6)
     kinds: dict[str, list[str]] = {"step": [], "drift": [], "early": []}
     for _ in range(100):

@@ -26,7 +26,7 @@ class Counted:
         return part
 
 
-def test_a_long_run_is_looked_at_part_by_part() -> None:
+def test_a_long_run_is_checked_in_parts() -> None:
     generator, n = np.random.default_rng(1), 2 * PART + 12345
     head = generator.normal(3.0, 1.0, n)
     # What each part differs by from the next counts, too.

@@ -137,7 +137,7 @@ def test_a_working_file_that_is_taken_away_is_put_back(tmp_path: Path, other: bo
         assert all_as_sent(found[0].run)
 
 
-def test_a_disk_that_fails_to_sync_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_sync_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(self: Journal) -> None:
         if self._number > 10:
             raise OSError(5, "Input/output error")

@@ -67,7 +67,7 @@ def test_that_was_ten_thousand_faults() -> None:
     assert all(injected[kind] > 0 for kind in ("drop", "duplicate", "corrupt", "stall", "overload", "wrap", "slow clock"))
 
 
-def test_an_overload_is_told(tmp_path: Path) -> None:
+def test_an_overload_is_reported(tmp_path: Path) -> None:
     watcher = Watcher()
     with ramp_instrument(Faults(overload=1.0)) as (port, _):
         acquire(plan_of({"id": "a"}), port, tmp_path / "c.h5", watcher.operator, force=True)

@@ -24,7 +24,7 @@ from isorig.rig.files.recording import read
 RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 2.0}
 
 
-def test_an_analyzer_is_looked_at_before_and_its_record_before_it_is_kept(tmp_path: Path) -> None:
+def test_an_analyzer_is_checked_before_a_run_and_its_record_before_it_is_stored(tmp_path: Path) -> None:
     shows = [{"trace": "1", "kind": "time", "channel": "motor", "unit": "V"}]
     plan = plan_of({"id": "a", "excitation": "other"}, rate=512.0, instrument={"kind": "sr785", "shows": shows}, sensitivity=0.2)
     rig = wire_bonder()
@@ -128,7 +128,7 @@ def test_nothing_is_played_in_a_run_that_is_driven_by_other_means(tmp_path: Path
     assert len(read(tmp_path / "c.h5").runs[1]) >= 2048
 
 
-def test_an_instrument_that_plays_nothing_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_instrument_without_an_output_is_refused_for_a_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SimulatedFramed, "_take_drive", lambda self, data: "DRIVE none")
     with ramp_instrument() as (port, _), pytest.raises(SettingError, match=r"needs a drive and .* plays none"):
         acquire(plan_of({"id": "a", **RANDOM}), port, tmp_path / "c.h5", Watcher().operator)

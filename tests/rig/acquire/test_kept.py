@@ -21,7 +21,7 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 
 
-def test_what_a_recording_tells_beside_its_samples(tmp_path: Path) -> None:
+def test_metadata_of_a_recording(tmp_path: Path) -> None:
     output = tmp_path / "c.h5"
     plan = plan_of({"id": "a", "seconds": 1.5}, {"id": "b", "seconds": 1.0})
     head = msgspec.structs.replace(plan.channels["head"], sensor="352C33", place="motor head", direction="+y")
@@ -42,7 +42,7 @@ def test_what_a_recording_tells_beside_its_samples(tmp_path: Path) -> None:
     assert [len(run) for run in read(output).runs] == [1536, 1024]
 
 
-def test_resuming_keeps_what_was_broken_off_and_refuses_another_plan(tmp_path: Path) -> None:
+def test_resuming_keeps_an_interrupted_run_and_refuses_another_plan(tmp_path: Path) -> None:
     output, plan = tmp_path / "c.h5", plan_of({"id": "a", "seconds": 8.0})
     for cut in (5.0, 1.0):
         with ramp_instrument(Faults(unplug_after=cut), speed=8.0) as (port, _), pytest.raises(ConnectionLostError):
@@ -69,7 +69,7 @@ def test_runs_keep_their_order_where_the_clock_is_set_back(tmp_path: Path, monke
     assert [run.id for run in read(output).runs] == ["z", "y", "x"]
 
 
-def test_a_run_is_taken_again_and_replaces_the_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_repeated_run_replaces_the_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     call = ["acquire", str(tmp_path / "plan.toml"), "--yes", "--force", "-o", str(tmp_path / "c.h5")]
     assert main([*call, "--again", "b"]) == 2

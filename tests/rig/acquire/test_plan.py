@@ -37,7 +37,7 @@ def places(tree: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 @settings(max_examples=400, deadline=None)
 @given(st.data())
-def test_whatever_stands_in_a_plan_is_refused_or_can_be_played(data: st.DataObject) -> None:
+def test_any_plan_is_refused_or_can_be_played(data: st.DataObject) -> None:
     tree = copy.deepcopy(TREE)
     tree["runs"] = tree["runs"][:1]
     for _ in range(data.draw(st.integers(1, 2))):

@@ -86,7 +86,7 @@ def test_a_damaged_first_block_costs_nothing(tmp_path: Path) -> None:
         assert all(item.run.started is not None for item in found)
 
 
-def test_a_damaged_block_is_told_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_block_is_reported_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = write_session(tmp_path / "a.partial", 0)
     write = sorted(told.held)[3]
     name, ticks = told.held[write]

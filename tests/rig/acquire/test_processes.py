@@ -130,7 +130,7 @@ def test_can_over_a_serial_line_between_processes_asked_and_answered_in_json(tmp
     assert 0.3 < run.read("motor").std() < 5.0
 
 
-def test_where_nobody_answers_nothing_is_begun(
+def test_without_an_answer_no_run_is_started(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "plan.toml").write_text(ON_CAN.replace('"mti600"', '"di1100"\nfull_scale = 10.0').replace("400.0", "2000.0"))

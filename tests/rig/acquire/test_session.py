@@ -288,7 +288,7 @@ def blocks_of(rate: float, seconds: float, step: float = 0.1, lose: range = rang
     ]  # fmt: skip
 
 
-def test_of_a_run_that_was_taken_twice_the_last_whole_one_counts(tmp_path: Path) -> None:
+def test_of_a_repeated_run_the_last_complete_one_counts(tmp_path: Path) -> None:
     plan, path = plan_of({"id": "a", "seconds": 1.0}), tmp_path / "w.partial"
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
     lay_out(path, plan, inputs)
@@ -305,7 +305,7 @@ def test_of_a_run_that_was_taken_twice_the_last_whole_one_counts(tmp_path: Path)
 
 
 @pytest.mark.parametrize("ppm", [-200.0, 0.0, 53.0])
-def test_drift_is_told_in_ppm_apart_from_loss(tmp_path: Path, ppm: float) -> None:
+def test_clock_drift_is_reported_in_ppm_and_separately_from_losses(tmp_path: Path, ppm: float) -> None:
     # The plan says 1024 Hz, the device takes a little more; 100 blocks were lost on the way.
     with written(tmp_path, blocks_of(1024.0 * (1.0 + 1e-6 * ppm), 120.0, lose=range(300, 400))) as found:
         assert found.drift.ppm == pytest.approx(ppm, abs=min(10.0, 4.0 * found.drift.std))

@@ -104,7 +104,7 @@ def test_a_signal_stops_the_drive_and_keeps_the_run(tmp_path: Path, number: sign
     np.testing.assert_array_equal(run.channels["motor"].samples, np.arange(len(run)))
 
 
-def test_lines_that_nobody_reads_hold_nothing_up(tmp_path: Path) -> None:
+def test_output_that_is_not_read_does_not_delay_the_session(tmp_path: Path) -> None:
     own, other = os.pipe()
     os.set_blocking(other, False)
     # A pipe that is full before the first line.
@@ -123,7 +123,7 @@ def test_lines_that_nobody_reads_hold_nothing_up(tmp_path: Path) -> None:
     assert (len(run), run.gaps) == (3000, ())
 
 
-def test_a_terminal_that_stands_still_holds_nothing_up(tmp_path: Path) -> None:
+def test_a_suspended_terminal_does_not_delay_the_session(tmp_path: Path) -> None:
     own, other = os.openpty()
     # Ctrl-S: what the session writes fills the terminal's buffer, which nobody empties.
     with FramedFar(frames=100, speed=4.0) as far, killed(session(tmp_path, far.port, seconds=5.0, stderr=other)):
@@ -134,7 +134,7 @@ def test_a_terminal_that_stands_still_holds_nothing_up(tmp_path: Path) -> None:
     assert (len(run), run.gaps) == (5000, ())
 
 
-def test_a_reader_that_ends_ends_nothing(tmp_path: Path) -> None:
+def test_a_reader_that_exits_does_not_end_the_session(tmp_path: Path) -> None:
     with FramedFar(frames=60, speed=2.0) as far, killed(session(tmp_path, far.port, "--json", seconds=3.0)) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.readline())["event"] == "live"
@@ -210,9 +210,7 @@ def test_an_instrument_that_is_silent_for_a_while_goes_on(tmp_path: Path, monkey
     np.testing.assert_array_equal(run.channels["head"].samples[:4000], np.arange(4000))
 
 
-def test_a_cable_that_comes_back_is_taken_up_again_and_the_gap_is_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_continues_after_a_reconnection_and_the_gap_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(incoming, "AWAY", 15.0)
     link = tmp_path / "ttyUSB0"
     watcher = Watcher()
@@ -240,7 +238,7 @@ def test_a_cable_that_comes_back_is_taken_up_again_and_the_gap_is_counted(
     assert any("was lost and restored" in sentence for sentence in watcher.runs[0].verdict.advice)
 
 
-def test_what_the_instrument_and_the_driver_say_is_told(tmp_path: Path) -> None:
+def test_messages_of_instrument_and_driver_are_reported(tmp_path: Path) -> None:
     def spoil(fields: dict) -> bytes:
         status = {10: 2, 11: 4}.get(fields["sequence"], 0)
         return frame(**(fields | {"status": status, "tick": fields["tick"] - 500 * (fields["tick"] >= 1000)}))
@@ -286,7 +284,7 @@ def test_an_instrument_that_was_restarted_ends_the_run_and_its_drive(tmp_path: P
     np.testing.assert_array_equal(run.channels["head"].samples, np.arange(1000))
 
 
-def test_nothing_is_sent_for_a_run_that_plays_nothing_however_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_drive_is_sent_for_a_run_without_a_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(framed, "START_PATIENCE", 0.3)
     far = FramedFar(answer=lambda word: b"" if word == "START" else None)
     with far, pytest.raises(ConnectionLostError):
@@ -338,7 +336,7 @@ def test_the_terminal_shows_progress_and_levels_in_eighty_columns() -> None:
     assert "table uses" not in text
 
 
-def test_a_recording_says_how_sure_its_time_axis_is(tmp_path: Path) -> None:
+def test_a_recording_states_how_reliable_its_time_axis_is(tmp_path: Path) -> None:
     far = FramedFar(frames=40, spoil=lambda f: frame(**(f | {"tick": f["tick"] + 77 * (f["tick"] >= 1000)})), speed=4.0)
     with far:
         acquire(plan(2.0), far.port, tmp_path / "framed.h5", Watcher().operator, force=True)
@@ -377,7 +375,7 @@ def test_a_counter_at_the_digital_inputs_makes_the_time_axis_the_instruments(tmp
     assert (about["time_axis"], about["time_axis_unseen"], about["time_axis_doubts"]) == (b"instrument", 0.0, 0)
 
 
-def test_a_clock_that_is_slow_is_told_and_is_no_loss(tmp_path: Path) -> None:
+def test_a_slow_clock_is_reported_and_not_taken_for_a_loss(tmp_path: Path) -> None:
     scans = plan_of(
         {"id": "a", "seconds": 3.0, "excitation": "other"}, rate=2000.0, instrument={"kind": "di1100", "full_scale": 10.0}
     )

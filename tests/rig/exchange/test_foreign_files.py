@@ -550,7 +550,7 @@ def test_units_of_time_in_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "time_unit" in refused(capsys, *mapped(tmp_path, run='time = "t"\ntime_unit = "N"'))
 
 
-def test_readers_agree_on_what_they_hold(tmp_path: Path) -> None:
+def test_readers_return_the_same_content(tmp_path: Path) -> None:
     """The same two records through all readers that keep every bit."""
     savemat(tmp_path / "a.mat", {"fs": RATE, "x": X, "y": Y})
     np.savez(tmp_path / "a.npz", fs=RATE, x=X, y=Y)

@@ -133,7 +133,7 @@ def test_a_compaction_that_is_killed_loses_nothing(tmp_path: Path, monkeypatch: 
     assert rows[(rows.campaign == "w3") & (rows.parameter == "b")].value.tolist() == [9.0]
 
 
-def test_damaged_files_are_told(tmp_path: Path) -> None:
+def test_damaged_files_are_reported(tmp_path: Path) -> None:
     store = Catalogue(tmp_path)
     store.put(answer(0))
     file = next((tmp_path / "answers").rglob("*.parquet"))

@@ -54,7 +54,7 @@ def test_a_cause_that_is_new_is_a_change_and_one_that_was_always_there_is_none()
     assert not [i for name in ("rig-004", "rig-005") for i in fleet.rigs[name].incidents if i.named]
 
 
-def test_what_cannot_be_told_from_a_known_cause_is_not_new() -> None:
+def test_a_cause_indistinguishable_from_a_known_one_is_not_new() -> None:
     frame = drawn_fleet(4, rigs=6, campaigns=16)
     mine = frame.rig == "rig-000"
     weeks = frame.campaign.str[-3:].astype(int)
@@ -109,7 +109,7 @@ def test_an_odd_rig_and_a_bad_campaign() -> None:
     ]
 
 
-def test_few_campaigns_raise_no_alarm_and_unusable_ones_are_told() -> None:
+def test_few_campaigns_raise_no_alarm_and_unusable_ones_are_reported() -> None:
     frame = drawn_fleet(8, rigs=1, campaigns=4, shifts=[Shift(rig=0, first=2, by={FRICTION: 50.0})])
     fleet = followed(frame, "coulomb")
     assert fleet.limits == {}

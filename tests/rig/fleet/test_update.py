@@ -95,7 +95,7 @@ def test_every_recording_once(tmp_path: Path, measured: Path, pool: list[Path], 
     assert sorted(pd.read_parquet(store / "answers").parameter.unique())[0] == ""
 
 
-def test_broken_off_at_any_time(tmp_path: Path, measured: Path) -> None:
+def test_interrupted_at_any_time(tmp_path: Path, measured: Path) -> None:
     store = tmp_path / "fleet"
     assert fleet("add", measured, "-c", store) == 0
     with started("update", "-c", store) as running:
@@ -275,7 +275,7 @@ def test_a_time_limit_before_any_fit_leaves_no_answer(tmp_path: Path, measured: 
     assert list(answers(store).verdict) == ["adequate"] * 2
 
 
-def test_a_search_cut_short_is_told_and_taken_up_again(
+def test_a_search_cut_short_is_reported_and_repeated(
     tmp_path: Path, measured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store = tmp_path / "fleet"
@@ -375,7 +375,7 @@ def test_recordings_are_taken_as_they_come(tmp_path: Path, pool: list[Path]) -> 
     assert list(answers(store).verdict) == ["adequate"]
 
 
-def test_what_cannot_be_used_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unusable_recordings_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, says in (
         (["update"], "is not a fleet's catalogue"),
         (["show"], "is not a fleet's catalogue"),

@@ -124,7 +124,7 @@ def test_until_one_cause_stands(lab: Callable[..., Lab], tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("where", STEPS)
-def test_broken_off_it_goes_on_where_it_was(where: str, lab: Callable[..., Lab], tmp_path: Path) -> None:
+def test_an_interrupted_investigation_continues_at_the_same_step(where: str, lab: Callable[..., Lab], tmp_path: Path) -> None:
     made = lab([OPEN, STANDS], [proposal()], breaks=where)
     with pytest.raises(KilledError):
         go(made, tmp_path, WITH_FIRST)

@@ -9,7 +9,7 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import read
 
 
-def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_with_other_content_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "investigation").mkdir()
     (tmp_path / "investigation" / "notes.txt").write_text("mine")
     assert main(["demo", "--investigate", "-o", str(tmp_path)]) == 2

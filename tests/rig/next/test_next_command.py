@@ -43,7 +43,7 @@ def reached(plan: Path) -> float:
     return max(strokes, default=0.0)
 
 
-def test_a_plan_that_parts_two_springs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_that_distinguishes_two_springs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, plan = written(tmp_path / "diagnosis", rivals(two_springs())), tmp_path / "next.toml"
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.008))]) == 0
     said = capsys.readouterr().out
@@ -64,7 +64,7 @@ def test_a_plan_that_parts_two_springs(tmp_path: Path, capsys: pytest.CaptureFix
     assert {run.id for run in read(tmp_path / "next.h5").runs} == {run.id for run in runs}
 
 
-def test_no_allowed_run_parts_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_allowed_run_distinguishes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Where the stop is out of reach, that is the answer, with the stroke that would part them; nothing exceeds the limit."""
     folder, plan = written(tmp_path / "diagnosis", rivals(two_springs())), tmp_path / "next.toml"
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.001))]) == 0

@@ -142,7 +142,7 @@ def replace_seconds(item: Planned, seconds: float) -> Planned:
     return Planned(id=item.id, configuration=item.configuration, gain=item.gain, seconds=seconds, broad=item.broad)
 
 
-def test_overloads_are_latched_by_channel_and_run_and_losses_are_told() -> None:
+def test_overloads_are_latched_by_channel_and_run_and_losses_are_reported() -> None:
     values = np.random.default_rng(0).standard_normal(4096)
     loud = values.copy()
     loud[100] = 12.0
@@ -163,7 +163,7 @@ def test_overloads_are_latched_by_channel_and_run_and_losses_are_told() -> None:
     assert not any("motor" in line for line in state["advice"])
 
 
-def test_a_run_that_is_taken_again_replaces_the_first(campaign: Campaign) -> None:
+def test_a_repeated_run_replaces_the_first_on_the_screen(campaign: Campaign) -> None:
     first = campaign.runs[0]
     other = replace(campaign.runs[1], id=first.id, gain=first.gain, band=first.band)
     pictures: list[Picture] = []
@@ -175,7 +175,7 @@ def test_a_run_that_is_taken_again_replaces_the_first(campaign: Campaign) -> Non
     assert pictures[-1].runs[first.id].seconds == alone.runs[first.id].seconds
 
 
-def test_the_session_s_own_judgement_is_what_is_told(campaign: Campaign) -> None:
+def test_the_screen_reports_the_session_s_own_verdict(campaign: Campaign) -> None:
     judged = {"u70a": Judgement(good=False, advice=("motor clipped 3 times.",)), "u7": Judgement(good=True, advice=())}
     standing = Standing(phase="asks", run="l70", last="u7", may=("next", "note"), judged=judged, stopped=("u70a",))
     subject = Subject(title="lab.h5", mode="session", planned=planned_as(campaign.runs))
@@ -245,7 +245,7 @@ class _Flaky:
         return self._samples[key]
 
 
-def test_what_cannot_be_read_for_a_moment_is_read_at_the_next_look(campaign: Campaign) -> None:
+def test_a_temporarily_unreadable_file_is_read_at_the_next_poll(campaign: Campaign) -> None:
     sound = campaign.runs[0]
     flaky = replace(sound, channels={n: replace(c, samples=_Flaky(np.asarray(c.samples[:]))) for n, c in sound.channels.items()})
     board, pictures, failures = Board(judge=False), [Picture()], 0

@@ -78,7 +78,7 @@ def session(tmp_path: Path, act: Callable[[Session], Any], *, asks: bool = True,
     return going
 
 
-def test_runs_are_stopped_and_taken_again_and_nothing_begins_unasked(tmp_path: Path) -> None:
+def test_runs_are_stopped_and_repeated_and_none_starts_unrequested(tmp_path: Path) -> None:
     def act(going: Session) -> None:
         first = going.waits("asks", "a")
         assert first.may == ("next", "note")
@@ -189,7 +189,7 @@ def test_no_wish_starts_what_the_plan_does_not_say(tmp_path_factory: pytest.Temp
     assert desk.standing == Standing()
 
 
-def test_who_looks_on_is_told_what_the_terminal_is_told(tmp_path: Path) -> None:
+def test_a_second_screen_shows_what_the_terminal_shows(tmp_path: Path) -> None:
     heard: list[str] = []
     plan = plan_of(RUNS[1])
     desk = Desk(planned_by(plan), tmp_path / "c.h5", asks=False)
@@ -234,7 +234,7 @@ def test_notes_outlive_a_session_that_goes_on_and_one_that_was_recovered(tmp_pat
     assert isinstance(first, Note)
 
 
-def test_what_is_told_late_changes_nothing(tmp_path: Path) -> None:
+def test_late_requests_have_no_effect(tmp_path: Path) -> None:
     # A session may tell of levels and of runs from another thread, behind what it is doing.
     plan, watcher = plan_of(*RUNS), Watcher()
     with ramp_instrument(speed=8.0) as (port, _):
@@ -267,7 +267,7 @@ def test_what_is_told_late_changes_nothing(tmp_path: Path) -> None:
     assert decided == ["take"] * 3
 
 
-def test_a_disk_that_is_slow_to_take_a_note_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_disk_for_notes_delays_no_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def slow(*given: Any) -> Note:
         time.sleep(1.5)
         return add_note(*given)
@@ -290,7 +290,7 @@ def test_a_disk_that_is_slow_to_take_a_note_holds_nobody_up(tmp_path: Path, monk
     assert [note.text for note in going.desk.standing.notes] == ["slow"]
 
 
-def test_a_terminal_that_stands_still_holds_no_page_up(tmp_path: Path) -> None:
+def test_a_suspended_terminal_delays_no_page(tmp_path: Path) -> None:
     plan, output, going = plan_of({"id": "a", "seconds": 2.0}, {"id": "b", "seconds": 2.0}), tmp_path / "c.h5", threading.Event()
     stands = replace(Watcher().operator, watch=lambda live: going.wait())
     stood: list[Standing] = []

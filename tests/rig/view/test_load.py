@@ -113,7 +113,7 @@ seconds = 30.0
 """
 
 
-def test_a_killed_session_is_told_and_its_notes_are_recovered(tmp_path: Path) -> None:
+def test_a_killed_session_is_reported_and_its_notes_are_recovered(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     output = tmp_path / "c.h5"
     with subprocess.Popen(

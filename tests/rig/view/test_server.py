@@ -34,7 +34,7 @@ def growing(seconds: float, rate: float = 1024.0) -> Iterator[Reading]:
         time.sleep(0.1)
 
 
-def test_only_the_page_itself_may_look() -> None:
+def test_only_the_page_itself_is_served() -> None:
     with served() as screen:
         parts = urlsplit(screen.address)
         status, text, headers = request(screen.address)
