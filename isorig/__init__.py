@@ -1,9 +1,9 @@
-"""From an instrument's wire to a named cause: what a notebook needs, by one import.
+"""The public names of the toolkit for notebooks and scripts, from reading a recording to the diagnosis.
 
     import isorig as iso
 
-The names of `isorig/names.py` are the interface that stays stable; `docs/api.md` says what that promises. They are loaded when
-the first of them is used, so `import isorig` is quick. Everything else in `analysis`, `rig` and `drivers` may change.
+The names of `isorig/names.py` are the stable interface; `docs/api.md` states what is guaranteed. They are loaded when the first
+of them is used, so `import isorig` is quick. Everything else in `analysis`, `rig` and `drivers` may change.
 """
 
 from __future__ import annotations

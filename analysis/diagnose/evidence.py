@@ -71,16 +71,16 @@ class Sign:
     ----------
     text
         A sentence with numbers.
-    speaks_for
-        Causes, each at a place ("" if the sign does not determine the place).
+    supported
+        Supported causes, each at a place ("" if the sign does not determine the place).
     """
 
     text: str
-    speaks_for: tuple[tuple[str, str], ...] = ()
+    supported: tuple[tuple[str, str], ...] = ()
 
     def supports(self, cause: str, location: str) -> bool:
         """Whether it supports this cause at this place."""
-        return any(name == cause and place in ("", location) for name, place in self.speaks_for)
+        return any(name == cause and place in ("", location) for name, place in self.supported)
 
 
 def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared: Doubles) -> tuple[Sign, ...]:
@@ -107,14 +107,14 @@ def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> li
     flat = [
         Sign(
             text=f"Flat tops: the {name} remains at its largest magnitude, {limit:.4g}, like a clipped record.",
-            speaks_for=(("clipping", name),),
+            supported=(("clipping", name),),
         )
         for name, limit in flat_tops(campaign, peaks_of(campaign)).items()
     ]
     hums = [
         Sign(
             text=f"Spectral peaks: in most runs the residual of the {name} has peaks at {frequency:g} Hz and its multiples.",
-            speaks_for=(("mains_hum", name),),
+            supported=(("mains_hum", name),),
         )
         for name, frequency in mains(model, trials).items()
     ]
@@ -175,10 +175,10 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             if not off and not shifted and share < LEAST:
                 found.append(Sign(text=text + ": they agree."))
                 continue
-            speaks = [("imperfect_lock", "lock")]
-            speaks += [(c, p) for p in (one, other) for c in ("sensor_gain", "crosstalk", "clipping")] if off else []
-            speaks += [("channel_delay", one), ("channel_delay", other)] if shifted else []
-            found.append(Sign(text=text + ": one of the sensors, or the lock, is faulty.", speaks_for=tuple(speaks)))
+            supported = [("imperfect_lock", "lock")]
+            supported += [(c, p) for p in (one, other) for c in ("sensor_gain", "crosstalk", "clipping")] if off else []
+            supported += [("channel_delay", one), ("channel_delay", other)] if shifted else []
+            found.append(Sign(text=text + ": one of the sensors, or the lock, is faulty.", supported=tuple(supported)))
     return found
 
 
@@ -197,7 +197,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
                 Sign(
                     text=f"Constant ratio: the recorded {sensor.channel} is {level:.4g} ± {error:.1g} times the simulated one, "
                     "the same in all runs and frequency bins.",
-                    speaks_for=(("sensor_gain", sensor.channel),),
+                    supported=(("sensor_gain", sensor.channel),),
                 )
             )
         ratios = np.concatenate([x.ratio for x in each])
@@ -209,7 +209,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
                 Sign(
                     text=f"Linear phase: the phase of {sensor.channel} relative to the simulation is proportional to frequency, "
                     f"{_late(sensor.channel, delay, late)}.",
-                    speaks_for=(("channel_delay", sensor.channel), ("channel_delay", model.drive.channel)),
+                    supported=(("channel_delay", sensor.channel), ("channel_delay", model.drive.channel)),
                 )
             )
     return found
@@ -244,7 +244,7 @@ def poles(model: RigModel, groups: Groups) -> list[Sign]:
                     text=f"Poles: near {best[0]:.4g} Hz the measured and simulated transfer functions of the {sensor.channel} "
                     f"differ by {100 * best[1]:.0f} % of the larger one, elsewhere by {100 * best[2]:.2g} %: a mode that the "
                     "model lacks or has at another frequency.",
-                    speaks_for=(("extra_mode", place), ("moment_coupling", place)),
+                    supported=(("extra_mode", place), ("moment_coupling", place)),
                 )
             )
     return found
@@ -274,10 +274,10 @@ def _configurations(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     free, held = pair
     if error[free] > ONE_SIDED * error[held]:
         places = sorted(blocks[held] - blocks[free])
-        speaks = tuple((cause, place) for place in places for cause in (*CURVED, *RUBBING, "stiffness_drift"))
-        return [Sign(text=text + f": the error is in a part that moves only when {free}.", speaks_for=speaks)]
+        supported = tuple((cause, place) for place in places for cause in (*CURVED, *RUBBING, "stiffness_drift"))
+        return [Sign(text=text + f": the error is in a part that moves only when {free}.", supported=supported)]
     if error[held] > ONE_SIDED * error[free]:
-        return [Sign(text=text + f": the error is larger when {held}.", speaks_for=(("imperfect_lock", "lock"),))]
+        return [Sign(text=text + f": the error is larger when {held}.", supported=(("imperfect_lock", "lock"),))]
     return [Sign(text=text + ": the error is present in both.")]
 
 
@@ -318,9 +318,9 @@ def _gains(model: RigModel, groups: Groups) -> list[Sign]:
         ]
         own = [group for (c, _), group in groups.items() if c == name]
         found.append(homogeneity(name, gains, seen, _misfit([p for group in own for p in group.pairs]), _linear(model, own)))
-    changes = any(sign.speaks_for and sign.speaks_for[0][0] in CURVED for sign in found)
+    changes = any(sign.supported and sign.supported[0][0] in CURVED for sign in found)
     # An amplitude dependence within one configuration is nonlinear, whatever the others do.
-    return [Sign(text=sign.text) if changes and sign.speaks_for == _anywhere(LINEAR) else sign for sign in found]
+    return [Sign(text=sign.text) if changes and sign.supported == _anywhere(LINEAR) else sign for sign in found]
 
 
 def _linear(model: RigModel, groups: Sequence[Group]) -> float:
@@ -357,7 +357,7 @@ def homogeneity(
         text = (
             f"the ratio measured/simulated changes with the drive gain ({'; '.join(moved[:3])}): the misfit depends on amplitude."
         )
-        return Sign(text=f"Homogeneity: {name}, {text}", speaks_for=_anywhere((*CURVED, *RUBBING, "clipping")))
+        return Sign(text=f"Homogeneity: {name}, {text}", supported=_anywhere((*CURVED, *RUBBING, "clipping")))
     within = max((max(apart, APART * noise) for _, apart, noise in seen), default=np.inf)
     if not within <= RESOLVED:
         known = "no common frequency bins" if not seen else f"a difference below {100 * within:.2g} % would not be detected"
@@ -370,7 +370,7 @@ def homogeneity(
     if misfit > MOSTLY * max(linear, LEAST):
         return Sign(text=f"Homogeneity: {name}, {text}; but most of the misfit is not related to the drive, so it is not linear.")
     text += "."
-    return Sign(text=f"Homogeneity: {name}, {text}", speaks_for=_anywhere(LINEAR))
+    return Sign(text=f"Homogeneity: {name}, {text}", supported=_anywhere(LINEAR))
 
 
 def _time(model: RigModel, groups: Groups) -> list[Sign]:
@@ -394,7 +394,7 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
                 f"{where} differ by more than the random error ({', '.join(differences)}): the rig has changed in between, or "
                 "its response does not repeat."
             )
-            found.append(Sign(text=text, speaks_for=(("stiffness_drift", ""),)))
+            found.append(Sign(text=text, supported=(("stiffness_drift", ""),)))
         elif 0.0 < within <= RESOLVED:
             found.append(Sign(text=f"{where} agree to within {100 * within:.2g} %: no change of the rig was detected."))
         elif within:
@@ -434,7 +434,7 @@ def _bends(surface: Surface) -> list[Sign]:
         Sign(
             text=f"Restoring force: the {where} {verb} with its swing by {100 * abs(rise):.2g} ± {100 * error:.1g} % beyond the "
             f"baseline ({ends}).",
-            speaks_for=tuple((cause, surface.link) for cause in causes),
+            supported=tuple((cause, surface.link) for cause in causes),
         )
     ]
 
@@ -448,7 +448,7 @@ def _rubs(surface: Surface) -> list[Sign]:
             Sign(
                 text=f"Friction force: at the {surface.link} the force at high velocity is {abs(ways):.2g} ± {ways_std:.1g} N "
                 "larger in one direction than in the other, beyond the baseline.",
-                speaks_for=(("asymmetric_friction", surface.link),),
+                supported=(("asymmetric_friction", surface.link),),
             )
         )
     if abs(bend) > max(SURE * bend_std, least):
@@ -457,7 +457,7 @@ def _rubs(surface: Surface) -> list[Sign]:
             Sign(
                 text=f"Friction force: at the {surface.link} friction is {abs(bend):.2g} ± {bend_std:.1g} N {more} at low and "
                 "high than at medium velocity, beyond the baseline.",
-                speaks_for=tuple(
+                supported=tuple(
                     (cause, surface.link)
                     for cause in (("stribeck_friction", "quadratic_damping") if bend > 0.0 else ("presliding_friction",))
                 ),
@@ -487,12 +487,12 @@ def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             noise, known = float(np.median(frf.noise)) / size, frf.distortion[np.isfinite(frf.distortion)]
             if len(known):  # needs more than one realization
                 bent = float(np.median(known)) / size
-                speaks = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > DISTORTED * noise else ()
+                supported = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > DISTORTED * noise else ()
                 found.append(
                     Sign(
                         text=f"Periods: {group[0].configuration} at gain {gain:g} the distortion of the {sensor.channel} is "
                         f"{100 * bent:.2g} % of the signal, its noise {100 * noise:.2g} %.",
-                        speaks_for=speaks,
+                        supported=supported,
                     )
                 )
     return found

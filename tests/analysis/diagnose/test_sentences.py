@@ -24,7 +24,7 @@ def test_nothing_in_common_is_no_agreement() -> None:
     sign = homogeneity("unlocked", [70.0, 7.0], [], misfit=0.3, linear=0.0)
     assert "is not known" in sign.text
     assert "linear" not in sign.text
-    assert not sign.speaks_for
+    assert not sign.supported
 
 
 def test_a_comparison_that_would_not_show_a_difference_is_no_agreement() -> None:
@@ -38,10 +38,10 @@ def test_a_comparison_that_would_not_show_a_difference_is_no_agreement() -> None
 def test_agreement_is_about_the_lines_that_follow_the_drive() -> None:
     linear = homogeneity("locked", [70.0, 7.0], [AGREES], misfit=0.05, linear=0.04)
     assert "agrees at gains 70, 7 to within 0.8 %" in linear.text
-    assert {cause for cause, _ in linear.speaks_for} == set(LINEAR)
+    assert {cause for cause, _ in linear.supported} == set(LINEAR)
     other = homogeneity("locked", [70.0, 7.0], [AGREES], misfit=0.5, linear=0.04)
     assert "is not linear" in other.text
-    assert not other.speaks_for
+    assert not other.supported
 
 
 def test_a_difference_names_its_channel_and_gains() -> None:
