@@ -9,9 +9,9 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray, Quantity
+from isorig.analysis.campaign import Campaign, Quantity
+from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.diagnose.mechanisms.base import Evidence
-from isorig.analysis.diagnose.surface import bent_by
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
 from isorig.analysis.simulate import simulate
@@ -42,7 +42,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        bends=bends(model, trials, deflection), push=push_of(model, peaks), guess=guess,
+        forces=forces(model, trials, deflection), push=push_of(model, peaks), guess=guess,
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 
@@ -63,18 +63,17 @@ def peaks_of(campaign: Campaign) -> dict[str, float]:
     return peaks
 
 
-def bends(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Nonlinear part of each link's spring force from the record with the largest motion: deflections (m), forces (N)."""
-    found: dict[str, tuple[FloatArray, FloatArray]] = {}
+def forces(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float]) -> dict[str, LinkForce]:
+    """Each link's force from the record with the largest motion, if it is known."""
+    found: dict[str, LinkForce] = {}
     for link in model.links:
         free = [t for t in trials if link.name not in model.configurations[t.run.configuration].rigid and t.motion is None]
         if not free or link.stiffness <= 0.0:
             continue
         loudest = max(free, key=lambda trial: float(np.mean(trial.measured**2)))
-        at = swing[link.name] * np.linspace(-1.0, 1.0, SKETCHED)
-        values = bent_by(model, link, loudest.run, at)
-        if values is not None:
-            found[link.name] = at, values
+        force = link_force(model, link, loudest.run, swing[link.name] * np.linspace(-1.0, 1.0, SKETCHED))
+        if force is not None:
+            found[link.name] = force
     return found
 
 

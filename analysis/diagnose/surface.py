@@ -1,6 +1,6 @@
 """The restoring-force surface of a link: transmitted force over relative displacement and velocity.
 
-Masri and Caughey (1979). The force follows from the free body: F = push - m a, for a body connected by this link only.
+Masri and Caughey (1979). The force follows from the free body: F = push - sum of m a, over the bodies beyond the link.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, Run
 from isorig.analysis.diagnose.estimate_pairs import Double
-from isorig.analysis.model.rig_model import GROUND, Link, RigModel
-from isorig.analysis.spectra.motion import motion_of
+from isorig.analysis.diagnose.link_force import FEWEST, link_record
+from isorig.analysis.model.rig_model import Link, RigModel
 
 #: Bins of the swing, and intervals of a run whose spread gives the standard deviations.
 BINS, STRETCHES = 6, 8
-#: Minimum samples of a bin.
-FEWEST = 30
 #: Share of the force that a spring, a damper, nonlinear ones and friction must explain; otherwise noise dominates.
 CLEAR = 0.8
 #: Limits of slow, medium and fast sliding: shares of the largest velocity.
@@ -67,45 +65,13 @@ class Surface:
 def passed(model: RigModel, link: Link, run: Run) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Deflection (m), velocity (m/s) and force (N) of a link in a run, each of shape (samples,), without the record's edges.
 
-    None if no body with an accelerometer is connected by this link only.
+    None if the bodies beyond the link are not all measured.
     """
-    sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND and s.quantity == "acceleration"}
-    ends = [end for end in (link.a, link.b) if end != GROUND]
-    hanging = [end for end in ends if sum(end in (x.a, x.b) for x in model.links) == 1]
-    if not hanging or any(end not in sensors for end in ends) or link.arms:
+    seen = link_record(model, link, run)
+    if seen is None:
         return None
-    body = hanging[0]
-    sign = 1.0 if body == link.a else -1.0
-    moves = [motion_of(run.read(sensors[end].channel), "acceleration", run.sample_rate, run.band) for end in ends]
-    v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
-    push = model.drive.pushes.get(body, 0.0) * model.drive.factor * run.read(model.drive.channel)
-    force = sign * (push - model.body(body).mass * run.read(sensors[body].channel))
-    edge = slice(round(run.sample_rate), -round(run.sample_rate))
-    return d[edge], v[edge], force[edge]
-
-
-def bent_by(model: RigModel, link: Link, run: Run, at: FloatArray) -> FloatArray | None:
-    """Nonlinear part of a link's spring force from the record, N, at deflections `at` in m.
-
-    Least squares fit of the transmitted force: a spring, a damper and friction, plus a piecewise linear function, regularized
-    where there are few samples. It is a starting value for a fit, not a result: it contains noise and drift of the integrated
-    motion. None if the force is unknown.
-    """
-    parts = passed(model, link, run)
-    if parts is None or len(parts[0]) < FEWEST * len(at):
-        return None
-    d, v, force = parts
-    place = np.clip((d - at[0]) / (at[1] - at[0]), 0.0, len(at) - 1.001)
-    low = place.astype(int)
-    hats = np.zeros((len(d), len(at)))
-    rows = np.arange(len(d))
-    hats[rows, low], hats[rows, low + 1] = 1.0 - (place - low), place - low
-    second = np.diff(np.eye(len(at)), 2, axis=0) * np.sqrt(FEWEST)
-    basis = np.column_stack([v, np.sign(v), hats])
-    held = np.column_stack([np.zeros((len(second), 2)), second])
-    values = np.linalg.lstsq(np.vstack([basis, held]), np.concatenate([force, np.zeros(len(second))]), rcond=None)[0][2:]
-    bent = values - link.stiffness * at
-    return np.asarray(bent - np.interp(0.0, at, bent))
+    inertia = sum(model.body(name).mass * values for name, values in seen.acceleration.items())
+    return seen.deflection, seen.velocity, seen.sign * (model.drive.factor * seen.push - inertia)
 
 
 def surface_of(model: RigModel, link: Link, pair: Double) -> Surface | None:

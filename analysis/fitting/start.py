@@ -32,14 +32,14 @@ def equation_start(model: RigModel, trials: Sequence[Trial]) -> RigModel:
     sensed = {s.body: s.channel for s in model.sensors if s.quantity == "acceleration" and s.relative_to == GROUND}
     for _ in range(ROUNDS):
         for link in model.links:
-            outboard = _outboard(model, link)
-            if outboard and all(name in sensed for name in (*outboard, *(e for e in (link.a, link.b) if e != GROUND))):
-                model = _solve(model, link, outboard, trials, sensed)
+            beyond = outboard(model, link)
+            if beyond and all(name in sensed for name in (*beyond, *(e for e in (link.a, link.b) if e != GROUND))):
+                model = _solve(model, link, beyond, trials, sensed)
     return model
 
 
-def _outboard(model: RigModel, link: Link) -> tuple[str, ...]:
-    # The bodies connected by this link only; empty if another path leads from them to ground.
+def outboard(model: RigModel, link: Link) -> tuple[str, ...]:
+    """The bodies connected by this link only; empty if another path leads from them to ground."""
     joins = [(other.a, other.b) for other in model.links if other.name != link.name]
     reached = {GROUND}
     while True:
@@ -52,15 +52,15 @@ def _outboard(model: RigModel, link: Link) -> tuple[str, ...]:
     return tuple(body.name for body in model.bodies if body.name not in reached)
 
 
-def _solve(model: RigModel, link: Link, outboard: tuple[str, ...], trials: Sequence[Trial], sensed: dict[str, str]) -> RigModel:
+def _solve(model: RigModel, link: Link, beyond: tuple[str, ...], trials: Sequence[Trial], sensed: dict[str, str]) -> RigModel:
     contact = next((c for c in model.contacts if c.name == link.name), None)
     paths = [f"links.{link.name}.stiffness", f"links.{link.name}.damping"]
     if contact is not None:
         paths.append(f"contacts.{link.name}.law.friction_force")
-    paths += [f"bodies.{name}.mass" for name in outboard]
+    paths += [f"bodies.{name}.mass" for name in beyond]
     free = [path for path in paths if path in model.free]
     blocks, sides = [], []
-    sign = 1.0 if link.a in outboard else -1.0
+    sign = 1.0 if link.a in beyond else -1.0
     slow = 0.0
     for trial in sorted(trials, key=lambda t: -abs(t.run.gain)):
         n, rate = trial.fitted, trial.run.sample_rate
@@ -84,9 +84,9 @@ def _solve(model: RigModel, link: Link, outboard: tuple[str, ...], trials: Seque
             # Strongest run first: much slower motion is sticking, not sliding.
             slow = max(slow, 0.03 * float(velocity.std()), 1e-12)
             columns[paths[2]] = sign * _lines(np.tanh(velocity / slow), keep)
-        for name in outboard:
+        for name in beyond:
             columns[f"bodies.{name}.mass"] = _lines(rows[name], keep)
-        pushed = sum(model.drive.pushes.get(name, 0.0) for name in outboard)
+        pushed = sum(model.drive.pushes.get(name, 0.0) for name in beyond)
         side = pushed * model.drive.factor * _lines(trial.excitation.recorded[:n], keep)
         for path in paths:
             if path not in free:
@@ -94,7 +94,7 @@ def _solve(model: RigModel, link: Link, outboard: tuple[str, ...], trials: Seque
         noise = (
             trial.noise.max()
             * np.sqrt(0.375 * n)
-            * (np.abs(link.stiffness / omega**2) + np.abs(link.damping / omega) + sum(model.body(b).mass for b in outboard))
+            * (np.abs(link.stiffness / omega**2) + np.abs(link.damping / omega) + sum(model.body(b).mass for b in beyond))
         )
         scale = noise + 0.01 * np.abs(side) + 1e-3 * np.abs(side).max()
         block = np.stack([columns[path] / scale for path in free], axis=1) if free else np.zeros((len(side), 0))

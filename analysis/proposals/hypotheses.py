@@ -39,7 +39,7 @@ def hypotheses(model: RigModel, peaks: Peaks, speed: Mapping[str, float], sample
         sample_rate=sample_rate, end_time=SESSION, peak=peaks.channels,
         flat_tops={s.channel: SMALLEST.clipping * peaks.channels.get(s.channel, 0.0) for s in model.sensors},
         mains={s.channel: MAINS for s in model.sensors}, misfit_frequencies=HIDDEN_MODES, guess=model,
-        bends={}, push=push_of(model, peaks.channels),
+        forces={}, push=push_of(model, peaks.channels),
         configurations=frozenset(model.configurations),
     )  # fmt: skip
     found = []

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import msgspec
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.link_force import LinkForce
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.model.rig_model import RigModel
 
@@ -39,8 +39,8 @@ class Evidence:
         Channels with hum, with its frequency in Hz.
     misfit_frequencies
         Frequencies in Hz with the largest misfit of the baseline, largest first.
-    bends
-        For links whose force was recorded: deflections in m, and the nonlinear part of the force in N.
+    forces
+        For links whose force follows from a record: that force.
     push
         Largest force in N of the drive on a body.
     configurations
@@ -57,7 +57,7 @@ class Evidence:
     flat_tops: Mapping[str, float]
     mains: Mapping[str, float]
     misfit_frequencies: tuple[float, ...]
-    bends: Mapping[str, tuple[FloatArray, FloatArray]]
+    forces: Mapping[str, LinkForce]
     push: float
     configurations: frozenset[str]
     guess: RigModel

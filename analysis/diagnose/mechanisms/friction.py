@@ -57,7 +57,10 @@ class CoulombFriction:
             )
             path = f"contacts.{link.name}.law.friction_force"
             # If the baseline has a large error, so have its link forces: the drive bounds the friction.
-            levels = (0.02 * force, 0.15 * force, *((SHARE_OF_PUSH * evidence.push,) if evidence.push > force else ()))
+            levels = [0.02 * force, 0.15 * force, *([SHARE_OF_PUSH * evidence.push] if evidence.push > force else [])]
+            recorded = evidence.forces.get(link.name)
+            if recorded is not None and recorded.friction > levels[0]:
+                levels.append(recorded.friction)
             starts = tuple(_rubbing(model, link, level) for level in levels)
             found.append(
                 Candidate(

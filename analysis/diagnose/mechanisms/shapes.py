@@ -94,15 +94,18 @@ def _spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None
 
 def _recorded_spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
     # The same with many points, starting from the recorded force: a force that rises and falls cannot be reached from a line.
-    if place not in evidence.bends:
+    if place not in evidence.forces:
         return None
     link, at = model.link(place), _two_sided(evidence.deflection[place], RECORDED_POINTS)
     begun = _curve(model, link, "deflection", at, SPRINGS)
     if begun is None:
         return None
     start, path = begun
-    bent = np.interp(at, *evidence.bends[place])
-    start = start.replace({f"{path}.values.{k}": float(v) for k, v in enumerate(bent - bent[len(at) // 2])})
+    force = evidence.forces[place]
+    bent = np.interp(at, force.at, force.values - link.stiffness * force.at)
+    values = {f"{path}.values.{k}": float(v) for k, v in enumerate(bent - bent[len(at) // 2])}
+    damping = {f"links.{place}.damping": force.damping} if force.damping > 0.0 else {}
+    start = start.replace({**values, **damping, **force.others})
     scale = max(link.stiffness, 1e-9) * evidence.deflection[place]
     return _added_curve("spring_shape", place, start, path, at, scale, ("deflection", "m", "N"), "stiffness")
 
