@@ -254,7 +254,7 @@ def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guess: RigMod
     starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
     if _misfit(current.model, rung.problem) > BENT:
         unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
-        for c, model in ((item.candidate, model) for item in unsure for model in (*item.models, *item.candidate.starts)):
+        for c, model in ((item.candidate, model) for item in unsure for model in item.models):
             free = c.parameters(current.model, current.free)
             unbent = {f.path: guess.get(f.path) for f in free if f not in c.free and f.path in guess.free}
             with suppress(ModelError):  # values that exclude the candidate's own
