@@ -11,9 +11,11 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.deviations import awakened, given_moves, grid_shift, line_moves, polished, untraced
+from isorig.analysis.fitting.drive_noise import DriveNoise, drive_noise_effect, without_bias
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.ladder import fit_again, fit_baseline
 from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.related import related
 from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
 from isorig.analysis.fitting.solve import Fit, Free, disagreement
 from isorig.analysis.fitting.trials import Trial, drive_noise
@@ -60,7 +62,8 @@ class Characterization:
     For the wire bonder the table has its bodies' masses, frequencies and damping ratios; for another rig, and for an extended
     model, the parameters by their paths, and the frequency and damping ratio of the modes of every measured configuration.
     `faults` are faults in the records: runs with faulty channels are not used if their configuration has others. `head_mass` is
-    fitted if it is not given. `calibrated` states whether the recording gives the calibration uncertainty of its sensors.
+    fitted if it is not given. `calibrated` states whether the recording gives the calibration uncertainty of its sensors. `noise`
+    is a sentence on noise that is not white or differs between runs, or empty.
     """
 
     table: dict[str, Entry]
@@ -71,6 +74,7 @@ class Characterization:
     score: Score
     floor: float
     adequate: bool
+    noise: str = ""
     faults: tuple[Fault, ...] = ()
     doubts: tuple[Doubt, ...] = ()
 
@@ -90,9 +94,11 @@ def characterize(
 ) -> Characterization:
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
-    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Standard uncertainties are computed from
-    the residuals frequency bin by bin (`deviations`), given the recorded head acceleration, and from a simulation with a smaller
-    time step; if the model misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. If the
+    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by noise
+    in the recorded drive (`drive_noise`). Standard uncertainties are the larger of those from the residuals frequency bin by bin
+    (`deviations`) and from draws of the noise in drive and responses, with a simulation with a smaller time step; if the model
+    misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. A misfit is an error above the
+    white noise of the sensors that is related to the drive or the motion (`related`); other errors are noise. If the
     recording gives the uncertainty of its sensors' calibration and of the weighed masses (`CALIBRATION`, `MASS_STD`), it is
     propagated through the fit; otherwise these are treated as exact. The head's mass is fitted too if the recording does not give
     it.
@@ -134,19 +140,29 @@ def characterize(
     rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
     progress("computing the uncertainties")
     done = polished(awakened(rough, fine), fine)
+    shaken = drive_noise_effect(done, fine)
+    done = without_bias(done, shaken)
     judged = score(done.model, fine)
     floors = noise_floor(done.model, fine, drive_noise(campaign, model.drive.channel))
     explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
+    noise = ""
+    if not explained and not related(done.model, fine):
+        ratio = float(np.max(judged.error / floors))
+        noise = (
+            f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
+            "nor the motion: it is taken as noise, with its spectrum and its level in each run."
+        )
+        floors, explained = np.maximum(floors, judged.error), True
     # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
     excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
     misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
     note = "" if misfit < 0.01 else f"the model leaves {of_signal(misfit)} unexplained; see rig diagnose"
-    known = _Known(done, fine, explained, misfit, note, _uncertain(campaign.known, done))
+    known = _Known(done, fine, explained, misfit, note, _uncertain(campaign.known, done), shaken)
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
         table=table, head_mass=_head(known, given) if bonder else None,
         calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=judged, floor=float(np.median(floors)),
-        adequate=explained, faults=wrong, doubts=doubts(model, (done,), fine),
+        adequate=explained, noise=noise, faults=wrong, doubts=doubts(model, (done,), fine),
     )  # fmt: skip
 
 
@@ -220,12 +236,14 @@ class _Known:
     """Uncertainties of quantities that depend on the fitted values."""
 
     def __init__(
-        self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float]
+        self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float],
+        shaken: DriveNoise,
     ) -> None:  # fmt: skip
         self.fitted, self.trials, self._misfit, self._note = fitted, trials, misfit, note
         self._given, self._given_moves = given, given_moves(fitted, trials, given)
         self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
         self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
+        self._shaken = shaken.covariance
         self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
@@ -236,7 +254,8 @@ class _Known:
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
         # A mass treated as known affects the fitted values, and directly a quantity whose formula contains it.
         own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
-        variance = deviation(self._moves, slope) ** 2 + (self._shift @ slope) ** 2 + slope @ self._runs @ slope
+        variance = max(deviation(self._moves, slope) ** 2, float(slope @ self._shaken @ slope))
+        variance += (self._shift @ slope) ** 2 + slope @ self._runs @ slope
         variance += float(((self._given_moves @ slope + own) ** 2).sum())
         whole = float(np.sqrt(variance + (UNSEEN.get(kind, UNSEEN["damping"]) * value) ** 2))
         if self._note:

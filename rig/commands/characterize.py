@@ -67,6 +67,8 @@ def characterize(
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:
         print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")
+    if found.noise:
+        print(found.noise)
     for fault in found.faults:
         print(fault.text)
     print(path)

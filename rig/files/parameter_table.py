@@ -73,7 +73,7 @@ def write_characterization(
     content = {
         "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,
         "measured": origin.isoformat() if origin is not None else None, "parameters": table,
-        "rig": found.fit.model.name, "drive": drive, "calibration_stated": found.calibrated,
+        "rig": found.fit.model.name, "drive": drive, "calibration_stated": found.calibrated, "noise": found.noise,
         "faults": [fault.text for fault in found.faults], "doubts": [doubt.text for doubt in found.doubts], **(further or {}),
     }  # fmt: skip
     return write_json(folder / "parameters.json", content)

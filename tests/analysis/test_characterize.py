@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from intervals import TAKES, truths
+from intervals import NOISES, SHORT, TAKES, truths, with_noise
 
 from isorig.analysis.campaign import Channel
 from isorig.analysis.jackknife import deviation
@@ -53,6 +53,33 @@ def test_intervals_hold_the_truth_and_are_no_wider_than_they_need() -> None:
             assert entry.std is not None
             assert abs(entry.value - truth) <= 4.0 * entry.std, name
             assert entry.std < 5e-4 * truth, name
+
+
+@pytest.mark.parametrize("noise", [pytest.param(NOISES[2], marks=pytest.mark.study), NOISES[3]])
+def test_intervals_hold_the_truth_with_other_noise_than_white(noise: str) -> None:
+    """Coloured noise, and noise mostly in the drive: neither is a misfit of the model."""
+    model = wire_bonder({**THESIS, "friction_force": 9.0, "table_mass": 92.0})
+    campaign = with_noise(virtual_campaign(model, SHORT, seed=1, noise=0.0), noise, "head", 1)
+    found = characterize(campaign, baseline_model(campaign))
+    assert found.adequate
+    assert "is related to neither the drive nor the motion: it is taken as noise" in found.noise
+    for name, truth in truths(model).items():
+        entry = found.table[name]
+        if entry.method != "given":
+            assert entry.value is not None
+            assert entry.std is not None
+            assert abs(entry.value - truth) <= 3.5 * entry.std, name
+            assert entry.std < 0.02 * truth, name
+    assert found.table["motor_frequency"].std == pytest.approx(0.0, abs=1e-3 * truths(model)["motor_frequency"])
+
+
+def test_a_wrong_model_is_not_taken_as_noise() -> None:
+    """Friction that is missing in the model is related to the motion."""
+    model = wire_bonder({**THESIS, "friction_force": 9.0})
+    campaign = virtual_campaign(model, SHORT, seed=1)
+    found = characterize(campaign, baseline_model(campaign, "linear"))
+    assert not found.adequate
+    assert found.noise == ""
 
 
 def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,187 @@
+"""Effect of noise in the recorded drive on fitted values: their bias, and its share of their uncertainty.
+
+A fit that takes the recorded drive x + n as exact has a residual W (D n + b): D the rig's linear response to the noise, b the
+mean response to its square (noise lets a contact slide more easily). Both depend on the fitted values, so least squares is
+biased, by (J'J)^-1 (J'b + half the gradient of |D n|^2), J the derivatives of the residual (errors in variables: Pintelon and
+Schoukens 2012, ch. 8; simulated as by Cook and Stefanski 1994). A contact that sticks and slides passes the noise only while it
+slides, when the values matter most, so the residual's frequency bins are not independent: the uncertainty comes from draws of the
+noise, not from the bins. All terms come from simulations with added noise of the same spectrum. The spectrum follows from the
+residual: noise of the drive appears in all responses together, noise of the sensors does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.solve import FAINT, Fit, Problem
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.model.rig_model import RigModel
+
+#: Frequency bands of the noise's spectrum, and the least number of frequency bins in each.
+BANDS, LEAST_BINS = 16, 40
+#: Noise for the rig's linear response, as a share of the drive's rms.
+PROBE = 1e-3
+#: Pairs of draws (of both signs) for the bias; draws for the uncertainty, whose own relative uncertainty is 1 / sqrt(2 draws).
+PAIRS, DRAWS = 1, 16
+#: Relative uncertainty of the removed bias, for the noise's spectrum is estimated from few bins.
+UNCERTAIN = 0.25
+
+
+@dataclass(frozen=True)
+class DriveNoise:
+    """Effect of the noise in the recorded drive on fitted values.
+
+    Parameters
+    ----------
+    bias
+        In the values' units, shape (values,).
+    covariance
+        Of the values, due to noise in drive and responses, and to the uncertainty of the bias, shape (values, values).
+    """
+
+    bias: FloatArray
+    covariance: FloatArray
+
+
+class _Noise(NamedTuple):
+    # Spectrum of the drive's noise (rms in the bins of numpy's rfft of the record), and power of each response's own noise in the
+    # bins of the weighted residual, shape (channels, bins).
+    drive: FloatArray
+    own: FloatArray
+
+
+def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
+    """Effect of the noise in the recorded drive; none for rigs with one response, or judged by their drive's force.
+
+    Parameters
+    ----------
+    done
+        The fit.
+    trials
+        Its runs.
+    """
+    from scipy.special import stdtrit
+
+    used = [trial for trial in trials if trial.fitted > 0]
+    count = len(done.free)
+    if not count or any(trial.motion is not None or len(trial.channels) < 2 for trial in used):
+        return DriveNoise(np.zeros(count), np.zeros((count, count)))
+    generator = np.random.default_rng(17)
+    white = [generator.normal(0.0, PROBE * t.excitation.recorded.std(), len(t.excitation.recorded)) for t in used]
+    response = _shaken(used, white, 1.0, [done.model])[0] - done.residual
+    noises = [
+        _noise(trial, left, seen, added)
+        for trial, left, seen, added in zip(
+            used, _split(done.residual, done.sizes), _split(response, done.sizes), white, strict=True
+        )
+    ]
+    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
+    jacobian = done.jacobian / scale
+    bread = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+    # A value without any effect on the residual has no uncertainty here; it is reported as not identifiable.
+    traced = (done.jacobian**2).sum(axis=0) > FAINT
+    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free]) * traced / np.where(traced, scale, 1.0)
+    moved, steps = _moved(done)
+    biases = []
+    for _ in range(PAIRS):
+        draws = [_draw(generator, noise, trial) for noise, trial in zip(noises, used, strict=True)]
+        up, down = (_shaken(used, draws, sign, [done.model, *moved]) for sign in (1.0, -1.0))
+        odd, even = 0.5 * (up - down), 0.5 * (up[0] + down[0]) - done.residual
+        gradient = ((odd[1:] - odd[0]) / steps[:, None]) @ odd[0]
+        # J'r is zero at the fitted values and this at the true ones, so the fitted values are off by its negative.
+        biases.append(-(bread @ (jacobian.T @ even + traced * gradient / np.where(traced, scale, 1.0))) * slope)
+    bias = np.mean(biases, axis=0)
+    moves = []
+    for _ in range(DRAWS):
+        draws = [_draw(generator, noise, trial) for noise, trial in zip(noises, used, strict=True)]
+        moves.append(bread @ (jacobian.T @ (_shaken(used, draws, 1.0, [done.model])[0] - done.residual)) * slope)
+    student = float(stdtrit(DRAWS, 0.975) / stdtrit(np.inf, 0.975))
+    own = np.concatenate([np.tile(noise.own.ravel(), 2) for noise in noises])
+    sensors = bread @ (jacobian.T @ (0.5 * own[:, None] * jacobian)) @ bread * np.outer(slope, slope)
+    covariance = student**2 * np.array(moves).T @ np.array(moves) / DRAWS + sensors
+    return DriveNoise(bias, covariance + UNCERTAIN**2 * np.outer(bias, bias))
+
+
+def _moved(done: Fit) -> tuple[list[RigModel], FloatArray]:
+    # Models with one value moved by its finite difference each.
+    theta = np.array([free.encode(done.model.get(free.path)) for free in done.free])
+    steps = np.array([free.step for free in done.free])
+    models = []
+    for i in range(len(steps)):
+        there = theta.copy()
+        there[i] += steps[i]
+        models.append(done.model.replace({f.path: f.decode(c) for f, c in zip(done.free, there, strict=True)}))
+    return models, steps
+
+
+def _shaken(trials: Sequence[Trial], noises: Sequence[FloatArray], sign: float, models: Sequence[RigModel]) -> FloatArray:
+    # Weighted residuals with noise added to the drive, shape (models, size).
+    added = [
+        replace(t, excitation=t.excitation.with_drive(t.excitation.recorded + sign * noise))
+        for t, noise in zip(trials, noises, strict=True)
+    ]
+    return np.nan_to_num(Problem(added, share=SIMULATION_LIMIT).residuals(models))
+
+
+def _split(values: FloatArray, sizes: Sequence[int]) -> list[FloatArray]:
+    return list(np.split(values, np.cumsum(sizes)[:-1]))
+
+
+def _rows(values: FloatArray, channels: int) -> ComplexArray:
+    # Complex weighted spectra, shape (channels, bins).
+    real, imag = values.reshape(2, channels, -1)
+    return np.asarray(real + 1j * imag)
+
+
+def _noise(trial: Trial, residual: FloatArray, response: FloatArray, added: FloatArray) -> _Noise:
+    left, seen = _rows(residual, len(trial.channels)), _rows(response, len(trial.channels))
+    bins = left.shape[1]
+    edges = _bands(bins)
+    size = float(added.std())
+    drive = np.abs(np.fft.rfft(trial.excitation.recorded[: trial.fitted])) ** 2 / trial.fitted
+    pairs = [(i, j) for i in range(len(left)) for j in range(i)]
+    power, own = np.zeros(bins), np.zeros(left.shape)
+    for low, high in pairwise(edges):
+        shared = [np.mean(seen[i, low:high] * np.conj(seen[j, low:high])) for i, j in pairs]
+        common = [np.mean(left[i, low:high] * np.conj(left[j, low:high])) for i, j in pairs]
+        known = sum(abs(one) ** 2 for one in shared)
+        # Never more than the whole drive there.
+        most = float(np.mean(drive[low:high])) / size**2 if size > 0.0 else 0.0
+        asked = sum(float((a * np.conj(b)).real) for a, b in zip(common, shared, strict=True))
+        power[low:high] = min(max(asked / known if known > 0.0 else 0.0, 0.0), most)
+        total, passed = ((np.abs(rows[:, low:high]) ** 2).mean(axis=1) for rows in (left, seen))
+        own[:, low:high] = np.maximum(total - power[low] * passed, 0.0)[:, None]
+    # Above the residual's ceiling the noise is taken as white.
+    n = len(trial.excitation.recorded)
+    at = (np.arange(n // 2 + 1) * trial.fitted) // n
+    return _Noise(size * np.sqrt(n * power[np.minimum(at, bins - 1)]), own)
+
+
+def _bands(bins: int) -> IntArray:
+    # First bins of bands of increasing width, and the end of the last.
+    edges = [0]
+    for edge in np.geomspace(LEAST_BINS, max(bins, LEAST_BINS), BANDS).astype(int):
+        if edge - edges[-1] >= LEAST_BINS:
+            edges.append(int(edge))
+    return np.array([*edges[:-1], bins] if len(edges) > 1 else [0, bins], dtype=np.int64)
+
+
+def _draw(generator: np.random.Generator, noise: _Noise, trial: Trial) -> FloatArray:
+    n = len(trial.excitation.recorded)
+    white = np.fft.rfft(generator.normal(0.0, 1.0, n)) / np.sqrt(n)
+    return np.asarray(np.fft.irfft(white * noise.drive, n))
+
+
+def without_bias(done: Fit, noise: DriveNoise) -> Fit:
+    """The fit with its values corrected for the bias by noise in the drive."""
+    pairs = zip(done.free, done.values.values(), noise.bias, strict=True)
+    moved = {free.path: min(max(value - bias, free.low), free.high) for free, value, bias in pairs}
+    kept = {f.path: v for f, v in zip(done.free, moved.values(), strict=True) if np.isfinite(v) and (not f.log or v > 0.0)}
+    return replace(done, model=done.model.replace(kept))

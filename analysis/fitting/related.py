@@ -1,0 +1,105 @@
+"""Whether what a model leaves of a measurement is related to the drive and to the motion, or is noise.
+
+What a wrong model leaves follows from the drive: it is coherent with the drive, or with a function of a link's deflection or
+velocity. Sensor noise is coherent with none of them, whatever its spectrum and its level in each run. Noise in the recorded drive
+is part of the drive that the model gets; so only frequency bins in which the drive is far above its noise count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.parallel import side_by_side
+from isorig.analysis.simulate import simulate
+from isorig.analysis.spectra.welch import effective_averages
+from isorig.analysis.spectra.windows import HANN
+
+#: Segments of a record, half overlapping.
+SEGMENTS = 23
+#: Neighbouring bins of a Hann window that share one independent value.
+TIED = 2.0
+#: Probability of a chance coherence, over all runs, responses and functions, below which the rest is related to the motion, if
+#: the coherent share of its power is above `SHARE` and above the simulation's own error.
+CHANCE, SHARE = 1e-3, 0.1
+#: Share of the drive's largest power density in bins that count.
+DRIVEN = 0.01
+#: Motions for which functions are tested, and the prefix of their channels.
+MOTIONS: tuple[Literal["displacement", "velocity"], ...] = ("displacement", "velocity")
+PREFIX = "link "
+
+
+def related(model: RigModel, trials: Sequence[Trial]) -> bool:
+    """Whether the difference between measurement and model is coherent with the drive or with functions of the motion.
+
+    Parameters
+    ----------
+    model
+        The fitted rig.
+    trials
+        Its runs; those judged by their drive's force count as related.
+    """
+    if any(trial.motion is not None for trial in trials):
+        return True
+    sensors = tuple(
+        Sensor(channel=f"{PREFIX}{motion} {link.name}", body=link.a, relative_to=link.b, quantity=motion)
+        for link in model.links
+        for motion in MOTIONS
+    )
+    watched = msgspec.structs.replace(model, sensors=(*model.sensors, *sensors))
+
+    def one(trial: Trial) -> list[tuple[float, bool]]:
+        try:
+            left = trial.measured - expected(model, trial)
+            motion = simulate(
+                watched, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time
+            ).channels
+        except (SimulationError, ModelError):
+            return [(0.0, True)]
+        drive = trial.excitation.recorded
+        inputs = [drive]
+        for sensor in sensors:
+            x = motion[sensor.channel] / max(float(np.std(motion[sensor.channel])), 1e-300)
+            inputs += [x, np.abs(x), np.sign(x) if sensor.quantity == "velocity" else x**3]
+        return [
+            _chance(rows, signal, values, drive) for rows, signal in zip(left, trial.measured, strict=True) for values in inputs
+        ]
+
+    found = [pair for pairs in side_by_side(one, trials) for pair in pairs]
+    return any(large and chance * len(found) < CHANCE for chance, large in found)
+
+
+def _chance(left: FloatArray, signal: FloatArray, values: FloatArray, drive: FloatArray) -> tuple[float, bool]:
+    # Probability that unrelated records are as coherent as these two, the bins weighted by the power of what is left, and
+    # whether the coherent power matters.
+    from scipy.special import gammaincc
+
+    n = min(len(left), len(values))
+    length = 2 * (n // (SEGMENTS + 1))
+    one, whole, other, driving = (_segments(rows[:n], length) for rows in (left, signal, values, drive))
+    driven = (np.abs(driving) ** 2).sum(axis=0)
+    kept = driven >= DRIVEN * driven.max()
+    cross = np.abs((np.conj(one) * other).sum(axis=0)[kept]) ** 2
+    power, input_power, size = ((np.abs(rows) ** 2).sum(axis=0)[kept] for rows in (one, other, whole))
+    if power.sum() == 0.0 or input_power.sum() == 0.0:
+        return 1.0, False
+    averages = effective_averages(HANN.samples(length), len(one), length // 2)
+    coherence = float((power / power.sum()) @ (cross / np.maximum(power * input_power, 1e-300)))
+    # Without a relation coherence times averages has an exponential distribution, a weighted sum nearly a gamma distribution.
+    shape = 1.0 / (TIED * float(((power / power.sum()) ** 2).sum()))
+    share = max(coherence - 1.0 / averages, 0.0) / (1.0 - 1.0 / averages)
+    large = share > SHARE and share * power.sum() > (2.0 * SIMULATION_LIMIT) ** 2 * size.sum()
+    return float(gammaincc(shape, shape * averages * coherence)), bool(large)
+
+
+def _segments(values: FloatArray, length: int) -> ComplexArray:
+    parts = np.lib.stride_tricks.sliding_window_view(values, length)[:: length // 2]
+    return np.asarray(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * HANN.samples(length), axis=1)[:, 1:])
