@@ -94,5 +94,5 @@ def _say(outcome: Outcome, folder: Path) -> None:
         f"{outcome.holdout_extended:.3g} (noise floor {outcome.noise_floor:.3g})"
     )
     if outcome.cut_short:
-        print("  the time limit ended the search for causes, which may have missed some; increase it with --seconds")
+        print("  the time limit ended the search for causes before all were tried; increase it with --seconds")
     print(f"  {folder / 'report.html'}")

@@ -133,7 +133,7 @@ def from_findings(folder: Path, blank: Answer) -> Answer:
         reason = ""
         if found["cut_short"]:
             rows.append(_limit(found["time_limit_s"]))
-            reason = f"the time limit of {found['time_limit_s']:g} s ended the search for causes, which may have missed some"
+            reason = f"the time limit of {found['time_limit_s']:g} s ended the search for causes before all were tried"
         return msgspec.structs.replace(
             blank, verdict=str(found["verdict"]), cause=" + ".join(names), alike=" + ".join(sorted(alike)), reason=reason,
             started=None if began is None else datetime.fromisoformat(began),

@@ -86,7 +86,7 @@ def _summary(fleet: Fleet) -> list[str]:
     sentences = [
         f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
-        f"On average, at most {fleet.false_per_month:g} a month of the parameter changes in the whole fleet is a false alarm.",
+        f"At most {fleet.false_per_month:g} false alarms a month are expected in the whole fleet.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:

@@ -166,7 +166,7 @@ def _placed(recordings: Sequence[Recording], stored: Sequence[Answer]) -> tuple[
         if wanted == str(r.path):
             first[r.content] = r
         else:
-            notes.append(f"{r.path} is the same recording as {wanted}, which counts; remove one of them")
+            notes.append(f"{r.path} is the same recording as {wanted}, which is used; remove one of them")
     return first, notes
 
 

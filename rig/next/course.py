@@ -28,7 +28,7 @@ from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of
 from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins
-from isorig.rig.report.sections import words
+from isorig.rig.report.sections import CUT_SHORT, words
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 
 STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"
@@ -36,8 +36,6 @@ STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session
 NOISE_GUESS = 3e-4
 #: Relative uncertainty of a parameter known only as a starting value in the description.
 FIRST_GUESS = 0.3
-#: Added to the answer of a diagnosis that reached its time limit.
-CUT_SHORT = "The time limit ended the search for causes, which may have missed some."
 #: Consecutive stages without a change of verdict and causes after which an unexplained remainder is left as it is.
 WITHOUT_NEWS = 2
 

@@ -16,7 +16,7 @@ from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, words
+from isorig.rig.report.sections import CUT_SHORT, number, parameters_table, provenance_section, runs_section, words
 from isorig.rig.report.surface import surface_charts
 
 VERDICTS = {
@@ -35,7 +35,6 @@ KINDS: dict[Kind, str] = {
     "known_value": "a wrong given value",
     "sensor": "a sensor's static curve or transfer function",
 }
-CUT_SHORT = "The time limit ended the search for causes, which may have missed some."
 DOUBTFUL = "Check units, channels and given values first: some values are implausible."
 UNEXPLAINED_SO_FAR = "Unexplained so far: the baseline misfits, and the time limit was reached before a cause was identified."
 EVIDENCE = (

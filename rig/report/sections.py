@@ -14,6 +14,8 @@ from isorig.rig.report.page import Section, Table
 
 #: Text for missing information of a recording.
 NOT_GIVEN = "not given"
+#: Of a diagnosis that reached its time limit.
+CUT_SHORT = "The time limit ended the search for causes before all were tried."
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 
 WIRE_BONDER = (

@@ -170,7 +170,7 @@ def test_a_copy_that_arrives_does_not_take_the_place_of_its_original(tmp_path: P
     arrived = [r for r in recordings_under({measured / "rig-b": None}) if r.path == copy]
     work = work_of(store, "coulomb", only=arrived)
     assert work.jobs == ()
-    assert work.notes == (f"{copy} is the same recording as {original}, which counts; remove one of them",)
+    assert work.notes == (f"{copy} is the same recording as {original}, which is used; remove one of them",)
     original.unlink()
     assert work_of(store, "coulomb", only=arrived).notes == ()
     assert store.answers()[["rig", "campaign", "path"]].to_numpy().tolist() == [["rig-b", "copy", str(copy)]]
@@ -285,7 +285,7 @@ def test_a_search_cut_short_is_reported_and_repeated(
     # A clock that goes on by a second whenever it is read: at 1.5 s the baseline is fitted and no cause was looked for yet.
     ticks = itertools.count()
     monkeypatch.setattr("isorig.rig.diagnose_many.time", SimpleNamespace(monotonic=lambda: float(next(ticks))))
-    told = "rig-a w1: unexplained; the time limit of {} s ended the search for causes, which may have missed some"
+    told = "rig-a w1: unexplained; the time limit of {} s ended the search for causes before all were tried"
     assert fleet("update", "-c", store, "--baseline", "linear", "--seconds", 1.5) == 0
     assert told.format(1.5) in capsys.readouterr().out
     found = Catalogue(store).answers()
