@@ -31,16 +31,16 @@ COLUMNS = (
     "kind", "size", "seed", "truth", "verdict", "named", "alike", "right", "baseline", "extended", "floor",
     "later_baseline", "later_extended", "parameters",
 )  # fmt: skip
-#: One round of the study: how often each kind is drawn in it.
-ROUND = {"none": 20, "two": 2} | dict.fromkeys(CAUSES, 1) | {f"outside: {name}": 1 for name in OUTSIDE}
+#: Sound rigs of one round, and everything else, which is drawn in every size.
+SOUND, HIDDEN = 20, (*CAUSES, *(f"outside: {name}" for name in OUTSIDE), "two", "two")
 SIZES = (1.0, 0.33, 0.1)
 
 
 def plan(seed: int) -> list[tuple[str, float, int]]:
-    """Kind, size and seed of every envelope of one round."""
-    return [
-        (kind, 1.0 if kind == "none" else SIZES[seed % 3], 1000 * seed + k) for kind, times in ROUND.items() for k in range(times)
-    ]
+    """Kind, size and seed of every envelope of one round, in a random order: any first part is a fair sample."""
+    whole = [("none", 1.0)] * SOUND + [(kind, size) for kind in HIDDEN for size in SIZES]
+    order = np.random.default_rng(seed).permutation(len(whole))
+    return [(*whole[k], 1000 * seed + int(k)) for k in order]
 
 
 def scored(envelope: Envelope, size: float, seed: int, folder: Path) -> dict[str, object]:

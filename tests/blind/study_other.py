@@ -35,15 +35,16 @@ COLUMNS = (
     "kind", "size", "soil", "rest", "seed", "rig", "truth", "verdict", "named", "answer", "baseline", "extended", "floor",
     "later_baseline", "later_extended",
 )  # fmt: skip
-#: Size, dirt and rest of a round.
+#: Sizes, dirt and rest of every kind in a round.
 SETTINGS = ((1.0, 0.0, False), (1.0, 0.02, False), (0.33, 0.0, True))
 
 
 def plan(round_: int) -> list[tuple[str, float, float, bool, int]]:
-    """Kind, size, dirt, rest and seed of every envelope of one round."""
-    size, soil, rest = SETTINGS[round_ % len(SETTINGS)]
+    """Kind, size, dirt, rest and seed of every envelope of one round, in a random order: any first part is a fair sample."""
     kinds = ("none", "none", *(kind for kind in KINDS if kind != "none"), "two", "two")
-    return [(kind, size, soil, rest, 1000 * round_ + k) for k, kind in enumerate(kinds)]
+    whole = [(kind, *setting) for kind in kinds for setting in SETTINGS]
+    order = np.random.default_rng(round_).permutation(len(whole))
+    return [(*whole[k], 1000 * round_ + int(k)) for k in order]
 
 
 def toml_of(value: Any) -> str:
