@@ -30,6 +30,9 @@ BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation")
 #: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
 #: recordings with filters of 0.75 to 2.5 times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+#: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
+#: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
+MOST_NOISE = 0.1
 #: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
 ANY_SIGN = "any sign"
 #: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
@@ -94,14 +97,14 @@ def characterize(
 ) -> Characterization:
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
-    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by noise
-    in the recorded drive (`drive_noise`). Standard uncertainties are the larger of those from the residuals frequency bin by bin
-    (`deviations`) and from draws of the noise in drive and responses, with a simulation with a smaller time step; if the model
-    misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. A misfit is an error above the
-    white noise of the sensors that is related to the drive or the motion (`related`); other errors are noise. If the
-    recording gives the uncertainty of its sensors' calibration and of the weighed masses (`CALIBRATION`, `MASS_STD`), it is
-    propagated through the fit; otherwise these are treated as exact. The head's mass is fitted too if the recording does not give
-    it.
+    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by
+    noise in the recorded drive (`drive_noise`). Standard uncertainties are the larger of those from the residuals frequency bin
+    by bin (`deviations`) and from draws of the noise in drive and responses, with a simulation with a smaller time step; if the
+    model misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. A misfit is an error
+    above the white noise of the sensors that is related to the drive or the motion (`related`), or above `MOST_NOISE`; other
+    errors are noise. If the recording gives the uncertainty of its sensors' calibration and of the weighed masses
+    (`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact. The head's mass is
+    fitted too if the recording does not give it.
 
     Parameters
     ----------
@@ -146,7 +149,7 @@ def characterize(
     floors = noise_floor(done.model, fine, drive_noise(campaign, model.drive.channel))
     explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
     noise = ""
-    if not explained and not related(done.model, fine):
+    if not explained and judged.figure < MOST_NOISE and not related(done.model, fine):
         ratio = float(np.max(judged.error / floors))
         noise = (
             f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
