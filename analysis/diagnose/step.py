@@ -41,6 +41,7 @@ from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, 
 from isorig.analysis.fitting.solve import Fit, Free, Problem, fit
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import FrictionCurve
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 
 #: Number of candidates with a full fit, and of free shapes.
@@ -496,7 +497,13 @@ def updated(step: Step, extended: Fit) -> Step:
 
 
 def _values(reported: Sequence[Reported], fitted: Fit) -> dict[str, tuple[float, float, str]]:
-    return {r.name: (r.of(fitted.model), _deviation(r, fitted), r.unit) for r in reported}
+    return {r.name: (r.of(fitted.model), _deviation(r, fitted), _unit(r, fitted.model)) for r in reported}
+
+
+def _unit(reported: Reported, model: RigModel) -> str:
+    # A law's parameter has another unit at a rotating part.
+    plain = reported.value is None and unit_of(reported.path) == reported.unit
+    return unit_of(reported.path, model) if plain else reported.unit
 
 
 def _deviation(reported: Reported, fitted: Fit) -> float:

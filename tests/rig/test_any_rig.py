@@ -14,7 +14,10 @@ from small_rigs import with_law
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.misfit import discrepancies
+from isorig.analysis.diagnose.step import _values
+from isorig.analysis.fitting.candidate import Reported
 from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Link
@@ -271,3 +274,11 @@ def test_a_measured_base_is_proposed_as_an_imposed_motion(tmp_path: Path, capsys
     model = read_rig(tmp_path / "map-rig.toml").model
     assert model.imposed == ("body_base",)
     assert (model.link("link_device").a, model.link("link_device").b) == ("body_device", "body_base")
+
+
+def test_units_of_a_cause_at_a_rotating_part() -> None:
+    model = read_rig("belt-pair").model
+    path = f"contacts.{model.contacts[0].name}.law.friction_force"
+    fitted = Fit(model=model, free=(Free(path=path),), covariance=np.eye(1), cost=1.0, evaluations=0)
+    found = _values([Reported(name="friction_force", path=path, unit="N")], fitted)
+    assert found["friction_force"][2] == "N m"
