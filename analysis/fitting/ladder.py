@@ -59,6 +59,9 @@ CROWD = {1: 6, 2: 10}
 #: Misfit of a refitted model, in allowed errors, above which a rung distinguishes candidates; and the share by which one must
 #: reduce it.
 TELLING, PROMISING = 2.0, 0.1
+#: Share of the refitted model's misfit that the best candidate must remove before a rung eliminates those that remove little.
+#: Chosen: on a short stretch, a cause may imitate the small imperfections of a rig whose main effect does not show yet.
+DECISIVE = 0.5
 #: A fit whose misfit over a run's first moments exceeds this multiple of its allowance is biased by a missing effect.
 BENT = 10.0
 
@@ -297,10 +300,13 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
             if candidate.shape is not None and FLAT < done.cost < FAR_WORSE * climbed[0][1].cost:
                 first[k] = _refined(candidate, done, rung)
         first.sort(key=lambda pair: pair[1].cost)
-        better = [pair for pair in first if least < TELLING or pair[1].cost < (1.0 - PROMISING) * least]
+        decisive = last or (bool(first) and first[0][1].cost < (1.0 - DECISIVE) * least)
+        bound = (1.0 - PROMISING if decisive else 1.0 + PROMISING) * least
+        better = [pair for pair in first if least < TELLING or pair[1].cost < bound]
         if not better and not last:
             continue
-        telling = telling or (place, better)
+        if decisive:
+            telling = telling or (place, better)
         running = [p for k, p in enumerate(better) if k < 2 or p[1].cost < BEHIND * better[0][1].cost]
         running = running[: CROWD.get(len(rungs) - 1 - place, len(running))]
         starts = [(candidate, done.free, done.model) for candidate, done in running]
