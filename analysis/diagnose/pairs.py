@@ -7,7 +7,7 @@ takes a fraction of a second, and only a complete model agrees with the data the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -15,13 +15,18 @@ from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.mechanisms import CATALOGUE
 from isorig.analysis.diagnose.mechanisms.base import Evidence
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.ladder import TELLING, Race, Rung, tried
+from isorig.analysis.fitting.ladder import TELLING, Race, Rung, Running, tried
 from isorig.analysis.fitting.screen import Progress, Screen
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.rig_model import RigModel
 
 #: Number of first causes with added second ones, of second ones fitted for each, and of pairs fitted to the end.
 FIRSTS, SECONDS, FINISHED = 4, 4, 3
+#: A second cause that is predicted to leave less than this share of the misfit gets this many times the rung's steps: two large
+#: effects converge slowly. Chosen.
+STRIKING, PATIENCE = 0.2, 4
+#: Number of rungs on which pairs are searched until some agree: the second cause may show later in a run than the first. Chosen.
+LENGTHS = 3
 #: A pair whose misfit, in allowed errors, is below this is complete on a rung: no further first causes are tried.
 AGREES = 1.0
 #: Maximum predicted share of the first cause's misfit that a second one leaves: otherwise it is not fitted.
@@ -65,9 +70,28 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
     progress
         Called with one line for each fit.
     """
-    if run.telling is None:
+    # Where a single form agrees with the data, no second one shows.
+    shown = [(at, singles) for at, singles in run.telling if singles and singles[0][1].cost >= TELLING]
+    for at, singles in shown[:LENGTHS]:
+        if found := _complete(singles, rungs[at], seen, progress):
+            break
+    else:
         return []
-    at, singles = run.telling
+    for rung in rungs[at + 1 :]:
+        longer = replace(rung, steps=PATIENCE * rung.steps)
+        climbed = [(pair, tried(pair.fit.model, pair.fit.free, longer)) for pair in _distinct(found)]
+        found = [
+            Pair(first=pair.first, second=pair.second, alone=pair.alone, fit=done)
+            for pair, done in climbed
+            if done is not None and done.cost < TELLING and pair.second.plausible(done.model)
+        ]
+    return _distinct(found)[:FINISHED]
+
+
+def _complete(
+    singles: Running, rung: Rung, seen: Callable[[RigModel], Evidence], progress: Progress
+) -> list[Pair]:  # fmt: skip
+    # Pairs that agree with the data on a rung.
     found: list[Pair] = []
     queue = list(singles[:FIRSTS])
     while queue:
@@ -75,12 +99,14 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
         model = msgspec.structs.replace(alone.model, free=tuple(free.path for free in alone.free))
         evidence = seen(model)
         candidates = [c for mechanism in CATALOGUE for c in mechanism.candidates(model, evidence)]
-        screened = Screen(alone, rungs[at].problem).ranked([c for c in candidates if _apart(c, first)])
+        screened = Screen(alone, rung.problem).ranked([c for c in candidates if _apart(c, first)])
         for item in (item for item in screened[:SECONDS] if item.cost < PROMISED * alone.cost):
             second = item.candidate
             progress(f"fitting {first.cause} ({first.location}) and {second.cause} ({second.location})")
             free = second.parameters(alone.model, alone.free)
-            fits = [done for start in item.models if (done := tried(start, free, rungs[at])) and second.plausible(done.model)]
+            steps = PATIENCE * rung.steps if item.cost < STRIKING * alone.cost else rung.steps
+            longer = replace(rung, steps=steps)
+            fits = [done for start in item.models if (done := tried(start, free, longer)) and second.plausible(done.model)]
             both = min(fits, key=lambda done: done.cost, default=None)
             if both is not None and both.cost < TELLING:
                 found.append(Pair(first=first, second=second, alone=alone, fit=both))
@@ -88,14 +114,7 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
         if best is not None and best.fit.cost < AGREES:
             # Alternatives to the first cause are found from the second one.
             queue = [single for single in singles if single[0].key == best.second.key and first.key == best.first.key]
-    for rung in rungs[at + 1 :]:
-        climbed = [(pair, tried(pair.fit.model, pair.fit.free, rung)) for pair in _distinct(found)]
-        found = [
-            Pair(first=pair.first, second=pair.second, alone=pair.alone, fit=done)
-            for pair, done in climbed
-            if done is not None and done.cost < TELLING and pair.second.plausible(done.model)
-        ]
-    return _distinct(found)[:FINISHED]
+    return found
 
 
 def _apart(second: Candidate, first: Candidate) -> bool:

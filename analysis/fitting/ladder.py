@@ -77,11 +77,12 @@ class Race:
     ranked
         Candidates with their fits on the last rung, best first.
     telling
-        The first rung, by index, that distinguished candidates, with all candidates' fits there, best first; None if no rung did.
+        The rungs, by index, from the first that distinguished candidates, with the remaining candidates' fits there, best first;
+        empty if no rung did.
     """
 
     ranked: Running
-    telling: tuple[int, Running] | None
+    telling: tuple[tuple[int, Running], ...]
 
 
 def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
@@ -285,7 +286,7 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
         return done
 
     running: Running = []
-    telling: tuple[int, Running] | None = None
+    telling: list[tuple[int, Running]] = []
     for place, rung in enumerate(rungs):
         last = rung is rungs[-1]
         bare = tried(current.model, current.free, rung)
@@ -303,16 +304,16 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
         decisive = last or (bool(first) and first[0][1].cost < (1.0 - DECISIVE) * least)
         bound = (1.0 - PROMISING if decisive else 1.0 + PROMISING) * least
         better = [pair for pair in first if least < TELLING or pair[1].cost < bound]
+        if telling or (decisive and better):
+            telling.append((place, better or first))
         if not better and not last:
             continue
-        if decisive:
-            telling = telling or (place, better)
         running = [p for k, p in enumerate(better) if k < 2 or p[1].cost < BEHIND * better[0][1].cost]
         running = running[: CROWD.get(len(rungs) - 1 - place, len(running))]
         starts = [(candidate, done.free, done.model) for candidate, done in running]
         costs = {id(candidate): done.cost for candidate, done in running}
     ranked = [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]
-    return Race(ranked=ranked, telling=telling)
+    return Race(ranked=ranked, telling=tuple(telling))
 
 
 def _refined(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
