@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
 from isorig.analysis.errors import OutOfTimeError
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Chain, RigModel
 
 SEED = 20311
 
@@ -48,6 +49,15 @@ def test_friction_that_holds_a_body_most_of_the_time_is_found() -> None:
     assert diagnosis.baseline_error > 0.9
     assert named(diagnosis) == {("coulomb_friction", "friction_shape", "rail")}
     assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(12.3, rel=0.01)
+
+
+def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
+    # A gain shows at once; the chain hardens only where it swings far, after the first half second.
+    truth = with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7))
+    sensors = tuple(replace(s, chain=Chain(gain=1.1)) if s.channel == "a2" else s for s in truth.sensors)
+    diagnosis = found(chain(), replace(truth, sensors=sensors), SEED + 10)
+    assert diagnosis.verdict == "explained"
+    assert named(diagnosis) == {("sensor_gain", "sensor", "a2"), ("hardening_stiffness", "spring_shape", "l1")}
 
 
 def test_cubic_damping_is_a_damping_of_another_form() -> None:
