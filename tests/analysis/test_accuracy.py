@@ -252,7 +252,7 @@ def test_exact_step_is_the_matrix_exponential() -> None:
     system[7, 8] = 1.0
     scale = np.array([1, 1, 1, step, step, step, 1, 1, step])
     want = scale[:, None] * expm(system * step) / scale
-    whole = compile_rig(model, "unlocked", step).whole
+    whole = compile_rig(model, "unlocked", step).rig.whole
     assert np.allclose(whole[0, 0, :, :6].T, want[:6], rtol=1e-13, atol=1e-15)
 
 

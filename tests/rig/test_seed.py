@@ -60,7 +60,7 @@ def test_the_drive_was_measured_not_assumed(table: Path, folder: Path) -> None:
     assert 0.0 < by_kind[70.0, "random"].std < 0.2 * by_kind[70.0, "random"].value
     assert by_kind[70.0, "moves"].value == pytest.approx(70.0 * MOVE_PER_GAIN, rel=0.05)
     assert by_kind[70.0, "moves"].measure == "peak"
-    assert drive_levels(read(folder / "campaign.h5")) == file.levels
+    assert drive_levels(read(folder / "campaign.h5"), "head") == file.levels
     seed = read_seed(table)
     assert seed.level(35.0, "random") == pytest.approx(0.5 * 1.5 * 3.8, rel=0.02)
     assert seed.level(35.0, "sweep") is None
