@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,10 +47,13 @@ class ConsideredCandidate:
 
 
 def all_considered(
-    searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], first: Score, floors: FloatArray,
-    model: RigModel, trials: Sequence[Trial],
+    searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], replaced: Collection[tuple[str, str]], first: Score,
+    floors: FloatArray, model: RigModel, trials: Sequence[Trial],
 ) -> tuple[ConsideredCandidate, ...]:  # fmt: skip
-    """All candidates of all searches, the largest contribution first, followed by the untested causes."""
+    """All candidates of all searches, the largest contribution first, followed by the untested causes.
+
+    `replaced` are the causes and places of steps that a more general friction at the same place replaced.
+    """
     named = {(step.cause, step.location) for step in steps}
     sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
     whole = max(excess(first.error, floors), 1e-300)
@@ -60,15 +63,24 @@ def all_considered(
         for entry in entries:
             share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
             key = entry.candidate.key
+            if key in named:  # with the share of the step that it replaced
+                share += sum(found[gone].share or 0.0 for gone in replaced if gone in found and gone != key and gone[1] == key[1])
             if key not in found or key in named:
                 found[key] = _considered(entry, share, best, floors, key in named, any(key in one for one in sets))
+            if key in replaced and key not in named:
+                why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."
+                found[key] = replace(found[key], standing="ruled out", why=why)
     untested = [candidate for candidate in not_tested(model, trials) if (candidate.cause, candidate.location) not in found]
     return (*sorted(found.values(), key=lambda candidate: -(candidate.share or 0.0)), *untested)
 
 
+def _percent(share: float) -> str:
+    return f"{100 * max(share, 0.0):.3g} % of the baseline's reproducible excess"
+
+
 def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool) -> ConsideredCandidate:
     behind = ratio(entry.score.error, best.score.error, floors)
-    percent = f"{100 * max(share, 0.0):.3g} % of the baseline's reproducible excess"
+    percent = _percent(share)
     if together:
         standing, why = "one of several", f"It removes {percent}; the data cannot distinguish it from others."
     elif named:

@@ -186,7 +186,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
         ),
         budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
         considered=all_considered(
-            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], first.score,
+            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, first.score,
             _allowed(found.quiet), first.fit.model, trials,
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
@@ -210,7 +210,8 @@ class _Stage:
 
 @dataclass(frozen=True, kw_only=True)
 class _Found:
-    # Result of a search: division of the runs, intermediate models, how many of them count, and their allowed errors.
+    # Result of a search: division of the runs, intermediate models, how many of them count, their allowed errors, and the causes
+    # whose steps were replaced.
     division: Division
     stages: Sequence[_Stage]
     verdict: str
@@ -218,6 +219,7 @@ class _Found:
     quiet: FloatArray
     enough: float
     calibration: float | None
+    replaced: frozenset[tuple[str, str]]
 
 
 class _Search:
@@ -289,9 +291,11 @@ class _Search:
             if step.form is None and left < POLICY.rest:
                 break
         word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
+        named, replaced = merged(stages[: kept + 1])
         return _Found(
-            division=division, stages=stages, verdict=word, kept=kept, quiet=quiet, enough=enough, calibration=calibration
-        )
+            division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
+            calibration=calibration, replaced=replaced,
+        )  # fmt: skip
 
     def out_of_time(self, text: str) -> bool:
         """Report a line; returns whether the time for the search has ended."""
@@ -337,6 +341,27 @@ def _stage(before: Score, found: Found) -> _Stage:
     entry = found.entry
     step = replace(found.step, before=before.figure, after=entry.score.figure)
     return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
+
+
+def merged(stages: Sequence[_Stage]) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:
+    """The stages of a search without steps that the next one makes superfluous, and the causes and places of those steps.
+
+    A contact has one friction law: a friction that generalizes the one before it there replaces that step.
+    """
+    found: list[_Stage] = []
+    replaced: set[tuple[str, str]] = set()
+    for stage in stages:
+        step, earlier = stage.step, found[-1].step if found else None
+        if step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location:
+            replaced.add((earlier.cause, earlier.location))
+            sentence = (
+                f"It replaces {earlier.cause} at {earlier.location}, which alone reduces the error from {earlier.before:.3g} to "
+                f"{earlier.after:.3g}."
+            )
+            found[-1] = replace(stage, step=replace(step, before=earlier.before, evidence=(*step.evidence, sentence)))
+        else:
+            found.append(stage)
+    return found, frozenset(replaced)
 
 
 def _allowed(quiet: FloatArray) -> FloatArray:
