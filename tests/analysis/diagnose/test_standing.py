@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from small_rigs import guessed, played, stage
 
+from isorig.analysis.diagnose.diagnosis import _Stage, merged
+from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.step import Entry, _by_kind
+from isorig.analysis.diagnose.step import Entry, Step, _by_kind
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.score import BLOCKS, Score
 from isorig.analysis.fitting.solve import Fit, Free
@@ -47,3 +52,36 @@ def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:
 
 def test_a_place_without_such_a_form_is_reported_by_its_free_shape() -> None:
     assert reported(elsewhere=0.0300) == {("sensor_gain", "x"), ("sensor", "a")}
+
+
+def step_to(cause: str, kind: Kind, before: float, after: float, location: str = "rail") -> _Stage:
+    """A stage of a search with a step that reduces the error from `before` to `after`."""
+    step = Step(
+        cause=cause, location=location, kind=kind, form=cause, closest=None, parameters={}, confidence=1.0, rivals=(),
+        indistinguishable=(), evidence=("It does.",), before=before, after=after, reported=(),
+    )  # fmt: skip
+    return _Stage(fit=entry("sensor_gain", "x", after).fit, score=scored(after), step=step)
+
+
+def test_friction_that_generalizes_the_step_before_it_replaces_that_step() -> None:
+    first = step_to("coulomb_friction", "friction_shape", 0.9, 0.4)
+    baseline = replace(first, step=None)
+    last = step_to("stribeck_friction", "friction_shape", 0.4, 0.01)
+    stages, gone = merged([baseline, first, last])
+    assert gone == {("coulomb_friction", "rail")}
+    (step,) = (stage.step for stage in stages if stage.step)
+    assert (step.cause, step.before, step.after) == ("stribeck_friction", 0.9, 0.01)
+    assert "coulomb_friction" in step.evidence[-1]
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        step_to("stribeck_friction", "friction_shape", 0.4, 0.01, "other rail"),
+        step_to("hardening_stiffness", "spring_shape", 0.4, 0.01),
+    ],
+)
+def test_steps_at_other_places_or_of_other_kinds_both_count(last: _Stage) -> None:
+    first = step_to("coulomb_friction", "friction_shape", 0.9, 0.4)
+    stages, gone = merged([replace(first, step=None), first, last])
+    assert (len(stages), gone) == (3, frozenset())
