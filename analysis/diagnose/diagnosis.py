@@ -29,7 +29,7 @@ from isorig.analysis.diagnose.repeats import disturbance
 from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence
 from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
-from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, share_removed
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import baseline_fit, calibrated, finished, guesses_of, widened, without
 from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import (
@@ -291,7 +291,7 @@ class _Search:
             if step.form is None and left < POLICY.rest:
                 break
         word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
-        named, replaced = merged(stages[: kept + 1])
+        named, replaced = merged(stages[: kept + 1], _allowed(quiet))
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
@@ -343,16 +343,18 @@ def _stage(before: Score, found: Found) -> _Stage:
     return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
 
 
-def merged(stages: Sequence[_Stage]) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:
+def merged(stages: Sequence[_Stage], floors: FloatArray) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:
     """The stages of a search without steps that the next one makes superfluous, and the causes and places of those steps.
 
-    A contact has one friction law: a friction that generalizes the one before it there replaces that step.
+    A contact has one friction law: a friction that generalizes the one before it there replaces that step, unless the earlier one
+    is nearly as good (`Policy.form_close`) and the later one a refinement.
     """
     found: list[_Stage] = []
     replaced: set[tuple[str, str]] = set()
     for stage in stages:
         step, earlier = stage.step, found[-1].step if found else None
-        if step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location:
+        alike = step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location
+        if step and earlier and alike and ratio(found[-1].score.error, stage.score.error, floors) > POLICY.form_close:
             replaced.add((earlier.cause, earlier.location))
             sentence = (
                 f"It replaces {earlier.cause} at {earlier.location}, which alone reduces the error from {earlier.before:.3g} to "

@@ -11,6 +11,7 @@ from small_rigs import guessed, played, stage
 from isorig.analysis.diagnose.diagnosis import _Stage, merged
 from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Step, _by_kind
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.score import BLOCKS, Score
@@ -66,11 +67,11 @@ def step_to(cause: str, kind: Kind, before: float, after: float, location: str =
 def test_friction_that_generalizes_the_step_before_it_replaces_that_step() -> None:
     first = step_to("coulomb_friction", "friction_shape", 0.9, 0.4)
     baseline = replace(first, step=None)
-    last = step_to("stribeck_friction", "friction_shape", 0.4, 0.01)
-    stages, gone = merged([baseline, first, last])
+    last = step_to("stribeck_friction", "friction_shape", 0.4, 0.4 / POLICY.form_close * 0.99)
+    stages, gone = merged([baseline, first, last], FLOORS)
     assert gone == {("coulomb_friction", "rail")}
     (step,) = (stage.step for stage in stages if stage.step)
-    assert (step.cause, step.before, step.after) == ("stribeck_friction", 0.9, 0.01)
+    assert (step.cause, step.before, step.after) == ("stribeck_friction", 0.9, 0.4 / POLICY.form_close * 0.99)
     assert "coulomb_friction" in step.evidence[-1]
 
 
@@ -79,9 +80,10 @@ def test_friction_that_generalizes_the_step_before_it_replaces_that_step() -> No
     [
         step_to("stribeck_friction", "friction_shape", 0.4, 0.01, "other rail"),
         step_to("hardening_stiffness", "spring_shape", 0.4, 0.01),
+        step_to("stribeck_friction", "friction_shape", 0.4, 0.4 / POLICY.form_close * 1.01),
     ],
 )
-def test_steps_at_other_places_or_of_other_kinds_both_count(last: _Stage) -> None:
+def test_steps_at_other_places_of_other_kinds_and_refinements_both_count(last: _Stage) -> None:
     first = step_to("coulomb_friction", "friction_shape", 0.9, 0.4)
-    stages, gone = merged([replace(first, step=None), first, last])
+    stages, gone = merged([replace(first, step=None), first, last], FLOORS)
     assert (len(stages), gone) == (3, frozenset())
