@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
@@ -57,7 +58,7 @@ def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = Tru
     shape = len(trials), trials[0].measured.shape[0]
     if not pairs:
         return np.zeros(shape)
-    signal = np.stack([np.mean(t.measured[:, t.fitted :] ** 2, axis=1) for t in trials])
+    signal = signal_powers(trials)
     power = np.full(shape, np.nan)
     share = []
     for one, other in pairs:

@@ -10,6 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.excess import ADEQUATE, MOST_ERROR, excess, is_adequate
+from isorig.analysis.fitting.solve import QUIET
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
@@ -58,10 +59,20 @@ def held_out(trial: Trial) -> slice:
     return slice(trial.fitted, trial.samples)
 
 
+def signal_powers(trials: Sequence[Trial]) -> FloatArray:
+    """Mean square of the held-out record of each run and channel, at least that of `QUIET` of the channel's largest run.
+
+    A body that friction holds for a whole run has no signal to compare an error with. Shape (runs, channels).
+    """
+    powers = np.stack([np.mean(trial.measured[:, held_out(trial)] ** 2, axis=1) for trial in trials])
+    return np.asarray(np.maximum(powers, np.maximum(QUIET**2 * powers.max(axis=0), 1e-60)))
+
+
 def score(model: RigModel, trials: Sequence[Trial]) -> Score:
     """Free-run simulation of every run from its first sample, compared on held-out data."""
 
-    def one(trial: Trial) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def one(job: tuple[Trial, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        trial, signal = job
         part = held_out(trial)
         try:
             predicted = expected(model, trial)[:, part]
@@ -69,15 +80,14 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
             predicted = np.full((len(trial.channels), trial.samples - trial.fitted), 1e6)
         measured = trial.measured[:, part]
         error = predicted - measured
-        size = np.sqrt(np.mean(measured**2, axis=1))
-        relative = np.sqrt(np.mean(error**2, axis=1)) / np.maximum(size, 1e-30)
-        floor = trial.noise**2 + (BLOCK_NOISE * size) ** 2
+        relative = np.sqrt(np.mean(error**2, axis=1) / signal)
+        floor = trial.noise**2 + BLOCK_NOISE**2 * signal
         blocks = np.stack([np.mean(b**2, axis=1) for b in np.array_split(error, BLOCKS, axis=1)], axis=1)
-        power = blocks / np.maximum(size**2, 1e-30)[:, None]
+        power = blocks / signal[:, None]
         # Without motion, e.g. an encoder at rest, a block without error does not distinguish two models.
         return relative, np.maximum(blocks / np.maximum(floor, 1e-30)[:, None], LEAST_BLOCK), power
 
-    results = side_by_side(one, trials)
+    results = side_by_side(one, list(zip(trials, signal_powers(trials), strict=True)))
     return Score(*(np.stack([r[k] for r in results]) for k in range(3)))
 
 
@@ -103,16 +113,15 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
         )
         return np.array([[np.mean((clean[n] - other[n])[part] ** 2) for n in trial.channels] for other in others])
 
-    def one(job: tuple[Trial, FloatArray]) -> FloatArray:
-        trial, noises = job
+    def one(job: tuple[Trial, FloatArray, FloatArray]) -> FloatArray:
+        trial, noises, signal = job
         power = through(trial, list(noises[:2]))
         if np.any(power.max(axis=0) > SENSITIVE * power.min(axis=0)):
             power = np.concatenate([power, through(trial, list(noises[2:]))])
-        measured = trial.measured[:, held_out(trial)]
-        return np.asarray(np.sqrt((trial.noise**2 + power.max(axis=0)) / np.maximum(np.mean(measured**2, axis=1), 1e-30)))
+        return np.asarray(np.sqrt((trial.noise**2 + power.max(axis=0)) / signal))
 
     noises = [generator.normal(0.0, drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
-    return np.stack(side_by_side(one, list(zip(trials, noises, strict=True))))
+    return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))))
 
 
 def confidence(best: Score, rivals: Sequence[Score], *, draws: int = 400) -> float:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from small_rigs import chain, played
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.policy import Stage, step_counts, verdict, wins
@@ -16,9 +19,12 @@ from isorig.analysis.fitting.score import (
     improvement,
     margin_in_errors,
     share_interval,
+    signal_powers,
     units,
     worst,
 )
+from isorig.analysis.fitting.solve import QUIET
+from isorig.analysis.fitting.trials import prepare
 
 ERROR = np.array([[0.1, 0.2, 0.9], [0.05, 0.4, 3.0], [0.5, 0.5, 0.5]])
 FLOORS = np.array([[0.1, 0.01, 0.3], [0.06, 0.02, 0.1], [0.5, 0.4, 0.25]])
@@ -188,3 +194,13 @@ def test_an_adequate_baseline_has_no_steps() -> None:
     # Of three steps, those before the uncertain one are named.
     way = [stage(0.0), stage(0.6, place="a"), stage(0.75, place="b", refines=True, certain=False)]
     assert verdict(way, np.full((6, 3), 0.004), 1.5) == ("partly explained", 1)
+
+
+def test_a_run_in_which_nothing_moves_is_compared_with_the_channel_s_largest_run() -> None:
+    campaign = played(chain(), seed=5)
+    moving, *_ = prepare(campaign, chain())
+    still = replace(moving, measured=np.zeros_like(moving.measured))
+    powers = signal_powers([moving, still])
+    assert powers[1] == pytest.approx(QUIET**2 * powers[0])
+    part = moving.measured[:, moving.fitted : moving.samples]
+    assert powers[0] == pytest.approx((part**2).mean(axis=1))
