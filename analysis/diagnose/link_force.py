@@ -84,19 +84,16 @@ def link_record(model: RigModel, link: Link, run: Run) -> LinkRecord | None:
     def nearest(body: str, order: int) -> Sensor:
         return min((s for s in sensors if s.body == body), key=lambda s: abs(MOTION[s.quantity] - order))
 
-    def at(body: str) -> Sensor:
-        return nearest(body, 0)
-
-    used = {s.channel: s for name in (*beyond, *ends) for s in (nearest(name, 0), nearest(name, 2)) if MOTION[s.quantity] != 2}
+    placed, accelerated = [nearest(end, 0) for end in ends], {name: nearest(name, 2) for name in beyond}
+    used = {s.channel for s in (*placed, *accelerated.values()) if MOTION[s.quantity] != 2}
     edge = min((signal_edge(run.read(name)) for name in used), default=1.0)
-    pairs = [motion_of(run.read(at(end).channel), at(end).quantity, run.sample_rate, run.band) for end in ends]
+    pairs = [motion_of(run.read(s.channel), s.quantity, run.sample_rate, run.band) for s in placed]
     v, d = (a - b for a, b in zip(*pairs, strict=True)) if len(pairs) == 2 else pairs[0]
     whole = slice(round(EDGE * run.sample_rate), -round(EDGE * run.sample_rate))
     share = sum(model.drive.pushes.get(name, 0.0) for name in beyond)
     acceleration = {
-        name: low_passed(acceleration_of(run.read(sensor.channel), sensor.quantity, run.sample_rate), edge)[whole]
-        for name in beyond
-        for sensor in [nearest(name, 2)]
+        name: low_passed(acceleration_of(run.read(s.channel), s.quantity, run.sample_rate), edge)[whole]
+        for name, s in accelerated.items()
     }
     return LinkRecord(
         deflection=d[whole], velocity=low_passed(v, edge)[whole],

@@ -69,7 +69,7 @@ def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = Tru
         left = [trial.measured[:, part] - expected(model, trial)[:, part] for trial in (a, b)]
         noise = 0.5 * (a.noise**2 + b.noise**2)
         apart = np.maximum(0.5 * np.mean((left[0] - left[1]) ** 2, axis=1) - noise, 0.0)
-        share.append(apart / np.maximum(0.5 * (signal[one] + signal[other]), 1e-300))
+        share.append(apart / (0.5 * (signal[one] + signal[other])))
         for k in (one, other):
             power[k] = apart if np.isnan(power[k]).any() else np.maximum(power[k], apart)
     if not share:
@@ -78,4 +78,4 @@ def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = Tru
     usual, typical = np.mean(share, axis=0), np.mean(power[known], axis=0)
     for k in np.flatnonzero(~known).tolist():
         power[k] = (np.minimum if at_most else np.maximum)(typical, usual * signal[k])
-    return np.asarray(np.sqrt(power / np.maximum(signal, 1e-300)))
+    return np.asarray(np.sqrt(power / signal))
