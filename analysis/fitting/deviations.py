@@ -64,11 +64,16 @@ def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
     return done
 
 
-def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
-    """Change of the fitted values without each frequency bin, shape (bins, values), in the values' units."""
+def normalised(done: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Column sizes of a fit's Jacobian, the Jacobian with columns of size one, and the inverse of its normal matrix."""
     scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
     jacobian = done.jacobian / scale
-    bread = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+    return scale, jacobian, np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+
+
+def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
+    """Change of the fitted values without each frequency bin, shape (bins, values), in the values' units."""
+    scale, jacobian, bread = normalised(done)
     scores = []
     ends = np.cumsum(done.sizes)
     for trial, start, end in zip((t for t in trials if t.fitted), ends - np.array(done.sizes), ends, strict=True):
@@ -100,9 +105,8 @@ def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) 
         return np.zeros((0, len(done.free)))
     moved = [done.model.replace({path: done.model.get(path) + std}) for path, std in given.items()]
     changes = np.nan_to_num(Problem(trials, share=SIMULATION_LIMIT).residuals(moved) - done.residual)
-    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
-    jacobian = done.jacobian / scale
-    back = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) @ jacobian.T
+    scale, jacobian, bread = normalised(done)
+    back = bread @ jacobian.T
     slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
     return np.asarray(-(changes @ back.T) / scale * slope)
 
@@ -111,7 +115,6 @@ def grid_shift(done: Fit, trials: Sequence[Trial]) -> FloatArray:
     """Change of the fitted values with half the time step, shape (values,), in their units."""
     finer = tuple(replace(t, excitation=t.excitation.resampled(2 * t.excitation.oversample)) for t in trials)
     change = Problem(finer, share=SIMULATION_LIMIT).residuals([done.model])[0] - done.residual
-    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
-    jacobian = done.jacobian / scale
-    moved = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) @ (jacobian.T @ np.nan_to_num(change)) / scale
+    scale, jacobian, bread = normalised(done)
+    moved = bread @ (jacobian.T @ np.nan_to_num(change)) / scale
     return np.asarray(moved * [done.model.get(f.path) if f.log else 1.0 for f in done.free])

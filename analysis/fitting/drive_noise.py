@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
+from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.solve import FAINT, Fit, Problem
 from isorig.analysis.fitting.trials import Trial
@@ -82,9 +83,7 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
             used, _split(done.residual, done.sizes), _split(response, done.sizes), white, strict=True
         )
     ]
-    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
-    jacobian = done.jacobian / scale
-    bread = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+    scale, jacobian, bread = normalised(done)
     # A value without any effect on the residual has no uncertainty here; it is reported as not identifiable.
     traced = (done.jacobian**2).sum(axis=0) > FAINT
     slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free]) * traced / np.where(traced, scale, 1.0)
