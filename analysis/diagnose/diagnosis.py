@@ -236,7 +236,7 @@ class _Search:
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
-        trials, judged, progress = division.fits, division.judged, self._progress
+        trials, judged = division.fits, division.judged
         stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
         quiet = self._floor(baseline.model, judged)
         calibration = self._calibration(stages[0], divide, quiet)
@@ -250,11 +250,10 @@ class _Search:
             left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
             try:
                 found = next_step(
-                    self._campaign, self._guess, now.fit, now.score, trials, judged, floors, progress, left,
+                    self._campaign, self._guess, now.fit, now.score, trials, judged, floors, self._stage, left,
                     steps=MOST_STEPS - len(stages) + 1, forms_only=repeated,
                 )  # fmt: skip
             except OutOfTimeError:
-                self.cut_short = True
                 break
             if found is None:
                 break
@@ -265,6 +264,8 @@ class _Search:
                 quiet = np.maximum(quiet, self._floor(stages[-1].fit.model, judged))
                 continue
             step, better, best = found.step, found.entry.fit, found.entry.score
+            if self.cut_short and not found.bounded and not self._adequate(best, floors, enough):
+                break  # the form may be merely the closest
             # The step is compared with the model without it, refitted from the parameters after the step.
             bare = without(better, now.fit, trials)
             plain = score(bare.model, judged)
@@ -299,12 +300,19 @@ class _Search:
 
     def out_of_time(self, text: str) -> bool:
         """Report a line; returns whether the time for the search has ended."""
-        if not self.cut_short:
-            try:
-                self._progress(text)
-            except OutOfTimeError:
-                self.cut_short = True
+        with suppress(OutOfTimeError):
+            self._stage(text)
         return self.cut_short
+
+    def _stage(self, text: str) -> None:
+        # Once the time has ended it stays so: what was fitted until then is the answer.
+        if self.cut_short:
+            raise OutOfTimeError("the time limit has ended the search for causes")
+        try:
+            self._progress(text)
+        except OutOfTimeError:
+            self.cut_short = True
+            raise
 
     def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
         return is_adequate(found.error, floors, enough, self._tolerance)

@@ -18,7 +18,7 @@ from isorig.analysis.diagnose.mechanisms.shapes import free_shapes, tabulated
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.pairs import Pair, pairs
 from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
-from isorig.analysis.errors import FitError, ModelError
+from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.excess import excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
@@ -163,6 +163,11 @@ class Found:
     entries: tuple[Entry, ...]
     then: Found | None = None
 
+    @property
+    def bounded(self) -> bool:
+        """Whether a free shape was fitted, the bound of what any law of its kind can explain."""
+        return any(entry.candidate.shape is not None for entry in self.entries)
+
 
 def next_step(
     campaign: Campaign,
@@ -221,29 +226,34 @@ def next_step(
     # tested anyway.
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
     alone = any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
-    if left >= POLICY.rest and not forms_only and not alone:
-        if nearly is None and steps > 1:
-            progress("no form makes the model adequate; fitting pairs of forms")
-            found = pairs(run, rungs, lambda model: observe(campaign, model, trials, guess), progress)
-            both = _together(found, forms, now, trials, fine, floors, progress)
-            if both is not None:
-                return both
-        progress("no forms make the model adequate; fitting free shapes")
-        place, below = None, np.inf
-        if nearly is not None:
-            # A shape of its kind that is no better on the last rung leaves the form as close as it must come.
-            place = nearly.place
-            below = next(done.cost for c, done in run.ranked if c is nearly.candidate) / POLICY.form_close**2
-        shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, place, below)
-        again = _again(screened, shapes, current, floors, rungs, progress)
-        forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
-        if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
-            named = _by_kind(forms, shapes, now, floors, evidence)
-            place = named.entry.place if named is not None and named.step.form is None else None
-            more = _extended(place, forms, screened, current, evidence, rungs, progress)
-            forms = _better([*forms, *_entries(more, trials, fine, progress)], floors)
-            if not any(adequate(entry.score, floors) for entry in forms):
-                return _by_kind(forms, shapes, now, floors, evidence) if more else named
+    shapes: list[Entry] = []
+    try:
+        if left >= POLICY.rest and not forms_only and not alone:
+            if nearly is None and steps > 1:
+                progress("no form makes the model adequate; fitting pairs of forms")
+                found = pairs(run, rungs, lambda model: observe(campaign, model, trials, guess), progress)
+                both = _together(found, forms, now, trials, fine, floors, progress)
+                if both is not None:
+                    return both
+            progress("no forms make the model adequate; fitting free shapes")
+            place, below = None, np.inf
+            if nearly is not None:
+                # A shape of its kind that is no better on the last rung leaves the form as close as it must come.
+                place = nearly.place
+                below = next(done.cost for c, done in run.ranked if c is nearly.candidate) / POLICY.form_close**2
+            shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, place, below)
+            again = _again(screened, shapes, current, floors, rungs, progress)
+            forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
+            if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
+                named = _by_kind(forms, shapes, now, floors, evidence)
+                place = named.entry.place if named is not None and named.step.form is None else None
+                more = _extended(place, forms, screened, current, evidence, rungs, progress)
+                forms = _better([*forms, *_entries(more, trials, fine, progress)], floors)
+                if not any(adequate(entry.score, floors) for entry in forms):
+                    return _by_kind(forms, shapes, now, floors, evidence) if more else named
+    except OutOfTimeError:
+        if shapes:
+            return _by_kind(forms, shapes, now, floors, evidence)
     if not forms:
         return None
     return _by_form(sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks)))), now, floors)
@@ -263,7 +273,10 @@ def _entries(
         except FitError:  # it fits the first seconds only
             continue
         entries.append(Entry(candidate=candidate, fit=done, score=score(done.model, fine)))
-        progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
+        try:
+            progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
+        except OutOfTimeError:
+            break
     return entries
 
 

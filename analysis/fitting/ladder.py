@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.errors import FitError, ModelError
+from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
@@ -75,7 +75,8 @@ class Race:
     Parameters
     ----------
     ranked
-        Candidates with their fits on the last rung, best first.
+        Candidates with their fits on the last rung, best first; if the time limit ended the elimination, on the longest
+        completed one.
     telling
         The rungs, by index, from the first that distinguished candidates, with the remaining candidates' fits there, best first;
         empty if no rung did.
@@ -293,7 +294,12 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
         least = bare.cost if bare else np.inf
         if least < TELLING and not last:
             continue
-        climbed = [(c, done) for c, free, start in starts if (done := climb(c, free, start, rung)) and c.plausible(done.model)]
+        try:
+            climbed = [
+                (c, done) for c, free, start in starts if (done := climb(c, free, start, rung)) and c.plausible(done.model)
+            ]
+        except OutOfTimeError:
+            break
         climbed.sort(key=lambda pair: pair[1].cost)
         # Of several starting points the best continues.
         first = [p for k, p in enumerate(climbed) if all(p[0] is not other for other, _ in climbed[:k])]

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from intervals import NOISES, SHORT, TAKES, truths, with_noise
+from scipy.signal import lfilter
+from small_rigs import guessed, played, stage
 
 from isorig.analysis.campaign import Channel
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.analysis.parameters.joint_fit import characterize
+from isorig.analysis.parameters.joint_fit import MOST_NOISE, characterize
 from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
@@ -80,6 +82,26 @@ def test_a_wrong_model_is_not_taken_as_noise() -> None:
     found = characterize(campaign, baseline_model(campaign, "linear"))
     assert not found.adequate
     assert found.noise == ""
+
+
+@pytest.mark.parametrize(("share", "noise"), [(1.03, True), (1.15, False)])
+def test_an_error_above_the_limit_is_a_misfit_whatever_its_relation(share: float, noise: bool) -> None:
+    """Coloured noise in the responses, related to nothing, just below and just above `MOST_NOISE` of each signal."""
+    clean = played(stage(), seed=4)
+    draw = np.random.default_rng(4)
+    runs = []
+    for run in clean.runs:
+        channels = dict(run.channels)
+        for sensor in stage().sensors:
+            values = run.read(sensor.channel)
+            added = lfilter([1.0], [1.0, -0.9], draw.standard_normal(len(values)))
+            samples = values + share * MOST_NOISE * np.std(values) / np.std(added) * added
+            channels[sensor.channel] = replace(channels[sensor.channel], samples=samples)
+        runs.append(replace(run, channels=channels))
+    found = characterize(replace(clean, runs=tuple(runs)), guessed(stage(), 4))
+    assert found.score.figure == pytest.approx(MOST_NOISE, rel=0.08)
+    assert (found.score.figure < MOST_NOISE) == noise
+    assert (bool(found.noise), found.adequate) == (noise, noise)
 
 
 def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
-"""The study of other rigs: envelopes of chains, carts and stages, with forms of no catalogue, dirt and rest, one line each.
+"""The study of rigs unlike any model: forms outside the catalogue, disturbances and rest, one line for each envelope.
 
-`python tests/blind/study_other.py --minutes 30` goes on where the table ends; it can be stopped at any time. The description
-and the recording are all that reaches the diagnosis; the draw is opened after the answer was written.
+`python tests/blind/study_other.py --minutes 30` draws chains, carts and stages, with `--rigs bonders` wire bonders; it goes on
+where the table ends and can be stopped at any time. The description and the recording are all that reaches the diagnosis; the
+draw is opened after the answer was written.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import json
 import sys
 import tempfile
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 import numpy as np
@@ -22,15 +23,17 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+import other_envelopes
+import unlike_bonders
 from decisions import keep, recorded_files
-from other_envelopes import KINDS, OtherEnvelope, answer_of, draw_other
+from other_envelopes import OtherEnvelope, answer_of, draw_other
+from unlike_bonders import draw_bonder
 
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
 from isorig.rig.prediction import predicted
 
-ROOT = Path(__file__).parents[2]
-TABLE = ROOT / "docs" / "study" / "other-rigs.csv"
+STUDY = Path(__file__).parents[2] / "docs" / "study"
 COLUMNS = (
     "kind", "size", "soil", "rest", "seed", "rig", "truth", "verdict", "named", "answer", "baseline", "extended", "floor",
     "later_baseline", "later_extended",
@@ -39,9 +42,31 @@ COLUMNS = (
 SETTINGS = ((1.0, 0.0, False), (1.0, 0.02, False), (0.33, 0.0, True))
 
 
-def plan(round_: int) -> list[tuple[str, float, float, bool, int]]:
+class Drawing(Protocol):
+    """Draws an envelope."""
+
+    def __call__(self, kind: str, size: float, seed: int, *, soil: float = 0.0, rest: bool = False) -> OtherEnvelope: ...
+
+
+@dataclass(frozen=True)
+class Rigs:
+    """What can be hidden in a family of rigs, how an envelope is drawn, its table, and whether the file has a description."""
+
+    kinds: tuple[str, ...]
+    draw: Drawing
+    table: Path
+    described: bool
+
+
+FAMILIES = {
+    "other": Rigs(other_envelopes.KINDS, draw_other, STUDY / "other-rigs.csv", described=True),
+    "bonders": Rigs(unlike_bonders.KINDS, draw_bonder, STUDY / "unlike-bonders.csv", described=False),
+}
+
+
+def plan(rigs: Rigs, round_: int) -> list[tuple[str, float, float, bool, int]]:
     """Kind, size, dirt, rest and seed of every envelope of one round, in a random order: any first part is a fair sample."""
-    kinds = ("none", "none", *(kind for kind in KINDS if kind != "none"), "two", "two")
+    kinds = ("none", "none", *(kind for kind in rigs.kinds if kind != "none"), "two", "two")
     whole = [(kind, *setting) for kind in kinds for setting in SETTINGS]
     order = np.random.default_rng(round_).permutation(len(whole))
     return [(*whole[k], 1000 * round_ + int(k)) for k in order]
@@ -79,15 +104,18 @@ def later_error(envelope: OtherEnvelope, model: Path) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=30.0, help="stop after the batch that passes this time")
-    parser.add_argument("--table", type=Path, default=TABLE)
+    parser.add_argument("--rigs", choices=FAMILIES, default="other")
+    parser.add_argument("--table", type=Path, default=None, help="another table than that of these rigs")
     parser.add_argument("--first", type=int, default=300, help="first round")
     parser.add_argument("--rounds", type=int, default=1000)
     args = parser.parse_args()
+    rigs = FAMILIES[args.rigs]
+    table = args.table or rigs.table
     done = set()
-    if args.table.exists():
-        with args.table.open() as file:
+    if table.exists():
+        with table.open() as file:
             done = {(row["kind"], int(row["seed"])) for row in csv.DictReader(file)}
-    todo = [job for k in range(args.first, args.first + args.rounds) for job in plan(k) if (job[0], job[-1]) not in done]
+    todo = [job for k in range(args.first, args.first + args.rounds) for job in plan(rigs, k) if (job[0], job[-1]) not in done]
     end = time.monotonic() + 60.0 * args.minutes
     while todo and time.monotonic() < end:
         batch, todo = todo[:6], todo[6:]
@@ -95,8 +123,9 @@ def main() -> None:
             folder = Path(name)
             sealed = {}
             for k, (kind, size, soil, rest, seed) in enumerate(batch):
-                envelope = draw_other(kind, size, seed, soil=soil, rest=rest)
-                write(folder / f"sealed-{k}.h5", replace(envelope.campaign, description=described(envelope)))
+                envelope = rigs.draw(kind, size, seed, soil=soil, rest=rest)
+                campaign = replace(envelope.campaign, description=described(envelope)) if rigs.described else envelope.campaign
+                write(folder / f"sealed-{k}.h5", campaign)
                 sealed[f"sealed-{k}"] = envelope, (kind, size, soil, int(rest), seed)
             for outcome in recorded_files([(folder / f"{name}.h5", folder / name) for name in sealed], "coulomb"):
                 envelope, job = sealed[outcome.campaign]
@@ -104,13 +133,13 @@ def main() -> None:
                     print(f"{envelope.kind}: refused: {outcome.refusal}", flush=True)
                     continue
                 row = scored(envelope, job, folder / outcome.campaign)
-                fresh = not args.table.exists()
-                with args.table.open("a", newline="") as file:
+                fresh = not table.exists()
+                with table.open("a", newline="") as file:
                     writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
                     if fresh:
                         writer.writeheader()
                     writer.writerow(row)
-                keep(folder / outcome.campaign, args.table)
+                keep(folder / outcome.campaign, table)
                 print(", ".join(f"{row[k]}" for k in COLUMNS), flush=True)
 
 

@@ -24,6 +24,7 @@ from isorig.rig.virtual.campaign import SESSION
 
 DOCS = Path(__file__).parents[2] / "docs"
 OTHER = DOCS / "study" / "other-rigs.csv"
+UNLIKE = DOCS / "study" / "unlike-bonders.csv"
 INVESTIGATIONS, PLANNED = DOCS / "study" / "investigations.csv", DOCS / "study" / "standard-plan.csv"
 #: Measuring time in s of the standard plan of seven runs.
 STANDARD = sum(take.seconds for take in SESSION)
@@ -130,7 +131,7 @@ def causes(table: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def other_rigs(table: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Answers on rigs other than the wire bonder, by hidden effect."""
+    """Answers on rigs that no model describes exactly, by hidden effect."""
     catalogued = set(CAUSES) | {"coulomb_friction", "stop that damps"}
     groups = {
         "no effect": table["kind"] == "none",
@@ -300,8 +301,8 @@ def main() -> None:
     seeds = f" ({seeds_of(table)})" if len(table) else ""
     others = pd.read_csv(OTHER, keep_default_na=False) if OTHER.exists() else None
     section = ""
+    head = ("hidden", "place and kind right", "form right too", "kind only", "one of two", "no name", "wrong name")
     if others is not None:
-        head = ("hidden", "place and kind right", "form right too", "kind only", "one of two", "no name", "wrong name")
         section = f"""
 ## Other rigs
 
@@ -311,6 +312,18 @@ loose parts, floor vibration and nonlinear sensors, and a third of them with res
 line in `docs/study/other-rigs.csv`.
 
 {markdown(other_rigs(others), head)}
+"""
+    if UNLIKE.exists():
+        unlike = pd.read_csv(UNLIKE, keep_default_na=False)
+        section += f"""
+## Wire bonders that no model describes exactly
+
+{len(unlike)} campaigns ({seeds_of(unlike)}) of wire bonders, drawn by `tests/blind/study_other.py --rigs bonders`: seven runs,
+320 s, one drive repeated; with forms outside the catalogue, with 2 % of every signal from loose parts, uneven friction, floor
+vibration and nonlinear sensors, and a third of them with rest before the drive. Every campaign has a line in
+`docs/study/unlike-bonders.csv`.
+
+{markdown(other_rigs(unlike), head)}
 """
     if INVESTIGATIONS.exists():
         section += investigation_section(*(pd.read_csv(path, keep_default_na=False) for path in (INVESTIGATIONS, PLANNED)))
