@@ -25,8 +25,12 @@ FIRSTS, SECONDS, FINISHED = 4, 4, 3
 #: A second cause that is predicted to leave less than this share of the misfit gets this many times the rung's steps: two large
 #: effects converge slowly. Chosen.
 STRIKING, PATIENCE = 0.2, 4
-#: Number of rungs on which pairs are searched until some agree: the second cause may show later in a run than the first. Chosen.
-LENGTHS = 3
+#: A first cause whose misfit exceeds that of the best by this factor gets no second one. Chosen: two causes that mask each other
+#: remove similar parts, and a pair is also found from its other cause.
+FIRST_BEHIND = 3.0
+#: Number of rungs on which pairs are searched until some agree: the second cause may show later in a run than the first; and the
+#: seconds of each run beyond which only the first rung is searched: longer ones take most of the time. Chosen.
+LENGTHS, LONGEST = 3, 2.0
 #: A pair whose misfit, in allowed errors, is below this is complete on a rung: no further first causes are tried.
 AGREES = 1.0
 #: Maximum predicted share of the first cause's misfit that a second one leaves: otherwise it is not fitted.
@@ -71,8 +75,8 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
         Called with one line for each fit.
     """
     # Where a single form agrees with the data, no second one shows.
-    shown = [(at, singles) for at, singles in run.telling if singles and singles[0][1].cost >= TELLING]
-    for at, singles in shown[:LENGTHS]:
+    shown = [(at, singles) for at, singles in run.telling if singles and singles[0][1].cost >= TELLING][:LENGTHS]
+    for at, singles in [each for k, each in enumerate(shown) if k == 0 or rungs[each[0]].seconds <= LONGEST]:
         if found := _complete(singles, rungs[at], seen, progress):
             break
     else:
@@ -93,7 +97,7 @@ def _complete(
 ) -> list[Pair]:  # fmt: skip
     # Pairs that agree with the data on a rung.
     found: list[Pair] = []
-    queue = list(singles[:FIRSTS])
+    queue = [single for single in singles[:FIRSTS] if single[1].cost <= FIRST_BEHIND * singles[0][1].cost]
     while queue:
         first, alone = queue.pop(0)
         model = msgspec.structs.replace(alone.model, free=tuple(free.path for free in alone.free))

@@ -24,8 +24,12 @@ from isorig.analysis.fitting.excess import excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
     BEHIND,
     CLOSE,
+    FAR_WORSE,
+    PROMISING,
     SCREENS,
+    Race,
     Rung,
+    Running,
     Starts,
     diverse,
     finished,
@@ -38,7 +42,7 @@ from isorig.analysis.fitting.ladder import (
 )
 from isorig.analysis.fitting.score import Score, adequate, confidence, margin_in_errors, score, units
 from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
-from isorig.analysis.fitting.solve import Fit, Free, Problem, fit
+from isorig.analysis.fitting.solve import Fit, Problem, fit
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
@@ -46,6 +50,9 @@ from isorig.analysis.model.rig_model import RigModel
 
 #: Number of candidates with a full fit, and of free shapes.
 FINALISTS, CURVES = 4, 3
+#: Share of the model's misfit on the last rung that candidates for a further step must remove. Chosen: half of what the step must
+#: remove to count (`Policy.of_rest`).
+PROMISING_LATER = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,7 +227,8 @@ def next_step(
         return None
     # If a shorter interval shows it too, fits may approach on that.
     rungs = ladder(trials, 0.0 if seconds < SCREENS[-1] else seconds)
-    run = race(starts_of(diverse(screened), current, guess, rungs[0]), rungs, current, progress)
+    promising = PROMISING if left >= 1.0 else PROMISING_LATER
+    run = race(starts_of(diverse(screened), current, guess, rungs[0]), rungs, current, progress, promising)
     forms = _entries(run.ranked[:FINALISTS], trials, fine, progress)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
@@ -241,8 +249,10 @@ def next_step(
                 # A shape of its kind that is no better on the last rung leaves the form as close as it must come.
                 place = nearly.place
                 below = next(done.cost for c, done in run.ranked if c is nearly.candidate) / POLICY.form_close**2
-            shapes = _shapes(forms, current, evidence, trials, fine, rungs, progress, place, below)
-            again = _again(screened, shapes, current, floors, rungs, progress)
+            begun = _shape_starts(forms, current, evidence, place)
+            ranked = race(begun, rungs, current, progress, promising).ranked
+            shapes = _entries(_contenders(ranked, run, below), trials, fine, progress)
+            again = _again(screened, forms, shapes, now, current, floors, rungs, progress)
             forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
             if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
                 named = _by_kind(forms, shapes, now, floors, evidence)
@@ -280,12 +290,11 @@ def _entries(
     return entries
 
 
-def _shapes(
-    forms: Sequence[Entry], current: Fit, evidence: Evidence, trials: Sequence[Trial], fine: Sequence[Trial],
-    rungs: Sequence[Rung], progress: Progress, only: tuple[Kind, str] | None = None, below: float = np.inf,
-) -> list[Entry]:  # fmt: skip
-    # All free shapes, or those of one kind and place only; those whose misfit on the last rung is below this are finished.
-    begun: list[tuple[Candidate, tuple[Free, ...], RigModel]] = []
+def _shape_starts(
+    forms: Sequence[Entry], current: Fit, evidence: Evidence, only: tuple[Kind, str] | None = None
+) -> Starts:  # fmt: skip
+    """Starting points of all free shapes, or of those of one kind and place."""
+    begun: Starts = []
     for shape in free_shapes(current.model, evidence):
         if only not in (None, (kind_of(shape.cause), shape.location)):
             continue
@@ -301,20 +310,32 @@ def _shapes(
                     for start in other.starts
                 ]
                 break
-    ranked = race(begun, rungs, current, progress).ranked
-    if not ranked:
-        return []
-    best = ranked[0][1].cost
-    chosen: list[tuple[Candidate, Fit]] = []
+    return begun
+
+
+def _contenders(ranked: Running, run: Race, below: float) -> Running:
+    """The free shapes to be finished, judged by their misfit on the last rung.
+
+    A shape whose misfit is above `below` is none. Neither is one that is far worse than the best shape or form, nor one that is
+    hardly better than a form of its kind at its place: that form stands (`Policy.form_alike`).
+    """
+    costs: dict[tuple[Kind, str], float] = {}
+    for candidate, rough in run.ranked:
+        costs.setdefault((kind_of(candidate.cause), candidate.location), rough.cost)
+    best = min((rough.cost for _, rough in (*ranked, *run.ranked)), default=np.inf)
+    chosen: Running = []
     for candidate, rough in ranked:
-        if rough.cost < min(BEHIND * best, below) and all(candidate.key != other.key for other, _ in chosen):
+        own = costs.get((kind_of(candidate.cause), candidate.location), np.inf) / POLICY.form_alike**2
+        if rough.cost < min(FAR_WORSE * best, below, own) and all(candidate.key != other.key for other, _ in chosen):
             chosen.append((candidate, rough))
-    return _entries(chosen[:CURVES], trials, fine, progress)
+    return chosen[:CURVES]
 
 
 def _again(
     screened: Sequence[ScreenedCandidate],
+    forms: Sequence[Entry],
     shapes: Sequence[Entry],
+    now: Score,
     current: Fit,
     floors: FloatArray,
     rungs: Sequence[Rung],
@@ -323,9 +344,13 @@ def _again(
     """Forms of the best free shape's kind and place again, starting from the other parameters of its fit.
 
     If the missing effect has biased the whole fit, a form may not converge; a curve does, because it is linear in its values.
+    None if one of them already comes close to the shape.
     """
     best = min(shapes, key=lambda entry: excess(entry.score.error, floors), default=None)
     if best is None:
+        return []
+    mates = (form for form in forms if form.place == best.place)
+    if any(form_stands(now.error, best.score.error, form.score.error, floors) for form in mates):
         return []
     led = {path: value for path, value in best.fit.values.items() if path in {free.path for free in current.free}}
     starts: Starts = []

@@ -128,10 +128,11 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class Rung:
-    """Data of a stage of a fit, and its maximum number of steps."""
+    """Data of a stage of a fit, its maximum number of steps, and its seconds of each run."""
 
     problem: Problem
     steps: int
+    seconds: float
 
 
 def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
@@ -144,7 +145,7 @@ def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
     if any(trial.motion for trial in trials):  # judged by the drive at each moment: nothing diverges
         shows = max(shows, HORIZONS[-1])
     rungs = [rung for rung in zip(HORIZONS, STEPS, strict=True) if rung[0] >= shows] or [(shows, STEPS[-1])]
-    return tuple(Rung(problem=Problem(shortened(trials, seconds)), steps=steps) for seconds, steps in rungs)
+    return tuple(Rung(problem=Problem(shortened(trials, seconds)), steps=steps, seconds=seconds) for seconds, steps in rungs)
 
 
 def horizon(model: RigModel, trials: Sequence[Trial]) -> float:
@@ -267,11 +268,15 @@ def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guess: RigMod
     return starts
 
 
-def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress) -> Race:
+def race(
+    starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress, promising: float = PROMISING
+) -> Race:  # fmt: skip
     """Fits of candidates on the ladder, best first; those with much larger errors are eliminated on each rung.
 
     The current model is refitted on each rung. A rung on which it then agrees with the data does not distinguish candidates and
-    is skipped, and so is one on which no candidate fits better than it, except the last.
+    is skipped; so is one on which it nearly agrees and does not drift apart on the next (`UNCHANGED`), and one on which no
+    candidate fits better than it, except the last. On the last rung and on those where one
+    candidate removes much, candidates that remove less than the share `promising` of the refitted model's misfit are eliminated.
     """
 
     costs: dict[int, float] = {}
@@ -288,11 +293,13 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
 
     running: Running = []
     telling: list[tuple[int, Running]] = []
+    bare = [_bare_cost(current, rungs[0])]
     for place, rung in enumerate(rungs):
         last = rung is rungs[-1]
-        bare = tried(current.model, current.free, rung)
-        least = bare.cost if bare else np.inf
-        if least < TELLING and not last:
+        if not last:
+            bare.append(_bare_cost(current, rungs[place + 1]))
+        least = bare[place]
+        if not last and (least < TELLING or (least < BENT and place + 2 < len(rungs) and bare[place + 1] < UNCHANGED * least)):
             continue
         try:
             climbed = [
@@ -308,7 +315,7 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
                 first[k] = _refined(candidate, done, rung)
         first.sort(key=lambda pair: pair[1].cost)
         decisive = last or (bool(first) and first[0][1].cost < (1.0 - DECISIVE) * least)
-        bound = (1.0 - PROMISING if decisive else 1.0 + PROMISING) * least
+        bound = (1.0 - promising if decisive else 1.0 + PROMISING) * least
         better = [pair for pair in first if least < TELLING or pair[1].cost < bound]
         if telling or (decisive and better):
             telling.append((place, better or first))
@@ -320,6 +327,12 @@ def race(starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress
         costs = {id(candidate): done.cost for candidate, done in running}
     ranked = [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]
     return Race(ranked=ranked, telling=tuple(telling))
+
+
+def _bare_cost(current: Fit, rung: Rung) -> float:
+    # Misfit of the current model refitted on a rung.
+    done = tried(current.model, current.free, rung)
+    return done.cost if done else np.inf
 
 
 def _refined(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:

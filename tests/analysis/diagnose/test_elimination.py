@@ -37,7 +37,7 @@ def raced(monkeypatch: pytest.MonkeyPatch, *rungs: tuple[float, float, float]) -
         (Candidate(cause=cause, location="table", family=cause, starts=(start,), free=(), reported=()), (), start)
         for cause, start in starts.items()
     ]
-    steps = [Rung(problem=cast("Problem", None), steps=k) for k in range(len(rungs))]
+    steps = [Rung(problem=cast("Problem", None), steps=k, seconds=float(k)) for k in range(len(rungs))]
     return race(candidates, steps, fitted(bare, 1.0), lambda text: None)
 
 
