@@ -35,6 +35,8 @@ class OtherEnvelope:
         What was measured, then and afterwards.
     guess
         The rig as its description gives it.
+    disturbances
+        (kind, place) of the small imperfections, which an answer may name: they are there.
     """
 
     kind: str
@@ -42,6 +44,7 @@ class OtherEnvelope:
     campaign: Campaign
     later: Campaign
     guess: RigModel
+    disturbances: frozenset[tuple[str, str]] = frozenset()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,13 +280,18 @@ def draw_other(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: bo
         place = model.sensors[int(draw.integers(len(model.sensors)))].channel if where == "channel" else link
         hidden = make(hidden, motion, place, size, draw)
         truth.append((cause, what, model.link(link).a if where == "body" else place))
+    disturbances: frozenset[tuple[str, str]] = frozenset()
     if soil:
         hidden = _soiled(hidden, motion, soil, draw)
+        loose = next(link for link in hidden.links if link.name == "dirt")
+        disturbances = frozenset({("added_motion", loose.b), *(("sensor", sensor.channel) for sensor in hidden.sensors)})
     takes = tuple(Take(take.level, take.wave, rest=float(draw.uniform(0.3, 2.0)) if rest else 0.0) for take in SESSION)
     later = (Take(4.5, 11, rest=takes[0].rest), Take(6.0, 12, rest=takes[0].rest), Take(2.0, 13, rest=takes[0].rest))
     campaign = _shaken(played(hidden, seed=seed, takes=takes), soil, seed)
     after = _shaken(played(hidden, seed=seed + 500, takes=later), soil, seed + 1)
-    return OtherEnvelope(kind=kind, truth=tuple(truth), campaign=campaign, later=after, guess=guessed(model, seed))
+    return OtherEnvelope(
+        kind=kind, truth=tuple(truth), campaign=campaign, later=after, guess=guessed(model, seed), disturbances=disturbances
+    )
 
 
 def _soiled(model: RigModel, motion: Motion, soil: float, draw: Draw) -> RigModel:
@@ -329,7 +337,9 @@ def _shaken(campaign: Campaign, soil: float, seed: int) -> Campaign:
 
 
 def answer_of(envelope: OtherEnvelope, named: list[tuple[str, str | None, str]], alike: list[set[tuple[str, str]]]) -> str:
-    """Say "right", "kind" (place and kind, another form or none), "part" (one of two), "silent" or "wrong".
+    """Say "right", "kind" (place and kind, another form or none), "part" (one of two), "silent", "disturbance" or "wrong".
+
+    A rig with disturbances may have them named beside the hidden effect; "disturbance" if nothing else is named.
 
     Parameters
     ----------
@@ -343,15 +353,19 @@ def answer_of(envelope: OtherEnvelope, named: list[tuple[str, str | None, str]],
     if not named:
         return "right" if not envelope.truth else "silent"
     truths = {(kind, place) for _, kind, place in envelope.truth}
-    best = "right"
+    best, found = "right", 0
     for cause, _, place in named:
         reach = {(cause, place)} | {x for group in alike if (cause, place) in group for x in group}
+        kinds = {(kind_of(c), at) for c, at in reach}
         if any((true or kind, at) in reach for true, kind, at in envelope.truth):
-            continue
-        if not any((kind_of(c), at) in truths for c, at in reach):
+            found += 1
+        elif kinds & truths:
+            best, found = "kind", found + 1
+        elif not kinds & envelope.disturbances:
             return "wrong"
-        best = "kind"
+    if not found:
+        return "disturbance"
     met = {(kind_of(cause), place) for cause, _, place in named}
-    if best == "right" and len(named) < len(envelope.truth) and not truths <= met:
+    if best == "right" and found < len(envelope.truth) and not truths <= met:
         return "part"
     return best

@@ -147,7 +147,7 @@ def other_rigs(table: pd.DataFrame) -> list[tuple[str, ...]]:
             near = int(answers.get("right", 0) + answers.get("kind", 0))
             counts = (
                 rate(near, len(part)),
-                *(str(answers.get(word, 0)) for word in ("right", "kind", "part", "silent", "wrong")),
+                *(str(answers.get(word, 0)) for word in ("right", "kind", "part", "silent", "disturbance", "wrong")),
             )
             rows.append((f"{name}, {dirt}", *counts))
     return rows
@@ -301,7 +301,16 @@ def main() -> None:
     seeds = f" ({seeds_of(table)})" if len(table) else ""
     others = pd.read_csv(OTHER, keep_default_na=False) if OTHER.exists() else None
     section = ""
-    head = ("hidden", "place and kind right", "form right too", "kind only", "one of two", "no name", "wrong name")
+    head = (
+        "hidden",
+        "place and kind right",
+        "form right too",
+        "kind only",
+        "one of two",
+        "no name",
+        "only a disturbance",
+        "wrong name",
+    )
     if others is not None:
         section = f"""
 ## Other rigs

@@ -171,12 +171,16 @@ def draw_bonder(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: b
     elif kind != "none":
         hidden = effects.drawn_effect(kind, model, size, draw)
         truth = tuple((cause, kind_of(cause), place) for cause, place in hidden.truth)
+    disturbances: frozenset[tuple[str, str]] = frozenset()
     if soil:
         hidden = _soiled(hidden, scale, soil, draw)
+        loose = {("added_motion", link.b) for link in hidden.model.links if link.name.startswith("dirt")}
+        uneven = {("friction_shape", contact.name) for contact in hidden.model.contacts if contact.name == "isolation"}
+        disturbances = frozenset({*loose, *uneven, *(("sensor", sensor.channel) for sensor in hidden.model.sensors)})
     lead = float(draw.uniform(0.5, 2.5)) if rest else 0.0
     noise = float(draw.uniform(5e-4, 1.5e-3))
     return OtherEnvelope(
-        kind=kind, truth=truth, guess=model,
+        kind=kind, truth=truth, guess=model, disturbances=disturbances,
         campaign=_played(hidden, SESSION, seed, soil=soil, rest=lead, noise=noise),
         later=_played(hidden, LATER, seed + 1, soil=soil, rest=lead, noise=noise),
     )  # fmt: skip
