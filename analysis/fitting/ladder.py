@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +26,11 @@ from isorig.analysis.model.rig_model import RigModel
 HORIZONS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
 STEPS = (8, 5, 5, 5, 5, 8)
 CLOSE = 1e-2
+#: Seconds of each run up to which the baseline is fitted from all starting points: the first moments may prefer a wrong one.
+UNDECIDED = 1.0
+#: Distance of a fitted parameter from its given value, in e-folds, beyond which the fit is repeated from the given value. Chosen:
+#: masses and stiffnesses of a description are rarely wrong by a factor of four.
+FAR = 1.5
 #: Tether for parameters that a short part of the runs does not determine.
 TETHER = 1.0
 #: Seconds of each run that a free shape's fit sees on its way to the whole, and its tether then.
@@ -112,18 +118,35 @@ def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]
 
 
 def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
-    """The rig's own free parameters fitted to all runs, from the best of several starting points, the most trusted first."""
-    rungs = ladder(trials)
+    """The rig's own free parameters fitted to all runs, from the best of several starting points, the most trusted first.
+
+    The last starting point has the rig's given values.
+    """
+    first, *longer = ladder(trials)
     free = base_parameters(starts[0])
-    begun = [done for start in starts if (done := tried(start, free, rungs[0]))]
-    if not begun:
-        raise FitError(f"the model {starts[0].name!r} cannot be simulated at its starting values; correct its parameters")
-    # Of equally good starting points the first is the most trusted: a wrong model can be fitted with arbitrary values.
-    least = min(done.cost for done in begun)
-    done = next(done for done in begun if done.cost <= FAR_WORSE * least)
-    for rung in rungs[1:]:
-        done = fit(done.model, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
-    return finished(done, trials)
+    fits = [done for start in starts if (done := tried(start, free, first))]
+    for shorter, rung in pairwise((first, *longer)):
+        kept = fits if shorter.seconds < UNDECIDED else [_trusted(fits, starts[0].name)]
+        fits = [done for each in kept if (done := tried(each.model, free, rung))]
+    return finished(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials)
+
+
+def _trusted(fits: Sequence[Fit], name: str) -> Fit:
+    # Of equally good fits the first has the most trusted starting point: a wrong model can be fitted with arbitrary values.
+    if not fits:
+        raise FitError(f"the model {name!r} cannot be simulated at its starting values; correct its parameters")
+    least = min(done.cost for done in fits)
+    return next(done for done in fits if done.cost <= FAR_WORSE * least)
+
+
+def _returned(done: Fit, given: RigModel, rung: Rung) -> Fit:
+    # A parameter that went far from its given value, to where the data hardly depend on it, cannot return: a large stiffness is
+    # rigid whatever its value. It starts again from the given value, and stays if that fits better.
+    for free in done.free:
+        far = free.log and abs(free.encode(done.model.get(free.path)) - free.encode(given.get(free.path))) > FAR
+        if far and (again := tried(done.model.replace({free.path: given.get(free.path)}), done.free, rung)):
+            done = min(done, again, key=lambda fit: fit.cost)
+    return done
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,8 +185,12 @@ def _largest(model: RigModel, problem: Problem) -> float:
 
 
 def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
-    """A fit completed on all fit data."""
-    return fit(rough.model, rough.free, Problem(trials, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
+    """A fit completed on all fit data, at all frequencies.
+
+    A drive limited to a low band may excite a resonance above it nonetheless, where friction changes at once.
+    """
+    whole = [replace(trial, ceiling=trial.sample_rate / 2.0) for trial in trials]
+    return fit(rough.model, rough.free, Problem(whole, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
 
 
 def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
@@ -226,7 +253,7 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
         return replace(trial, measured=clean + noise, excitation=excitation)
 
     twins = divide([twin(trial) for trial in trials])
-    again = fit(done.model, done.free, Problem(twins.fits, share=SIMULATION_LIMIT), iterations=3, tolerance=1e-3)
+    again = finished(done, twins.fits)
     return worst(score(again.model, twins.judged), floors)
 
 

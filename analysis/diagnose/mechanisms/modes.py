@@ -19,6 +19,8 @@ CLOSE = 0.035
 NEAR = 0.3
 #: Starting values for the arms (m) of a rocking motor.
 ARMS = (0.02, 0.06)
+#: Factors on a given mass from which its fits start, besides the given value.
+FACTORS = (0.6, 1.6)
 ROCKING_RADIUS = 0.1  # m: radius of gyration of the motor; only products with arms matter, so any value can be used
 
 
@@ -185,7 +187,7 @@ class WrongMass:
         places += [(f"bodies.{body.name}.mass", body.name) for body in model.bodies if _weighed(model, body)]
         return tuple(
             Candidate(
-                cause=self.cause, location=location, family="mass", starts=(model,),
+                cause=self.cause, location=location, family="mass", starts=(model, *_heavier(model, path, location)),
                 free=(Free(path=path, low=0.2 * model.get(path), high=5.0 * model.get(path)),),
                 reported=(Reported(name="mass", path=path, unit="kg"),), rank=0,
                 twin=("sensor_gain", model.drive.channel) if path == "drive.factor" else None,
@@ -193,6 +195,20 @@ class WrongMass:
             for path, location in places
             if path not in model.free
         )  # fmt: skip
+
+
+def _heavier(model: RigModel, path: str, body: str) -> tuple[RigModel, ...]:
+    # A mass far from its given value, on a link that keeps its frequency and damping ratio: the fit has the right ones of both.
+    if not path.startswith("bodies."):
+        return ()
+    links = [link for link in model.links if link.a == body]
+    return tuple(
+        model.replace(
+            {path: share * model.get(path)}
+            | {f"links.{link.name}.{name}": share * getattr(link, name) for link in links for name in ("stiffness", "damping")}
+        )
+        for share in FACTORS
+    )
 
 
 def _weighed(model: RigModel, body: Body) -> bool:
