@@ -72,6 +72,26 @@ def test_a_sensors_wrong_gain_is_linear() -> None:
     assert found["disturbance"] < 0.05
 
 
+@pytest.mark.parametrize(("floor", "gain"), [(0.01, 1.04), (0.02, 1.04), (0.01, 1.08)])
+def test_shares_of_a_mixture_are_within_a_quarter_of_what_was_put_in(floor: float, gain: float) -> None:
+    clean = played(chain(), seed=SEED, longer=5.0)
+    campaign = shaken(clean, floor)
+    runs = tuple(replace(run, channels={**run.channels, "a0": replace(run.channels["a0"], scale=gain)}) for run in campaign.runs)
+    mixed = replace(campaign, runs=runs)
+    put_in = {"disturbance": 0.0, "linear": 0.0}
+    for trial, before, after in zip(judged(mixed, chain()), clean.runs, mixed.runs, strict=True):
+        for name in trial.channels:
+            pure, seen = (run.read(name)[trial.fitted :] for run in (before, after))
+            size = float(np.mean(seen**2))
+            linear = (after.channels[name].scale - 1.0) * pure
+            put_in["linear"] += float(np.mean(linear**2)) / size
+            put_in["disturbance"] += float(np.mean((seen - pure - linear) ** 2)) / size
+    found = shares(mixed, chain())
+    rest = 1.0 - found["noise"]
+    for nature, share in put_in.items():
+        assert found[nature] == pytest.approx(rest * share / sum(put_in.values()), rel=0.25), nature
+
+
 def test_friction_depends_on_the_amplitude() -> None:
     found = shares(played(rubbing(chain(), "l1", 1.0), seed=SEED), chain())
     assert found["amplitude"] > 0.5
