@@ -53,7 +53,7 @@ REFINED = 3
 RACING = 6
 #: Families that can make bodies stick.
 STICKING = ("friction", "memory")
-#: Factor for the number of steps of a free shape on its first rung, where it starts flat.
+#: Factor for the number of steps of a free shape on its first rung, where it starts flat and the model is far from the data.
 SHAPE_STEPS = 2
 #: A free shape whose misfit increases by this factor from one rung to the next has diverged: it restarts flat.
 LOST = 10.0
@@ -308,9 +308,9 @@ def race(
 
     costs: dict[int, float] = {}
 
-    def climb(candidate: Candidate, free: Sequence[Free], start: RigModel, rung: Rung) -> Fit | None:
+    def climb(candidate: Candidate, free: Sequence[Free], start: RigModel, rung: Rung, least: float) -> Fit | None:
         progress(f"fitting {candidate.cause} ({candidate.location})")
-        longer = replace(rung, steps=SHAPE_STEPS * rung.steps)
+        longer = replace(rung, steps=SHAPE_STEPS * rung.steps) if least > BENT else rung
         flat = candidate.shape is not None and start in candidate.starts
         done = tried(start, free, longer if flat else rung)
         if candidate.shape is not None and not flat and (done is None or done.cost > LOST * costs.get(id(candidate), np.inf)):
@@ -330,7 +330,7 @@ def race(
             continue
         try:
             climbed = [
-                (c, done) for c, free, start in starts if (done := climb(c, free, start, rung)) and c.plausible(done.model)
+                (c, done) for c, free, start in starts if (done := climb(c, free, start, rung, least)) and c.plausible(done.model)
             ]
         except OutOfTimeError:
             break
