@@ -74,9 +74,7 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
     progress
         Called with one line for each fit.
     """
-    # Where a single form agrees with the data, no second one shows.
-    shown = [(at, singles) for at, singles in run.telling if singles and singles[0][1].cost >= TELLING][:LENGTHS]
-    for at, singles in [each for k, each in enumerate(shown) if k == 0 or rungs[each[0]].seconds <= LONGEST]:
+    for at, singles in searched(run, rungs):
         if found := _complete(singles, rungs[at], seen, progress):
             break
     else:
@@ -92,12 +90,26 @@ def pairs(run: Race, rungs: Sequence[Rung], seen: Callable[[RigModel], Evidence]
     return _distinct(found)[:FINISHED]
 
 
+def searched(run: Race, rungs: Sequence[Rung]) -> list[tuple[int, Running]]:
+    """The rungs on which pairs are searched, by index, with the single forms there.
+
+    Where a single form agrees with the data, no second one shows.
+    """
+    shown = [(at, singles) for at, singles in run.telling if singles and singles[0][1].cost >= TELLING][:LENGTHS]
+    return [each for k, each in enumerate(shown) if k == 0 or rungs[each[0]].seconds <= LONGEST]
+
+
+def firsts(singles: Running) -> Running:
+    """The single forms, best first, to which second ones are added."""
+    return [single for single in singles[:FIRSTS] if single[1].cost <= FIRST_BEHIND * singles[0][1].cost]
+
+
 def _complete(
     singles: Running, rung: Rung, seen: Callable[[RigModel], Evidence], progress: Progress
 ) -> list[Pair]:  # fmt: skip
     # Pairs that agree with the data on a rung.
     found: list[Pair] = []
-    queue = [single for single in singles[:FIRSTS] if single[1].cost <= FIRST_BEHIND * singles[0][1].cost]
+    queue = firsts(singles)
     while queue:
         first, alone = queue.pop(0)
         model = msgspec.structs.replace(alone.model, free=tuple(free.path for free in alone.free))

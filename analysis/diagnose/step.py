@@ -251,7 +251,7 @@ def next_step(
                 below = next(done.cost for c, done in run.ranked if c is nearly.candidate) / POLICY.form_close**2
             begun = _shape_starts(forms, current, evidence, place)
             ranked = race(begun, rungs, current, progress, promising).ranked
-            shapes = _entries(_contenders(ranked, run, below), trials, fine, progress)
+            shapes = _entries(contenders(ranked, run, below), trials, fine, progress)
             again = _again(screened, forms, shapes, now, current, floors, rungs, progress)
             forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
             if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
@@ -313,7 +313,7 @@ def _shape_starts(
     return begun
 
 
-def _contenders(ranked: Running, run: Race, below: float) -> Running:
+def contenders(ranked: Running, run: Race, below: float) -> Running:
     """The free shapes to be finished, judged by their misfit on the last rung.
 
     A shape whose misfit is above `below` is none. Neither is one that is far worse than the best shape or form, nor one that is
