@@ -49,6 +49,8 @@ from isorig.analysis.spectra.quality import faults
 
 #: Maximum number of steps.
 MOST_STEPS = 3
+#: Kinds of causes that may explain data with a wrong unit.
+MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,8 +192,16 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
             _allowed(found.quiet), first.fit.model, trials,
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
-        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, (first.fit, last.fit), trials),
+        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, _credible(found), trials),
     )  # fmt: skip
+
+
+def _credible(found: _Found) -> tuple[Fit, ...]:
+    # The fits whose values should be plausible. A baseline without the cause that explains the data may have any; but a sensor
+    # fault or a wrong given value may stand for a wrong unit.
+    first, last = found.stages[0].fit, found.stages[found.kept].fit
+    kinds = {stage.step.kind for stage in found.stages[1 : found.kept + 1] if stage.step}
+    return (last,) if found.verdict == "explained" and not kinds & MAY_STAND_FOR_UNITS else (first, last)
 
 
 def _lean(entry: Entry) -> Entry:

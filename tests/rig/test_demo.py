@@ -48,6 +48,8 @@ def test_demo_writes_all_its_files(demo: Path) -> None:
     assert findings["verdict"] == "explained"
     assert [(step["cause"], step["location"]) for step in findings["steps"]] == [("coulomb_friction", "isolation")]
     assert findings["steps"][0]["parameters"]["friction_force"]["value"] == pytest.approx(THESIS["friction_force"], rel=0.02)
+    # Without friction no stiffness makes the motor stick: the baseline's value is no sign of a wrong unit.
+    assert findings["doubts"] == []
     assert not list(demo.glob("*.partial"))
 
 
