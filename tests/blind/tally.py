@@ -339,13 +339,14 @@ vibration and nonlinear sensors, and a third of them with rest before the drive.
     section += sensitivity_section()
     text = f"""# Accuracy of the diagnosis
 
-{len(table)} campaigns{seeds} were drawn blind. Each has another rig with an effect of random size, no effect, or an effect
-outside the catalogue. The virtual rig was recorded, `rig diagnose` answered from the recording alone, and only then was the
+{len(table) or "No"} campaigns{seeds} of the wire bonder's long session were drawn blind{"" if len(table) else " for this version yet"};
+those of other rigs and of imperfect wire bonders are below. Each has another rig with an effect of random size, no effect, or an
+effect outside the catalogue. The virtual rig was recorded, `rig diagnose` answered from the recording alone, and only then was the
 effect disclosed. An answer is right if every named cause, or one that it reports as indistinguishable from it, was hidden at the
 named place. All intervals are 95 % intervals. `make study` draws further campaigns and rewrites this page; every campaign has a
 line in a table of the folder `docs/study`.
 
-{markdown(rates(table), ("what", "rate (95 % interval)")) if len(table) else "The present version has not been evaluated yet."}
+{markdown(rates(table), ("what", "rate (95 % interval)")) if len(table) else ""}
 {section}
 ## Before free shapes
 
