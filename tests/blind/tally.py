@@ -337,17 +337,19 @@ vibration and nonlinear sensors, and a third of them with rest before the drive.
     if INVESTIGATIONS.exists():
         section += investigation_section(*(pd.read_csv(path, keep_default_na=False) for path in (INVESTIGATIONS, PLANNED)))
     section += sensitivity_section()
+    count = f"{len(table)} campaigns{seeds}" if len(table) else "For this version no campaigns"
+    drawn = f"{count} of the wire bonder's long session were drawn blind"
+    rated = markdown(rates(table), ("what", "rate (95 % interval)")) + "\n" if len(table) else ""
     text = f"""# Accuracy of the diagnosis
 
-{len(table) or "No"} campaigns{seeds} of the wire bonder's long session were drawn blind{"" if len(table) else " for this version yet"};
+{drawn};
 those of other rigs and of imperfect wire bonders are below. Each has another rig with an effect of random size, no effect, or an
-effect outside the catalogue. The virtual rig was recorded, `rig diagnose` answered from the recording alone, and only then was the
-effect disclosed. An answer is right if every named cause, or one that it reports as indistinguishable from it, was hidden at the
+effect outside the catalogue. The virtual rig was recorded, `rig diagnose` answered from the recording alone, and the effect was
+disclosed afterwards. An answer is right if every named cause, or one that it reports as indistinguishable from it, was hidden at the
 named place. All intervals are 95 % intervals. `make study` draws further campaigns and rewrites this page; every campaign has a
 line in a table of the folder `docs/study`.
 
-{markdown(rates(table), ("what", "rate (95 % interval)")) if len(table) else ""}
-{section}
+{rated}{section}
 ## Before free shapes
 
 The earlier diagnosis with catalogued forms only was evaluated on {len(earlier)} campaigns (seeds {earlier["seed"].min()} to
