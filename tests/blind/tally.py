@@ -345,9 +345,9 @@ vibration and nonlinear sensors, and a third of them with rest before the drive.
 {drawn};
 those of other rigs and of imperfect wire bonders are below. Each has another rig with an effect of random size, no effect, or an
 effect outside the catalogue. The virtual rig was recorded, `rig diagnose` answered from the recording alone, and the effect was
-disclosed afterwards. An answer is right if every named cause, or one that it reports as indistinguishable from it, was hidden at the
-named place. All intervals are 95 % intervals. `make study` draws further campaigns and rewrites this page; every campaign has a
-line in a table of the folder `docs/study`.
+disclosed afterwards. An answer is right if every named cause, or one that it reports as indistinguishable from it, was hidden at
+the named place. All intervals are 95 % intervals. `make study` draws further campaigns and rewrites this page; every campaign
+has a line in a table of the folder `docs/study`.
 
 {rated}{section}
 ## Before free shapes
