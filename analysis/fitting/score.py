@@ -19,6 +19,9 @@ from isorig.analysis.simulate.inverse import required_drive
 
 #: Number of time blocks of each held-out record.
 BLOCKS = 8
+#: Share of the campaign's excess error that a draw of blocks must show to count for the share removed. Chosen: without it that
+#: share is a ratio of two roundings.
+SHOWS = 0.05
 #: Number of runs above which whole runs are resampled: blocks of one run are not independent.
 RUNS = 5
 #: Draws of the drive's noise, and the ratio of two draws' powers above which more than two are needed.
@@ -218,7 +221,9 @@ def improvement(before: Score, after: Score, floor: float, *, draws: int = 400) 
         return float(low), float(high)
 
     one, other = figures(before), figures(after)
-    removed = (one - other) / np.maximum(one - floor, 1e-12)
+    # A draw without the misfit, if only a short part of the data shows it, says nothing about its removal.
+    shows = one - floor > SHOWS * (before.figure - floor)
+    removed = ((one - other) / np.maximum(one - floor, 1e-12))[shows if shows.any() else slice(None)]
     return Improvement(
         before=interval(one), after=interval(other), removed_interval=interval(removed),
         removed=(before.figure - after.figure) / max(before.figure - floor, 1e-12),

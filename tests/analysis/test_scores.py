@@ -14,6 +14,7 @@ from isorig.analysis.fitting.excess import excess, log_excess, pooled, ratio, sh
 from isorig.analysis.fitting.score import (
     BLOCKS,
     RUNS,
+    SHOWS,
     Score,
     confidence,
     improvement,
@@ -204,3 +205,17 @@ def test_a_run_in_which_nothing_moves_is_compared_with_the_channel_s_largest_run
     assert powers[1] == pytest.approx(QUIET**2 * powers[0])
     part = moving.measured[:, moving.fitted : moving.samples]
     assert powers[0] == pytest.approx((part**2).mean(axis=1))
+
+
+@pytest.mark.parametrize(("elsewhere", "unknown"), [(0.9 * SHOWS, False), (1.5 * SHOWS, True)])
+def test_a_draw_without_the_misfit_says_nothing_about_its_removal(elsewhere: float, unknown: bool) -> None:
+    """The first block has all of the misfit; the others have this share of the whole excess, and the step leaves it."""
+    floor, error, left = 0.01, 0.1, 0.02
+    rest = floor + elsewhere * (error - floor)
+    first = BLOCKS * error**2 - (BLOCKS - 1) * rest**2
+    before = scored(np.full((1, 1), error), blocks=np.array([[[first, *([rest**2] * (BLOCKS - 1))]]]))
+    after = scored(np.full((1, 1), left))
+    low, high = improvement(before, after, floor).removed_interval
+    assert high > 0.85
+    # With the others' excess a draw without the first block shows a model that became worse.
+    assert (low < 0.0) == unknown
