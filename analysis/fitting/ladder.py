@@ -302,8 +302,8 @@ def race(
 
     The current model is refitted on each rung. A rung on which it then agrees with the data does not distinguish candidates and
     is skipped; so is one on which it nearly agrees and does not drift apart on the next (`UNCHANGED`), and one on which no
-    candidate fits better than it, except the last. On the last rung and on those where one
-    candidate removes much, candidates that remove less than the share `promising` of the refitted model's misfit are eliminated.
+    candidate fits better than it, except the last. On the last rung and on those where one candidate removes much, candidates
+    that remove less than the share `promising` of the refitted model's misfit are eliminated.
     """
 
     costs: dict[int, float] = {}

@@ -27,7 +27,7 @@ from isorig.analysis.fitting.ladder import (
     Race,
     Rung,
     race,
-)  # fmt: skip
+)
 from isorig.analysis.fitting.solve import Fit, Free, Problem, positive
 from isorig.analysis.model.rig_model import RigModel
 
