@@ -22,6 +22,7 @@ from isorig.analysis.diagnose.policy import (
     adequacy_threshold,
     explains_own_channel,
     may_be_noise,
+    more_draws,
     step_counts,
     verdict,
 )
@@ -156,8 +157,8 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     trials = prepare(campaign, model)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     guesses = guesses_of(model, trials)
-    baseline = widened(baseline_fit(guesses, trials))
-    search = _Search(campaign, guesses[0], trials, progress, tolerance)
+    baseline = widened(baseline_fit(guesses.starts, trials))
+    search = _Search(campaign, guesses.likely, trials, progress, tolerance)
     found = search.causes(baseline, ends)
     if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
         search.out_of_time(
@@ -236,13 +237,13 @@ class _Search:
     # The search for causes, from a fitted baseline.
 
     def __init__(
-        self, campaign: Campaign, guess: RigModel, trials: Sequence[Trial], progress: Progress, tolerance: float
+        self, campaign: Campaign, guesses: Sequence[RigModel], trials: Sequence[Trial], progress: Progress, tolerance: float
     ) -> None:
-        self._campaign, self._guess, self._trials, self._progress = campaign, guess, trials, progress
+        self._campaign, self._guesses, self._trials, self._progress = campaign, guesses, trials, progress
         self._tolerance = tolerance
         self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
         self.cut_short = False
-        self._drive_noise = drive_noise(campaign, guess.drive.channel)
+        self._drive_noise = drive_noise(campaign, guesses[0].drive.channel)
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
@@ -260,7 +261,7 @@ class _Search:
             left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
             try:
                 found = next_step(
-                    self._campaign, self._guess, now.fit, now.score, trials, judged, floors, self._stage, left,
+                    self._campaign, self._guesses, now.fit, now.score, trials, judged, floors, self._stage, left,
                     steps=MOST_STEPS - len(stages) + 1, forms_only=repeated,
                 )  # fmt: skip
             except OutOfTimeError:
@@ -268,13 +269,11 @@ class _Search:
             if found is None:
                 break
             self.entries.append((now.score, found.entries))
-            if found.then is not None:
-                stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
-                self.entries.append((found.entry.score, found.then.entries))
-                quiet = np.maximum(quiet, self._floor(stages[-1].fit.model, judged))
-                continue
-            step, better, best = found.step, found.entry.fit, found.entry.score
-            if self.cut_short and not found.bounded and not self._adequate(best, floors, enough):
+            if found.then is not None and self._adequate(found.entry.score, floors, enough):
+                found = replace(found, then=None)  # the first of two suffices, once it starts from both
+            step, last = found.step, found.then or found
+            better, best = last.entry.fit, last.entry.score
+            if found.then is None and self.cut_short and not found.bounded and not self._adequate(best, floors, enough):
                 break  # the form may be merely the closest
             # The step is compared with the model without it, refitted from the parameters after the step.
             bare = without(better, now.fit, trials)
@@ -287,6 +286,11 @@ class _Search:
             if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
                 # The refit improved more than the cause: search for it again from the better fit.
                 tries, repeated = tries + 1, step.form is not None
+                continue
+            if found.then is not None:
+                stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
+                self.entries.append((found.entry.score, found.then.entries))
+                quiet = np.maximum(quiet, self._floor(better.model, judged))
                 continue
             repeated = False
             stage = _stage(now.score, found)
@@ -352,7 +356,11 @@ class _Search:
             return None
         if self.out_of_time("not far above the noise; determining the error of simulated data of the baseline itself"):
             return None
-        return calibrated(stage.fit, self._trials, divide, floors, self._drive_noise)
+        measured = worst(stage.score, floors)
+        draws: list[float] = []
+        while more_draws(measured, draws):
+            draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))
+        return max(draws)
 
 
 def _stage(before: Score, found: Found) -> _Stage:

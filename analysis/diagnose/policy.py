@@ -70,6 +70,10 @@ class Policy:
         Multiple of the adequacy threshold up to which the baseline's largest error may be due to the scatter of the floor, so
         that data simulated with the baseline are fitted and scored for comparison. Chosen: this takes a fit, so only near the
         threshold.
+    calibrations, scatter
+        Maximum number of such draws, and ratio of the largest to the smallest from two draws on below which no more are taken.
+        Where noise decides when a body sticks, draws differed by a factor of four. Chosen: each draw takes a fit; the largest of
+        five exceeds five sixths of all draws on average.
     beyond_calibration
         Required ratio of the measured error to that of such simulated data. Chosen: one draw of such data scatters.
     refitted
@@ -96,6 +100,8 @@ class Policy:
     form_apart: float = 2.0
     distinguishable: float = 1.5
     doubtful: float = 4.0
+    calibrations: int = 5
+    scatter: float = 1.25
     beyond_calibration: float = 1.2
     refitted: float = 0.1
 
@@ -175,6 +181,23 @@ def explains_own_channel(
 def may_be_noise(worst: float, policy: Policy = POLICY) -> bool:
     """Whether a model's largest error relative to its floor may be due to the floor's scatter: a calibration is needed."""
     return policy.enough <= worst < policy.doubtful * policy.enough
+
+
+def more_draws(worst: float, draws: Sequence[float], policy: Policy = POLICY) -> bool:
+    """Whether another draw of simulated data is needed to decide whether a model's largest error may be due to noise.
+
+    Parameters
+    ----------
+    worst
+        The error, relative to its floor.
+    draws
+        The same of the data simulated so far.
+    """
+    if not draws:
+        return True
+    if worst < adequacy_threshold(max(draws), policy) or len(draws) >= policy.calibrations:
+        return False
+    return len(draws) < 2 or max(draws) >= policy.scatter * min(draws)
 
 
 def adequacy_threshold(calibration: float | None, policy: Policy = POLICY) -> float:

@@ -178,7 +178,7 @@ class Found:
 
 def next_step(
     campaign: Campaign,
-    guess: RigModel,
+    guesses: Sequence[RigModel],
     current: Fit,
     now: Score,
     trials: Sequence[Trial],
@@ -196,8 +196,8 @@ def next_step(
 
     Parameters
     ----------
-    campaign, guess
-        The measurement, and the rig before any fit.
+    campaign, guesses
+        The measurement, and the rig before any fit, the most trusted guess first.
     current, now
         The model to be extended and its score.
     trials, fine
@@ -217,7 +217,7 @@ def next_step(
     seconds = horizon(current.model, trials)
     problem = Problem(shortened(trials, seconds))
     glance = fit(current.model, current.free, problem, iterations=3, tolerance=CLOSE)
-    evidence = observe(campaign, current.model, trials, guess)
+    evidence = observe(campaign, current.model, trials, guesses[0])
     screened = Screen(glance, problem).ranked(
         [c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, evidence)]
     )
@@ -228,7 +228,7 @@ def next_step(
     # If a shorter interval shows it too, fits may approach on that.
     rungs = ladder(trials, 0.0 if seconds < SCREENS[-1] else seconds)
     promising = PROMISING if left >= 1.0 else PROMISING_LATER
-    run = race(starts_of(diverse(screened), current, guess, rungs[0]), rungs, current, progress, promising)
+    run = race(starts_of(diverse(screened), current, guesses, rungs[0]), rungs, current, progress, promising)
     forms = _entries(run.ranked[:FINALISTS], trials, fine, progress)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
@@ -239,7 +239,7 @@ def next_step(
         if left >= POLICY.rest and not forms_only and not alone:
             if nearly is None and steps > 1:
                 progress("no form makes the model adequate; fitting pairs of forms")
-                found = pairs(run, rungs, lambda model: observe(campaign, model, trials, guess), progress)
+                found = pairs(run, rungs, lambda model: observe(campaign, model, trials, guesses[0]), progress)
                 both = _together(found, forms, now, trials, fine, floors, progress)
                 if both is not None:
                     return both

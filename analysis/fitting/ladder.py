@@ -96,7 +96,7 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
     """The rig's free parameters fitted to all runs on the finest grid, and these runs."""
     trials = prepare(campaign, model)
     fine = tuple(refined(trial) for trial in trials)
-    rough = baseline_fit(guesses_of(model, trials), trials)
+    rough = baseline_fit(guesses_of(model, trials).starts, trials)
     return finished(rough, fine), fine
 
 
@@ -109,12 +109,66 @@ def fit_again(campaign: Campaign, model: RigModel, free: Sequence[Free], later: 
     return fit(model, free, Problem(fine, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3), fine
 
 
-def guesses_of(model: RigModel, trials: Sequence[Trial]) -> tuple[RigModel, ...]:
-    """Starting points: the equations of motion, the same with the initial value of friction, and the initial values."""
+@dataclass(frozen=True, kw_only=True)
+class Guesses:
+    """The rig before any fit on simulation error.
+
+    Parameters
+    ----------
+    likely
+        From the data, the most trusted first: the fit of the runs that the rig explains one by one (if there are some, among
+        several configurations or excitations), and the equations of motion, with their own values of damping beside dry friction
+        and with the given ones.
+    given
+        The rig as given.
+    """
+
+    likely: tuple[RigModel, ...]
+    given: RigModel
+
+    @property
+    def starts(self) -> tuple[RigModel, ...]:
+        """Starting points of a fit, the most trusted first: the likely ones, the same with the given friction, and the given."""
+        dry = _given(self.given, [path for path in self.given.free if path.endswith("friction_force")])
+        return (*self.likely, *(guess.replace(dry) for guess in self.likely if dry), self.given)
+
+
+def _given(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
+    return {path: model.get(path) for path in paths}
+
+
+def guesses_of(model: RigModel, trials: Sequence[Trial]) -> Guesses:
+    """The starting points for the fits of a rig."""
     solved = equation_start(model, trials)
-    dry = [path for path in model.free if path.endswith("friction_force")]
-    between = (solved.replace({path: model.get(path) for path in dry}),) if dry else ()
-    return (solved, *between, model)
+    # The equations of motion take part of the dry friction for damping.
+    beside = {f"links.{link.name}.damping" for link in model.links for c in model.contacts if (link.a, link.b) == (c.a, c.b)}
+    damped = _given(model, [path for path in model.free if path in beside])
+    explained = _explained_alone(solved, trials)
+    found = (explained, solved, solved.replace(damped) if damped else None)
+    return Guesses(likely=tuple(guess for guess in found if guess is not None), given=model)
+
+
+def _explained_alone(start: RigModel, trials: Sequence[Trial]) -> RigModel | None:
+    # Moves from rest stick and slip: their first moments give the error of all runs together local minima that a random run alone
+    # does not have. Of each configuration and excitation the first run is fitted.
+    free = base_parameters(start)
+    first = {(trial.run.configuration, trial.run.excitation): trial for trial in reversed(trials)}
+    alone = [trial for trial in first.values() if (done := _early(start, free, [trial])) and done.cost < TELLING]
+    if len(first) < 2 or not alone:
+        return None
+    together = _early(start, free, alone)
+    return together.model if together is not None and together.cost < TELLING else None
+
+
+def _early(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit | None:
+    # A fit of the first moments of runs; None from a starting point whose motion grows without bound.
+    done: Fit | None = None
+    for rung in ladder(trials):
+        if done is None or rung.seconds <= UNDECIDED:
+            done = tried(start if done is None else done.model, free, rung)
+        if done is None:
+            break
+    return done
 
 
 def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
@@ -237,12 +291,13 @@ def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
         return current
 
 
-def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float) -> float:
+def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float, draw: int) -> float:
     """Largest ratio of error to allowed error for simulated data of the model itself.
 
-    The fitted model is simulated with the data's noise on responses and drive, refitted, and judged like data.
+    The fitted model is simulated with the data's noise on responses and drive, refitted, and judged like data. Each `draw` has
+    other noise.
     """
-    generator = np.random.default_rng(17)
+    generator = np.random.default_rng([17, draw])
 
     def twin(trial: Trial) -> Trial:
         fine = refined(trial)
@@ -277,11 +332,11 @@ def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
 Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
 
 
-def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guess: RigModel, rung: Rung) -> Starts:
+def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guesses: Sequence[RigModel], rung: Rung) -> Starts:
     """Starting points of candidates for the elimination: from the current fit.
 
-    The most promising, and all friction, also start from the rig's initial values if the current fit is so far off that the
-    missing effect has biased all its parameters.
+    The most promising, and all friction, also start from the rig's likely values before any fit (`guesses`) if the current fit is
+    so far off that the missing effect has biased all its parameters.
     """
     entered = [(item.candidate, model) for item in screened for model in item.models]
     starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
@@ -289,9 +344,10 @@ def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guess: RigMod
         unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
         for c, model in ((item.candidate, model) for item in unsure for model in item.models):
             free = c.parameters(current.model, current.free)
-            unbent = {f.path: guess.get(f.path) for f in free if f not in c.free and f.path in guess.free}
-            with suppress(ModelError):  # values that exclude the candidate's own
-                starts.append((c, free, model.replace(unbent)))
+            for guess in guesses:
+                unbent = _given(guess, [f.path for f in free if f not in c.free and f.path in guess.free])
+                with suppress(ModelError):  # values that exclude the candidate's own
+                    starts.append((c, free, model.replace(unbent)))
     return starts
 
 

@@ -30,7 +30,7 @@ RULES = {
     "form_stands": step, "rivals_alike": step,
 }  # fmt: skip
 #: Thresholds that steer the search or enter before these rules are asked: nothing recorded says what they would change.
-ELSEWHERE = ("main", "settled", "rest", "refitted", "certain", "beyond_calibration")
+ELSEWHERE = ("main", "settled", "rest", "refitted", "certain", "beyond_calibration", "calibrations", "scatter")
 #: Thresholds that are shares or probabilities near one: half and double of what is missing to one.
 NEAR_ONE = ("explained", "certain", "form_share")
 #: Thresholds that are ratios: half and double of what they exceed one by.

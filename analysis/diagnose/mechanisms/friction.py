@@ -137,6 +137,11 @@ def _bristled(model: RigModel, contact: Contact, force: float, give: float) -> R
     return _exchanged(model, contact, Dahl(friction_force=force, bristle_stiffness=force / give))
 
 
+#: Asymmetry of friction at a start, as a share: where a body sticks most of the time, no small step leads from one sign to the
+#: other.
+TILT = 0.3
+
+
 class AsymmetricFriction:
     """Different dry or viscous level in each direction."""
 
@@ -149,11 +154,14 @@ class AsymmetricFriction:
             path = f"contacts.{contact.name}.law"
             force = _force(model, evidence, contact, law)
             speed = max(evidence.speed.get(contact.name, 0.1), 1e-9)
-            start = _exchanged(model, contact, Asymmetric(forward_force=force, backward_force=force))
+            starts = tuple(
+                _exchanged(model, contact, Asymmetric(forward_force=(1.0 + tilt) * force, backward_force=(1.0 - tilt) * force))
+                for tilt in (0.0, TILT, -TILT)
+            )
             viscosity = force / speed
             found.append(
                 Candidate(
-                    cause=self.cause, location=contact.name, family="friction", starts=(start,),
+                    cause=self.cause, location=contact.name, family="friction", starts=starts,
                     free=(
                         Free(path=f"{path}.forward_force", low=1e-3 * force, high=20.0 * force),
                         Free(path=f"{path}.backward_force", low=1e-3 * force, high=20.0 * force),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import asin, pi, sqrt
+from math import asin, log, pi, sqrt
 from typing import ClassVar
 
 import msgspec
@@ -105,7 +105,11 @@ class Backlash:
         for link in _sliding(model, laws.Backlash):
             deflection = evidence.deflection[link.name]
             clearance, residual = _path(link, "clearance"), _path(link, "residual")
-            starts = tuple(_with_play(model, link, share, deflection) for share in (0.008, 0.03, 0.12, 0.2))
+            given = next((known.stiffness for known in evidence.guess.links if known.name == link.name), link.stiffness)
+            starts = (
+                *(_with_play(model, link, share, deflection) for share in (0.008, 0.03, 0.12, 0.2)),
+                *(_mostly_in_play(model, link, share * deflection, given) for share in (0.5, 0.8)),
+            )
             found.append(
                 Candidate(
                     cause=self.cause, location=link.name, family="spring", starts=starts,
@@ -128,6 +132,12 @@ def _with_play(model: RigModel, link: Link, share: float, deflection: float) -> 
     seen = 1.0 - 2.0 / pi * (asin(ratio) + ratio * sqrt(1.0 - ratio**2))
     stiffer = model.replace({f"links.{link.name}.stiffness": link.stiffness / seen})
     return added(stiffer, stiffer.link(link.name), laws.Backlash(clearance=share * deflection, residual=0.05))
+
+
+def _mostly_in_play(model: RigModel, link: Link, clearance: float, stiffness: float) -> RigModel:
+    # Of a spring that is seldom reached the fit shows nothing.
+    stiffer = model.replace({f"links.{link.name}.stiffness": stiffness})
+    return added(stiffer, stiffer.link(link.name), laws.Backlash(clearance=clearance, residual=0.05))
 
 
 #: A typical amplitude as a share of the largest deflection.
@@ -170,16 +180,20 @@ class EndStop:
                         Reported(name="contact_stiffness", path=stiffness, unit="N/m"),
                         Reported(name="contact_damping", path=damping, unit="N s/m"),
                     ),
-                    rank=2, plausible=partial(_has_a_spring_inside, link.name, stroke, stiffness, deflection),
+                    rank=2, plausible=partial(_has_a_spring_inside, link.name, stroke, stiffness, deflection, evidence.guess),
                 )
             )  # fmt: skip
         return tuple(found)
 
 
-def _has_a_spring_inside(link: str, stroke: str, contact: str, deflection: float, model: RigModel) -> bool:
-    # With almost no spring inside a small stroke it is play.
-    inside, beyond = model.link(link).stiffness, model.get(contact)
-    return inside > INSIDE * (inside + beyond) or model.get(stroke) > 0.3 * deflection
+def _has_a_spring_inside(link: str, stroke: str, contact: str, deflection: float, guess: RigModel, model: RigModel) -> bool:
+    # With almost no spring inside it is play where the stroke is small, or the spring beyond it is the one that was expected.
+    inside = model.link(link).stiffness
+    beyond = inside + model.get(contact)
+    expected = next((known.stiffness for known in guess.links if known.name == link), inside)
+    if inside > INSIDE * beyond:
+        return True
+    return model.get(stroke) > 0.3 * deflection and abs(log(inside / expected)) < abs(log(beyond / expected))
 
 
 class QuadraticDamping:

@@ -18,6 +18,7 @@ from isorig.analysis.diagnose.policy import (
     adequacy_threshold,
     explains_own_channel,
     may_be_noise,
+    more_draws,
     rivals_alike,
     step_counts,
     verdict,
@@ -31,7 +32,7 @@ FLOORS = np.full((6, 3), 0.004)
 STATED = {
     "enough": 1.5, "explained": 0.8, "contributes": 0.5, "main": 0.3, "certain": 0.95, "matters": 1.05, "worth": 0.15,
     "rest": 0.1, "later": 0.05, "of_rest": 0.5, "of_rest_here": 0.8, "form_share": 0.9, "form_errors": 4.0, "settled": 0.01,
-    "form_alike": 1.1, "form_close": 1.5, "form_apart": 2.0, "distinguishable": 1.5, "doubtful": 4.0,
+    "form_alike": 1.1, "form_close": 1.5, "form_apart": 2.0, "distinguishable": 1.5, "doubtful": 4.0, "calibrations": 5, "scatter": 1.25,
     "beyond_calibration": 1.2, "refitted": 0.1,
 }  # fmt: skip
 
@@ -155,6 +156,23 @@ def test_only_an_error_near_the_floor_is_calibrated() -> None:
     assert adequacy_threshold(None) == 1.5
     assert adequacy_threshold(1.2) == 1.5
     assert adequacy_threshold(2.0) == pytest.approx(2.4)
+
+
+@pytest.mark.parametrize(
+    ("worst", "draws", "another"),
+    [
+        (2.0, [], True),
+        (2.0, [1.0], True),
+        (2.0, [1.67], False),  # the threshold by this draw is 1.2 times 1.67
+        (2.0, [1.66], True),
+        (2.0, [1.0, 1.24], False),
+        (2.0, [1.0, 1.26], True),
+        (2.0, [0.5, 1.0, 1.0, 0.5], True),
+        (2.0, [0.5, 1.0, 1.0, 0.5, 1.0], False),
+    ],
+)
+def test_draws_that_differ_ask_for_more(worst: float, draws: list[float], another: bool) -> None:
+    assert more_draws(worst, draws) is another
 
 
 @pytest.mark.parametrize(
