@@ -275,13 +275,8 @@ class _Search:
             better, best = last.entry.fit, last.entry.score
             if found.then is None and self.cut_short and not found.bounded and not self._adequate(best, floors, enough):
                 break  # the form may be merely the closest
-            # The step is compared with the model without it, refitted from the parameters after the step.
-            bare = without(better, now.fit, trials)
-            plain = score(bare.model, judged)
-            moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
-            if moved > POLICY.refitted:
-                self.out_of_time(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
-                now = stages[-1] = replace(now, fit=widened(bare), score=plain)
+            stages[-1], moved = self._without(step, better, now, division, floors)
+            now = stages[-1]
             fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
             if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
                 # The refit improved more than the cause: search for it again from the better fit.
@@ -311,6 +306,17 @@ class _Search:
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
         )  # fmt: skip
+
+    def _without(self, step: Step, better: Fit, now: _Stage, division: Division, floors: FloatArray) -> tuple[_Stage, float]:
+        # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than
+        # `Policy.refitted`; and the improvement.
+        bare = without(better, now.fit, division.fits)
+        plain = score(bare.model, division.judged)
+        moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
+        if moved <= POLICY.refitted:
+            return now, moved
+        self.out_of_time(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
+        return replace(now, fit=widened(bare), score=plain), moved
 
     def out_of_time(self, text: str) -> bool:
         """Report a line; returns whether the time for the search has ended."""

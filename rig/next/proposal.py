@@ -359,11 +359,13 @@ def _again(now: Situation, budget: float) -> Proposed | None:
 
 def _stronger(now: Situation, budget: float) -> Proposed | None:
     # Where no candidate cause explains the error: the random drive, not measured yet, under which a link moves furthest beyond
-    # what the runs so far reached. What an unknown cause depends on is then seen over the widest range.
+    # what the runs so far reached, in the configuration of the largest error. What an unknown cause depends on is then seen over
+    # the widest range.
     model, rate = now.explains.model, now.rivals.sample_rate
+    where = {run.configuration for run in now.rivals.runs if run.id == now.rivals.worst} or set(model.configurations)
     known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
     runs = [r for r in now.menu() if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(BROAD, budget)]
-    runs = [r for r in runs if (r.configuration, r.excitation, r.gain, r.band) not in known]
+    runs = [r for r in runs if r.configuration in where and (r.configuration, r.excitation, r.gain, r.band) not in known]
     reached = largest([simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in now.taken]).stroke
     ranked = []
     for run in runs:

@@ -27,10 +27,15 @@ CHANNELS = ("head", "motor", "table", "heatblock")
 
 @dataclass(frozen=True, kw_only=True)
 class Hidden:
-    """A rig with an effect: the simulated model, and effects that no model contains."""
+    """A rig with an effect: the simulated model, and effects that no model contains.
+
+    `truth` has causes of the catalogue with their places; `outside` the kind and place of an effect outside it, as a free shape
+    may describe it.
+    """
 
     model: RigModel
     truth: tuple[tuple[str, str], ...] = ()
+    outside: tuple[tuple[str, str], ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
     per_run: Callable[[RigModel, Run], RigModel] | None = None
@@ -274,7 +279,7 @@ def _none(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
 def _foot(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
     """The table rubs on the floor."""
     rub = Contact(name="foot", a="table", b=GROUND, law=laws.Coulomb(friction_force=size * draw.uniform(3.0, 10.0)))
-    return Hidden(model=msgspec.structs.replace(m, contacts=(*m.contacts, rub)))
+    return Hidden(model=msgspec.structs.replace(m, contacts=(*m.contacts, rub)), outside=(("friction_shape", "table"),))
 
 
 def _cable(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
@@ -301,7 +306,7 @@ def _bent_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> 
     def bent(run: Run, records: dict[str, FloatArray]) -> dict[str, FloatArray]:
         return {**records, channel: records[channel] + bend * records[channel] ** 2 / s.peak[channel]}
 
-    return Hidden(model=m, wire=bent)
+    return Hidden(model=m, outside=(("sensor", channel),), wire=bent)
 
 
 def _slow_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
@@ -314,7 +319,7 @@ def _slow_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> 
         b, a = butter(1, corner, "highpass", fs=run.sample_rate)
         return {**records, channel: lfilter(b, a, records[channel])}
 
-    return Hidden(model=m, wire=slow)
+    return Hidden(model=m, outside=(("sensor", channel),), wire=slow)
 
 
 def _loose_plug(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:

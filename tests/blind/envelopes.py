@@ -12,18 +12,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.kinds import kind_of
 from isorig.rig.virtual.campaign import LATER, SESSION
 from isorig.rig.virtual.effects import CAUSES, KINDS, OUTSIDE, drawn_effect, drawn_rig, played
 
-__all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "draw_envelope", "drawn_rig"]
+__all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
+
+#: A cause, or a kind of causes, and its place.
+Place = tuple[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Envelope:
-    """What was hidden (cause and place; None where nothing the catalogue names), and what the lab measured."""
+    """What was hidden, and what the lab measured.
+
+    `truth` has cause and place, empty if the catalogue has no such cause; `outside` then has kind and place, if they are defined.
+    """
 
     kind: str
-    truth: tuple[tuple[str, str], ...]
+    truth: tuple[Place, ...]
+    outside: tuple[Place, ...]
     parameters: Mapping[str, float]
     campaign: Campaign
     later: Campaign
@@ -34,6 +42,29 @@ def draw_envelope(kind: str, size: float, seed: int) -> Envelope:
     draw = np.random.default_rng([seed, KINDS.index(kind)])
     hidden = drawn_effect(kind, drawn_rig(draw), size, draw)
     return Envelope(
-        kind=kind, truth=hidden.truth, parameters=hidden.parameters,
+        kind=kind, truth=hidden.truth, outside=hidden.outside, parameters=hidden.parameters,
         campaign=played(hidden, SESSION, seed), later=played(hidden, LATER, seed + 1),
     )  # fmt: skip
+
+
+def is_right(
+    kind: str, truth: tuple[Place, ...], outside: tuple[Place, ...], verdict: str, named: list[Place],
+    alike: Mapping[Place, set[Place]],
+) -> bool:  # fmt: skip
+    """Whether an answer is right: every name, or one that is indistinguishable from it, was hidden at that place.
+
+    A free shape is right if a cause of its kind was hidden at its place.
+
+    Parameters
+    ----------
+    kind, truth, outside
+        What was hidden, as in `Envelope`.
+    verdict, named
+        The answer: its verdict, and causes with places.
+    alike
+        For every cause, those that are indistinguishable from it.
+    """
+    meant = {*truth, *((kind_of(cause), place) for cause, place in truth), *outside}
+    if truth:
+        return bool(named) and all((alike.get(name, set()) | {name}) & meant for name in named)
+    return all(name in meant for name in named) and (verdict == "adequate" or kind != "none")

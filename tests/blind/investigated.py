@@ -5,7 +5,6 @@ Whether a run kept the limits is known here alone: the rig's own motion says so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
@@ -120,13 +119,3 @@ def sealed(kind: str, size: float, seed: int) -> SealedRig:
     stroke = STROKE * scale_of(model).deflection["isolation"]
     limits = Limits(stroke={"isolation": stroke}, gains=GAINS, band=BAND, seconds=60.0, lock_price=LOCKING)
     return SealedRig(hidden=drawn_effect(kind, model, size, draw), limits=limits, seed=seed)
-
-
-Place = tuple[str, str]
-
-
-def is_right(truth: tuple[Place, ...], kind: str, verdict: str, named: list[Place], alike: Mapping[Place, set[Place]]) -> bool:
-    """Whether an answer is right, as the study of the diagnosis counts it: every name, or one that stands with it, was hidden."""
-    if truth:
-        return bool(named) and all((alike.get(name, set()) | {name}) & set(truth) for name in named)
-    return not named and (verdict == "adequate" or kind != "none")

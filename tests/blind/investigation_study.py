@@ -1,8 +1,8 @@
 """The study of investigations: sealed rigs that play every run they are asked for, a row for each in a table that grows.
 
 `python tests/blind/investigation_study.py --minutes 20` goes on where the table ends; it can be stopped at any time. Every
-envelope is investigated from nothing (`proposed`). Where its cause was found after further runs, it is investigated again from
-its first stage on, with the last run repeated (`repeat`) and with allowed runs chosen at random (`random`) in place of the
+envelope is investigated from nothing (`proposed`). Where a catalogued cause took further runs, it is investigated again from its
+first stage on, with the last run repeated (`repeat`) and with allowed runs chosen at random (`random`) in place of the
 proposals, up to twice as many runs. `--standard` diagnoses the standard plan of seven runs on the same envelopes, into a
 table with the columns of `study.py`. Envelopes come in a fixed random order, so that those counted by any time are a fair sample.
 """
@@ -24,11 +24,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import study
-from envelopes import CAUSES, OUTSIDE, draw_envelope
-from investigated import Place, SealedRig, is_right, sealed
+from envelopes import CAUSES, OUTSIDE, Place, draw_envelope, is_right
+from investigated import SealedRig, sealed
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.proposals.limits import simulated_peaks
+from isorig.analysis.proposals.menu import CandidateRun
 from isorig.analysis.proposals.policy import KEPT
 from isorig.analysis.proposals.prediction import drawn
 from isorig.rig.diagnose_many import diagnose_file
@@ -71,19 +72,26 @@ def repeated(now: Situation, **_: object) -> Proposal:
     return Proposal(kind="rivals", runs=(Proposed(run=again),))
 
 
+def allowed(now: Situation) -> Iterator[CandidateRun]:
+    """Every new candidate run within the limits, in the order of the menu."""
+    return (run for run in now.menu() if run.repeat_of is None and within_limits(now, run))
+
+
+def within_limits(now: Situation, run: CandidateRun) -> bool:
+    """Whether the models that explain the runs so far keep the limits in a run."""
+    one = prospect(run, now.rivals.sample_rate, now.start_time, now.scale)
+    models = drawn(now.explains, KEPT, 5)
+    return not simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time).beyond(now.limits)
+
+
 def at_random(seed: int) -> Callable[..., Proposal]:
     """Any allowed run, drawn anew each time."""
     draw = np.random.default_rng(seed)
 
     def chosen(now: Situation, **_: object) -> Proposal:
         menu = [run for run in now.menu() if run.repeat_of is None]
-        models = drawn(now.explains, KEPT, 5)
-        for k in draw.permutation(len(menu)):
-            one = prospect(menu[k], now.rivals.sample_rate, now.start_time, now.scale)
-            peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
-            if not peaks.beyond(now.limits):
-                return Proposal(kind="rivals", runs=(Proposed(run=menu[k]),))
-        return Proposal(kind="rivals")
+        run = next((menu[k] for k in draw.permutation(len(menu)) if within_limits(now, menu[k])), None)
+        return Proposal(kind="rivals", runs=() if run is None else (Proposed(run=run),))
 
     return chosen
 
@@ -114,7 +122,7 @@ def right(rig: SealedRig, kind: str, stage: Stage | None) -> bool:
     for group in stage.open:
         for key in group:
             alike.setdefault(key, set()).update(group)
-    return is_right(rig.hidden.truth, kind, stage.verdict, list(stage.named), alike)
+    return is_right(kind, rig.hidden.truth, rig.hidden.outside, stage.verdict, list(stage.named), alike)
 
 
 def further(course: Course) -> int:
@@ -126,7 +134,8 @@ def row(job: Job, way: str, rig: SealedRig, course: Course, choice: Timed) -> di
     """A line of the table."""
     stage = answer(course)
     return {
-        **dict(zip(("kind", "size", "seed"), job, strict=True)), "way": way, "truth": _places(rig.hidden.truth),
+        **dict(zip(("kind", "size", "seed"), job, strict=True)), "way": way,
+        "truth": _places(rig.hidden.truth or rig.hidden.outside),
         "verdict": stage.verdict if stage else "", "named": _places(stage.named) if stage else "",
         "open": _groups(stage), "first_open": _groups(next((stage for stage in course.stages if stage.verdict), None)),
         "right": int(right(rig, job[0], stage)),
@@ -172,7 +181,7 @@ def rows(job: Job, alone: bool) -> Iterator[dict[str, object]]:
         course, choice = investigated(rig, place, Course(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
         yield row(job, "proposed", rig, course, choice)
         found = answer(course)
-        if alone or kind not in CAUSES or found is None or found.open or not right(rig, kind, found) or further(course) == 0:
+        if alone or kind not in CAUSES or found is None or further(course) == 0:
             return
         for way, choose in (("repeat", repeated), ("random", at_random(seed))):
             folder = Path(name) / way

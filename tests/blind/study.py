@@ -19,7 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from decisions import keep, recorded_files
-from envelopes import CAUSES, OUTSIDE, Envelope, draw_envelope
+from envelopes import CAUSES, OUTSIDE, Envelope, draw_envelope, is_right
 
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
@@ -49,13 +49,11 @@ def scored(envelope: Envelope, size: float, seed: int, folder: Path) -> dict[str
     named = [(step["cause"], step["location"]) for step in found["steps"]]
     alike = {tuple(sorted((x["cause"], x["location"]) for x in group)) for group in found["indistinguishable"]}
     reach = {step: {step} | {x for group in alike if step in group for x in group} for step in named}
-    if envelope.truth:
-        right = bool(named) and all(reach[step] & set(envelope.truth) for step in named)
-    else:
-        right = not named and (found["verdict"] == "adequate" or envelope.kind != "none")
+    right = is_right(envelope.kind, envelope.truth, envelope.outside, found["verdict"], named, reach)
     said = {k: v["value"] for step in found["steps"] for k, v in step["parameters"].items()}
     return {
-        "kind": envelope.kind, "size": size, "seed": seed, "truth": _places(envelope.truth), "verdict": found["verdict"],
+        "kind": envelope.kind, "size": size, "seed": seed, "truth": _places(envelope.truth or envelope.outside),
+        "verdict": found["verdict"],
         "named": _places(named), "alike": " | ".join(_places(group) for group in sorted(alike)), "right": int(right),
         "baseline": f"{found['holdout']['baseline']:.5g}", "extended": f"{found['holdout']['extended']:.5g}",
         "floor": f"{found['holdout']['noise_floor']:.5g}",

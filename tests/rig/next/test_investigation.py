@@ -190,6 +190,10 @@ def test_an_error_without_a_candidate_cause_is_repeated_and_then_excited_otherwi
     assert item.peaks is not None
     assert not item.peaks.beyond(PLAN.limits)
     assert propose(now, work=1.0, budget=5.0).kind == "untested"
+    locked = msgspec.structs.replace(found.runs[0], id="l35", configuration="locked")
+    elsewhere = msgspec.structs.replace(found, runs=[*found.runs, locked, again], worst="l35")
+    third = propose(situation([elsewhere], PLAN.limits, {"u35": FIRST}), work=1.0)
+    assert [item.run.configuration for item in third.runs if not item.run.rests] == ["locked"]
 
 
 @pytest.mark.parametrize("gains", [True, False])
