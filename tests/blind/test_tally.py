@@ -1,16 +1,16 @@
 """The counts of investigations on a table made by hand."""
 
 import pandas as pd
-from tally import STANDARD, further_runs, investigations, pairs_parted
+from tally import STANDARD, further_runs, investigations, pairs_parted, shapeless
 
-COLUMNS = ("kind", "size", "seed", "way", "right", "open", "first_open", "further", "seconds", "ended")
+COLUMNS = ("kind", "size", "seed", "way", "named", "right", "open", "first_open", "further", "seconds", "ended")
 FOUND = pd.DataFrame(
     [
-        ("end_stop", 1.0, 1, "proposed", 1, "", "a | b", 1, 35.0, "One cause stands."),
-        ("end_stop", 1.0, 1, "repeat", 1, "a | b", "a | b", 2, 65.0, "The 4 runs that it may take are taken."),
-        ("end_stop", 1.0, 1, "random", 1, "", "a | b", 2, 65.0, "One cause stands."),
-        ("wrong_mass", 0.33, 2, "proposed", 1, "a | b", "a | b", 0, 25.0, "No allowed run parts a from b."),
-        ("none", 1.0, 3, "proposed", 0, "", "", 3, 95.0, "One cause stands."),
+        ("end_stop", 1.0, 1, "proposed", "end_stop at isolation", 1, "", "a | b", 1, 35.0, "One cause stands."),
+        ("end_stop", 1.0, 1, "repeat", "end_stop at isolation", 1, "a | b", "a | b", 2, 65.0, "The 4 runs that it may take are taken."),
+        ("end_stop", 1.0, 1, "random", "end_stop at isolation", 1, "", "a | b", 2, 65.0, "One cause stands."),
+        ("wrong_mass", 0.33, 2, "proposed", "wrong_mass at head", 1, "a | b", "a | b", 0, 25.0, "No allowed run parts a from b."),
+        ("none", 1.0, 3, "proposed", "sensor_gain at head", 0, "", "", 3, 95.0, "One cause stands."),
     ],
     columns=COLUMNS,
 )  # fmt: skip
@@ -27,12 +27,19 @@ def test_the_standard_plan_takes_so_many_seconds() -> None:
 def test_counts_by_what_is_hidden() -> None:
     rows = {row[0]: row[1:] for row in investigations(FOUND, PLAN)}
     assert list(rows) == ["catalogued cause, full size", "catalogued cause, a third of full size", "no effect"]
-    right, shared, seconds = rows["catalogued cause, full size"]
+    right, forms, shared, seconds = rows["catalogued cause, full size"]
     assert right.startswith("1 of 1")
+    assert forms == "1"
     assert shared == "1 and 0 of 1"
     assert seconds == "35 s (35 to 35 s)"
     assert rows["no effect"][0].startswith("0 of 1")
-    assert rows["no effect"][1] == "0 and 0 of 0"
+    assert rows["no effect"][2] == "0 and 0 of 0"
+
+
+def test_a_free_shape_is_no_form_of_the_catalogue() -> None:
+    assert shapeless("end_stop at isolation+sensor_gain at head")
+    assert shapeless("")
+    assert not shapeless("end_stop at isolation+spring_shape at table")
 
 
 def test_further_runs_count_where_the_right_cause_is_left_alone() -> None:
