@@ -9,7 +9,7 @@ FOUND = pd.DataFrame(
         ("end_stop", 1.0, 1, "proposed", "end_stop at isolation", 1, "", "a | b", 1, 35.0, "Identified cause."),
         ("end_stop", 1.0, 1, "repeat", "end_stop at isolation", 1, "a | b", "a | b", 2, 65.0, "The limit of 4 runs is reached."),
         ("end_stop", 1.0, 1, "random", "end_stop at isolation", 1, "", "a | b", 2, 65.0, "Identified cause."),
-        ("wrong_mass", 0.33, 2, "proposed", "wrong_mass at head", 1, "a | b", "a | b", 0, 25.0, "No allowed run distinguishes a from b."),
+        ("wrong_mass", 0.33, 2, "proposed", "wrong_mass at head", 1, "a | b", "a | b", 0, 25.0, "No allowed run does."),
         ("none", 1.0, 3, "proposed", "sensor_gain at head", 0, "", "", 3, 95.0, "Identified cause."),
     ],
     columns=COLUMNS,
