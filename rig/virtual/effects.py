@@ -296,7 +296,7 @@ def _wear(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
     def worn(model: RigModel, run: Run) -> RigModel:
         return _friction(model, laws.Coulomb(friction_force=_force(model) * levels[sum(map(ord, run.id)) % 20]))
 
-    return Hidden(model=m, per_run=worn)
+    return Hidden(model=m, outside=(("drift", "isolation"),), per_run=worn)
 
 
 def _bent_sensor(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:

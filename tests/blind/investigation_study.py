@@ -49,8 +49,8 @@ COLUMNS = (
 RUNS, SECONDS = 8, 240.0
 #: Sound rigs, and envelopes of every cause and foreign form and size, in a round.
 SOUND, SIZES = 6, (1.0, 0.33)
-#: Seconds after which a diagnosis ends: four times the default of `rig diagnose`, for a computer that is shared.
-LIMIT = 1200.0
+#: Seconds after which a diagnosis ends: the default of `rig diagnose`.
+LIMIT = 300.0
 Job = tuple[str, float, int]
 
 
