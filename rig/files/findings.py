@@ -40,7 +40,7 @@ def findings(diagnosis: Diagnosis, origin: Mapping[str, str], limit: float | Non
         "adequacy": {
             "worst": diagnosis.worst, "threshold": diagnosis.enough, "baseline_rig": diagnosis.calibration,
             "how": "Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in "
-            "cases of doubt the threshold is 1.2 times the ratio of the baseline's own rig, simulated with the data's noise.",
+            "cases of doubt the threshold is 1.2 times the largest such ratio of data simulated with the baseline and its noise.",
         },
         "tolerance": diagnosis.tolerance,
         "cut_short": diagnosis.cut_short,

@@ -1,13 +1,18 @@
 """Sealed rigs after the first runs of an investigation: a random run, and moves from rest that stick and slip."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from investigated import sealed
 
+from isorig.analysis.fitting.ladder import guesses_of
+from isorig.analysis.fitting.trials import prepare
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.cli import main
+from isorig.rig.files.recording import read
+from isorig.rig.next.course import described_rig
 from isorig.rig.next.plan_file import with_runs
 
 REST = RunPlan(id="next-1", configuration="unlocked", excitation="free", gain=100.0, seconds=5.0)
@@ -34,3 +39,26 @@ def test_the_first_runs_are_explained(kind: str, seed: int, runs: tuple[RunPlan,
     found = json.loads((tmp_path / "out" / "findings.json").read_text())
     assert found["verdict"] == ("explained" if rig.hidden.truth else "adequate")
     assert tuple((step["cause"], step["location"]) for step in found["steps"]) == rig.hidden.truth
+
+
+def test_fits_start_from_the_run_that_the_rig_explains_alone(tmp_path: Path) -> None:
+    rig = sealed("none", 1.0, 7200052)
+    rig.measure(with_runs(rig.plan, (REST, RANDOM, MOVES)), tmp_path / "campaign.h5")
+    given = described_rig(rig.plan, "coulomb")
+    whole = read(tmp_path / "campaign.h5")
+    force, damping = "contacts.isolation.law.friction_force", "links.isolation.damping"
+    explained, solved, damped = guesses_of(given, prepare(whole, given)).likely
+    assert explained.get(force) == pytest.approx(rig.hidden.model.get(force), rel=0.02)
+    assert solved.get(force) != pytest.approx(rig.hidden.model.get(force), rel=0.2)
+    # The equations of motion take part of the friction for damping.
+    assert solved.get(damping) > 2.0 * given.get(damping)
+    assert damped.get(damping) == given.get(damping)
+    alone = [run for run in whole.runs if run.id != MOVES.id]
+    assert len(guesses_of(given, prepare(replace(whole, runs=tuple(alone)), given)).likely) == 2
+
+
+def test_a_run_that_is_not_explained_is_no_start(tmp_path: Path) -> None:
+    rig = sealed("asymmetric_friction", 1.0, 7200004)
+    rig.measure(with_runs(rig.plan, (REST, RANDOM, MOVES)), tmp_path / "campaign.h5")
+    given = described_rig(rig.plan, "coulomb")
+    assert len(guesses_of(given, prepare(read(tmp_path / "campaign.h5"), given)).likely) == 2
