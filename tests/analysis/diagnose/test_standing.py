@@ -8,21 +8,23 @@ import numpy as np
 import pytest
 from small_rigs import guessed, played, stage
 
-from isorig.analysis.diagnose.diagnosis import _Stage, merged
+from isorig.analysis.diagnose import diagnosis
+from isorig.analysis.diagnose.diagnosis import _Search, _Stage, merged
 from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Step, _by_kind
+from isorig.analysis.diagnose.step import Entry, Found, Step, _by_kind
 from isorig.analysis.fitting.candidate import Candidate, Shape
-from isorig.analysis.fitting.score import BLOCKS, Score
-from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.score import BLOCKS, Score, score
+from isorig.analysis.fitting.solve import Fit, Free, base_parameters
 from isorig.analysis.fitting.trials import prepare
 
 FLOORS = np.full((4, 2), 0.004)
 
 
-def scored(error: float) -> Score:
-    return Score(np.full((4, 2), error), np.full((4, 2, BLOCKS), error**2), np.full((4, 2, BLOCKS), error**2))
+def scored(error: float, shape: tuple[int, ...] = (4, 2)) -> Score:
+    return Score(np.full(shape, error), np.full((*shape, BLOCKS), error**2), np.full((*shape, BLOCKS), error**2))
 
 
 def entry(cause: str, channel: str, error: float, *, points: int = 0) -> Entry:
@@ -87,3 +89,29 @@ def test_steps_at_other_places_of_other_kinds_and_refinements_both_count(last: _
     first = step_to("coulomb_friction", "friction_shape", 0.9, 0.4)
     stages, gone = merged([replace(first, step=None), first, last], FLOORS)
     assert (len(stages), gone) == (3, frozenset())
+
+
+@pytest.mark.parametrize(("alone", "steps"), [(0.004, 1), (0.04, 2)])
+def test_the_second_of_two_causes_is_left_out_if_the_first_suffices(
+    alone: float, steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    """A pair may only have led the first cause's fit out of a local minimum."""
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    wrong = stage().replace({"sensors.x.chain.gain": 1.3})
+    free = base_parameters(guess)
+    baseline = Fit(model=wrong, free=free, covariance=np.eye(len(free)), cost=1.0, evaluations=1)
+    search = _Search(campaign, (guess,), trials, lambda text: None, 0.0)
+    shape = score(wrong, ends(trials).judged).error.shape
+
+    def found(cause: str, error: float, then: Found | None = None) -> Found:
+        step = step_to(cause, "sensor", 0.3, error).step
+        assert step is not None
+        one = replace(entry("sensor_gain", "x", error), score=scored(error, shape), fit=replace(baseline, model=stage()))
+        return Found(step=step, entry=one, entries=(one,), then=then)
+
+    answers = iter([found("sensor_gain", alone, found("crosstalk", 0.004)), None, None, None])
+    monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: next(answers))
+    monkeypatch.setattr(diagnosis, "without", lambda *given: baseline)
+    monkeypatch.setattr(diagnosis, "widened", lambda done: done)
+    assert len(search.causes(baseline, ends).stages) == 1 + steps
