@@ -125,14 +125,19 @@ def menu(
         moved: tuple[Excited, ...] = ("moves", "steps")
         for kind, gain in product(moved, gains[:2]):
             found.append(CandidateRun(configuration=name, excitation=kind, gain=gain, seconds=SHORT))
-    found += [replace(run, repeat_of=earlier) for earlier, run in repeatable]
     longest = [replace(run, seconds=LONGER * BROAD) for run in found if run.excitation == "random" and run.gain == highest]
     allowed = (
         replace(run, gain=min(_three(run.gain), highest), seconds=min(run.seconds, limits.seconds or run.seconds))
         for run in (*found, *longest)
     )
     unique = dict.fromkeys(allowed)
-    return tuple(run if run.repeat_of else replace(run, seed=seed + k) for k, run in enumerate(unique))
+    # A repeated drive is the same sample for sample, or it is no repetition.
+    again = tuple(
+        replace(run, repeat_of=earlier)
+        for earlier, run in repeatable
+        if run.gain <= highest and run.seconds <= (limits.seconds or run.seconds)
+    )
+    return (*(replace(run, seed=seed + k) for k, run in enumerate(unique)), *again)
 
 
 def covers(model: RigModel, run: CandidateRun) -> bool:

@@ -5,11 +5,15 @@ Whether a run kept the limits is known here alone: the rig's own motion says so.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
+from other_envelopes import KINDS as OTHER_KINDS
+from other_envelopes import hide_other
+from small_rigs import UNITS, guessed
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.model.limits import Limits
@@ -18,15 +22,54 @@ from isorig.analysis.simulate import Excitation
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.files.recording import read, write
+from isorig.rig.files.rigtext import description_text
 from isorig.rig.next.course import Measured
-from isorig.rig.virtual.campaign import BEGIN, BITS, FULL_SCALE, VIRTUAL, known_of
+from isorig.rig.virtual.campaign import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL, known_of
 from isorig.rig.virtual.effects import KINDS, Hidden, drawn_effect, drawn_rig, scale_of
 
 RATE, NOISE = 1024.0, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherDrive:
+    """How a rig that is not the wire bonder is driven: samples per second, largest rms of the drive, and band in Hz."""
+
+    rate: float
+    rms: float
+    band: tuple[float, float]
+
+
+#: By the drive's quantity; the rms values are those of the highest level in the sessions of the other study.
+OTHER_DRIVE = {
+    "voltage": OtherDrive(rate=200.0, rms=3.5, band=(0.5, 20.0)), "force": OtherDrive(rate=400.0, rms=13.7, band=(0.5, 60.0)),
+}  # fmt: skip
 #: Seconds between two runs, and more where the motor is locked or unlocked.
 PAUSE, LOCKING = 30.0, 60.0
 #: Gains and band that an investigation may use, and its stroke over the largest deflection of the standard plan.
 GAINS, BAND, STROKE = (0.0, 100.0), (0.5, 400.0), 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """What a lab knows of a rig, and how it measures.
+
+    Parameters
+    ----------
+    rate
+        Samples per second.
+    channels
+        The sensors at the instrument's inputs.
+    known
+        The rig in the plan: known values, or its description.
+    noise, full_scale
+        Standard deviation of the noise and largest value by channel, in its unit.
+    """
+
+    rate: float
+    channels: dict[str, ChannelPlan]
+    known: dict[str, float | str]
+    noise: Mapping[str, float]
+    full_scale: Mapping[str, float]
 
 
 @dataclass
@@ -37,6 +80,8 @@ class SealedRig:
     ----------
     hidden
         What plays.
+    bench
+        What the lab knows of it.
     limits
         What no run may exceed.
     seed
@@ -46,6 +91,7 @@ class SealedRig:
     """
 
     hidden: Hidden
+    bench: Bench
     limits: Limits
     seed: int
     broken: list[str] = field(default_factory=list)
@@ -53,12 +99,8 @@ class SealedRig:
     @property
     def plan(self) -> Plan:
         """A plan without runs: what a lab knows of the rig, and its limits."""
-        model = self.hidden.model
-        names = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
-        channels = {name: ChannelPlan(input=k, sensitivity=0.2) for k, name in enumerate(names)}
-        instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=RATE)
-        known: dict[str, float | str] = {**known_of(model), **self.hidden.known}
-        return Plan(instrument=instrument, channels=channels, rig=known, limits=self.limits)
+        instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=self.bench.rate)
+        return Plan(instrument=instrument, channels=self.bench.channels, rig=self.bench.known, limits=self.limits)
 
     def measure(self, plan: Plan, recording: Path) -> Measured:
         """Play the runs that the recording does not hold yet, and add them to it."""
@@ -68,36 +110,41 @@ class SealedRig:
             if run.id not in names:
                 held.append(self._played(plan, run, held))
         known = {name: value for name, value in plan.rig.items() if not isinstance(value, str)}
-        write(recording, Campaign(runs=tuple(held), known=known, source="sealed rig"))
+        text = plan.rig.get("description")
+        description = None if text is None else str(text)
+        write(recording, Campaign(runs=tuple(held), known=known, description=description, source="sealed rig"))
         return Measured(names=[run.id for run in held])
 
     def _played(self, plan: Plan, asked: RunPlan, before: list[Run]) -> Run:
-        n = asked.ticks(RATE)
+        rate = self.bench.rate
+        n = asked.ticks(rate)
         head = np.zeros(n)
-        drive = drive_of(plan.original(asked, 0)[0], 0, RATE)
+        drive = drive_of(plan.original(asked, 0)[0], 0, rate)
         head[: len(drive)] = asked.gain * drive[0 : len(drive)]
         start = _start(asked, before)
         hidden = self.hidden
         model = hidden.model
-        excitation = Excitation.prepare(head, RATE, oversample=16)
+        excitation = Excitation.prepare(head, rate, oversample=16)
         broken = simulated_peaks([model], excitation, asked.configuration, start).beyond(self.limits, usable=1.0)
         if broken:
             self.broken.append(f"{asked.id}: {broken}")
         records = hidden.records(
-            head, RATE, configuration=asked.configuration, gain=asked.gain, start_time=start, run=asked.id
+            head, rate, configuration=asked.configuration, gain=asked.gain, start_time=start, run=asked.id
         )  # fmt: skip
         generator = np.random.default_rng([self.seed, len(before)])
-        records = {name: values + generator.normal(0.0, NOISE, n) for name, values in records.items()}
-        step = 2.0 * FULL_SCALE / 2**BITS
-        channels = {
-            name: Channel(
-                name=name, samples=np.round(values / step).astype(np.int32), scale=step, full_scale=FULL_SCALE, about=VIRTUAL
-            )
-            for name, values in records.items()
-        }
-        period = round(asked.period * RATE) if asked.excitation == "multisine" else None
+        channels = {}
+        for name, values in records.items():
+            whole = self.bench.full_scale[name]
+            step = 2.0 * whole / 2**BITS
+            shaken = values + generator.normal(0.0, self.bench.noise[name], n)
+            about = self.bench.channels[name]
+            channels[name] = Channel(
+                name=name, samples=np.round(shaken / step).astype(np.int32), scale=step, full_scale=whole, about=VIRTUAL,
+                quantity=about.quantity, unit=about.unit,
+            )  # fmt: skip
+        period = round(asked.period * rate) if asked.excitation == "multisine" else None
         return Run(
-            id=asked.id, configuration=asked.configuration, sample_rate=RATE, gain=asked.gain, channels=channels,
+            id=asked.id, configuration=asked.configuration, sample_rate=rate, gain=asked.gain, channels=channels,
             excitation=asked.recorded_as, started=BEGIN + timedelta(seconds=start), period=period, band=asked.band,
             repeat_of=asked.repeat_of,
         )  # fmt: skip
@@ -113,9 +160,45 @@ def _start(asked: RunPlan, before: list[Run]) -> float:
 
 
 def sealed(kind: str, size: float, seed: int) -> SealedRig:
-    """The rig that `draw_envelope` hides under these words, for an investigation."""
+    """The wire bonder that `draw_envelope` hides under these words, for an investigation."""
     draw = np.random.default_rng([seed, KINDS.index(kind)])
     model = drawn_rig(draw)
     stroke = STROKE * scale_of(model).deflection["isolation"]
     limits = Limits(stroke={"isolation": stroke}, gains=GAINS, band=BAND, seconds=60.0, lock_price=LOCKING)
-    return SealedRig(hidden=drawn_effect(kind, model, size, draw), limits=limits, seed=seed)
+    hidden = drawn_effect(kind, model, size, draw)
+    names = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
+    bench = Bench(
+        rate=RATE, channels={name: ChannelPlan(input=k, sensitivity=0.2) for k, name in enumerate(names)},
+        known={**known_of(hidden.model), **hidden.known}, noise=dict.fromkeys(names, NOISE),
+        full_scale=dict.fromkeys(names, FULL_SCALE),
+    )  # fmt: skip
+    return SealedRig(hidden=hidden, bench=bench, limits=limits, seed=seed)
+
+
+def sealed_other(kind: str, size: float, seed: int) -> SealedRig:
+    """A chain, two carts or a stage, described with values up to a quarter off, with something hidden in it."""
+    found = hide_other(kind, size, np.random.default_rng([seed, OTHER_KINDS.index(kind)]))
+    guess, motion = guessed(found.sound, seed), found.motion
+    drive = guess.drive
+    quantities = {drive.channel: drive.quantity, **{sensor.channel: sensor.quantity for sensor in guess.sensors}}
+    peaks = {drive.channel: OTHER_DRIVE[drive.quantity].rms, **motion.peak}
+    about = OTHER_DRIVE[drive.quantity]
+    bench = Bench(
+        rate=about.rate,
+        channels={
+            name: ChannelPlan(input=k, sensitivity=1.0, unit=UNITS[quantity], quantity=quantity)
+            for k, (name, quantity) in enumerate(quantities.items())
+        },
+        known={"description": description_text(guess)},
+        noise={name: (1e-4 if name == drive.channel else 3e-4) * peak for name, peak in peaks.items()},
+        full_scale={name: 4.0 * peak for name, peak in peaks.items()},
+    )  # fmt: skip
+    stroke = {name: STROKE * size for name, size in motion.deflection.items()}
+    gains = (0.0, float(f"{about.rms / HEAD_PER_GAIN:.3g}"))
+    hidden = Hidden(
+        model=found.hidden, truth=tuple((cause, place) for cause, _, place in found.truth if cause),
+        outside=tuple((kind, place) for cause, kind, place in found.truth if not cause),
+    )  # fmt: skip
+    return SealedRig(
+        hidden=hidden, bench=bench, limits=Limits(stroke=stroke, gains=gains, band=about.band, seconds=60.0), seed=seed
+    )

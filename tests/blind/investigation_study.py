@@ -15,17 +15,19 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
+import other_envelopes
 import study
 from envelopes import CAUSES, OUTSIDE, Place, draw_envelope, is_right
-from investigated import SealedRig, sealed
+from investigated import SealedRig, sealed, sealed_other
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.proposals.limits import simulated_peaks
@@ -54,11 +56,28 @@ LIMIT = 300.0
 Job = tuple[str, float, int]
 
 
-def jobs(rounds: range) -> list[Job]:
+@dataclass(frozen=True, kw_only=True)
+class Rigs:
+    """A family of rigs: what can be hidden in them, how a rig is drawn, and its table."""
+
+    kinds: tuple[str, ...]
+    draw: Callable[[str, float, int], SealedRig]
+    table: Path
+
+
+FAMILIES = {
+    "bonders": Rigs(kinds=(*CAUSES, *(f"outside: {name}" for name in OUTSIDE)), draw=sealed, table=TABLE),
+    "others": Rigs(
+        kinds=tuple(other_envelopes.EFFECTS), draw=sealed_other, table=TABLE.with_name("investigations-other-rigs.csv")
+    ),
+}
+
+
+def jobs(rigs: Rigs, rounds: range) -> list[Job]:
     """Kind, size and seed of all envelopes of some rounds; each round in a random order."""
     found: list[Job] = []
     for number in rounds:
-        hidden = [(kind, size) for kind in (*CAUSES, *(f"outside: {name}" for name in OUTSIDE)) for size in SIZES]
+        hidden = [(kind, size) for kind in rigs.kinds for size in SIZES]
         whole = [*hidden, *[("none", 1.0)] * SOUND]
         order = np.random.default_rng(number).permutation(len(whole))
         found += [(*whole[k], 100_000 * number + int(k)) for k in order]
@@ -171,22 +190,22 @@ def first_stage(course: Course, source: Path, folder: Path) -> Course:
     return begun
 
 
-def rows(job: Job, alone: bool) -> Iterator[dict[str, object]]:
+def rows(rigs: Rigs, job: Job, alone: bool) -> Iterator[dict[str, object]]:
     """All rows of an envelope."""
     kind, size, seed = job
     with tempfile.TemporaryDirectory() as name:
         place = Path(name) / "proposed"
         place.mkdir()
-        rig = sealed(kind, size, seed)
+        rig = rigs.draw(kind, size, seed)
         course, choice = investigated(rig, place, Course(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
         yield row(job, "proposed", rig, course, choice)
         found = answer(course)
-        if alone or kind not in CAUSES or found is None or further(course) == 0:
+        if alone or not rig.hidden.truth or found is None or further(course) == 0:
             return
         for way, choose in (("repeat", repeated), ("random", at_random(seed))):
             folder = Path(name) / way
             begun = first_stage(course, place, folder)
-            other = sealed(kind, size, seed)
+            other = rigs.draw(kind, size, seed)
             ended, choice = investigated(other, folder, begun, choose, len(begun.runs) + 2 * further(course))
             yield row(job, way, other, ended, choice)
 
@@ -224,12 +243,16 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--alone", action="store_true", help="proposals alone, neither repeated nor random runs beside them")
     parser.add_argument("--standard", action="store_true", help="the standard plan on envelopes that the table holds")
-    parser.add_argument("--table", type=Path, default=TABLE)
+    parser.add_argument("--rigs", choices=FAMILIES, default="bonders")
+    parser.add_argument("--table", type=Path, default=None, help="another table than that of these rigs")
     parser.add_argument("--kinds", nargs="*", default=None, help="only these kinds")
     args = parser.parse_args()
-    table, columns = (PLANNED, study.COLUMNS) if args.standard else (args.table, COLUMNS)
-    known = done(table)
-    chosen = [job for job in jobs(range(args.first, args.first + args.rounds)) if not args.standard or job in done(args.table)]
+    rigs = FAMILIES[args.rigs]
+    own = args.table or rigs.table
+    table, columns = (PLANNED, study.COLUMNS) if args.standard else (own, COLUMNS)
+    known, investigations = done(table), done(own)
+    rounds = range(args.first, args.first + args.rounds)
+    chosen = [job for job in jobs(rigs, rounds) if not args.standard or job in investigations]
     todo = [job for job in chosen if job not in known and (args.kinds is None or job[0] in args.kinds)]
     end = time.monotonic() + 60.0 * args.minutes
     for job in todo:
@@ -237,7 +260,7 @@ def main() -> None:
             break
         begun = time.monotonic()
         print(*job, flush=True)
-        for each in [standard(job)] if args.standard else rows(job, args.alone):
+        for each in [standard(job)] if args.standard else rows(rigs, job, args.alone):
             fresh = not table.exists()
             table.parent.mkdir(parents=True, exist_ok=True)
             with table.open("a", newline="") as file:

@@ -257,6 +257,31 @@ PAIRS = (
 KINDS = ("none", *EFFECTS, "two")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Hiding:
+    """A rig, its motion, the same with something hidden in it, and what: (cause or None, kind, place) of each."""
+
+    sound: RigModel
+    motion: Motion
+    hidden: RigModel
+    truth: tuple[tuple[str | None, str, str], ...]
+
+
+def hide_other(kind: str, size: float, draw: Draw) -> Hiding:
+    """Draw rig, place and numbers."""
+    model = drawn(draw)
+    motion = motion_of(model)
+    truth: list[tuple[str | None, str, str]] = []
+    hidden = model
+    for name in () if kind == "none" else PAIRS[int(draw.integers(len(PAIRS)))] if kind == "two" else (kind,):
+        make, cause, what, where = EFFECTS[name]
+        link = model.links[int(draw.integers(len(model.links)))].name
+        place = model.sensors[int(draw.integers(len(model.sensors)))].channel if where == "channel" else link
+        hidden = make(hidden, motion, place, size, draw)
+        truth.append((cause, what, model.link(link).a if where == "body" else place))
+    return Hiding(sound=model, motion=motion, hidden=hidden, truth=tuple(truth))
+
+
 def draw_other(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: bool = False) -> OtherEnvelope:
     """Draw rig, place and numbers by the seed, and play the session and the one after it.
 
@@ -270,19 +295,11 @@ def draw_other(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: bo
         Whether every run begins with seconds of rest.
     """
     draw = np.random.default_rng([seed, KINDS.index(kind)])
-    model = drawn(draw)
-    motion = motion_of(model)
-    truth: list[tuple[str | None, str, str]] = []
-    hidden = model
-    for name in () if kind == "none" else PAIRS[int(draw.integers(len(PAIRS)))] if kind == "two" else (kind,):
-        make, cause, what, where = EFFECTS[name]
-        link = model.links[int(draw.integers(len(model.links)))].name
-        place = model.sensors[int(draw.integers(len(model.sensors)))].channel if where == "channel" else link
-        hidden = make(hidden, motion, place, size, draw)
-        truth.append((cause, what, model.link(link).a if where == "body" else place))
+    found = hide_other(kind, size, draw)
+    hidden = found.hidden
     disturbances: frozenset[tuple[str, str]] = frozenset()
     if soil:
-        hidden = _soiled(hidden, motion, soil, draw)
+        hidden = _soiled(hidden, found.motion, soil, draw)
         loose = next(link for link in hidden.links if link.name == "dirt")
         disturbances = frozenset({("added_motion", loose.b), *(("sensor", sensor.channel) for sensor in hidden.sensors)})
     takes = tuple(Take(take.level, take.wave, rest=float(draw.uniform(0.3, 2.0)) if rest else 0.0) for take in SESSION)
@@ -290,7 +307,7 @@ def draw_other(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: bo
     campaign = _shaken(played(hidden, seed=seed, takes=takes), soil, seed)
     after = _shaken(played(hidden, seed=seed + 500, takes=later), soil, seed + 1)
     return OtherEnvelope(
-        kind=kind, truth=tuple(truth), campaign=campaign, later=after, guess=guessed(model, seed), disturbances=disturbances
+        kind=kind, truth=found.truth, campaign=campaign, later=after, guess=guessed(found.sound, seed), disturbances=disturbances
     )
 
 

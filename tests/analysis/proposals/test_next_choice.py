@@ -1,5 +1,7 @@
 """Distances between refitted rivals, limits, precision and the choice among candidates, against figures worked out otherwise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -172,6 +174,14 @@ def test_the_menu_keeps_gains_band_and_seconds() -> None:
     assert rest(wire_bonder(), limits).rests
     assert any(covers(wire_bonder(), run) for run in runs)
     assert not covers(wire_bonder(), again[0])
+
+
+@pytest.mark.parametrize(("gain", "seconds", "allowed"), [(70.0, 12.345, True), (70.001, 12.0, False), (69.1234, 30.001, False)])
+def test_a_repeated_drive_is_the_same_sample_for_sample(gain: float, seconds: float, allowed: bool) -> None:
+    """Neither is its gain rounded, nor is it made longer or cut: a plan with such a repeat is refused."""
+    earlier = CandidateRun(configuration="unlocked", excitation="random", gain=gain, seconds=seconds, band=(1.0, 20.0), seed=7)
+    runs = menu(wire_bonder(), Limits(gains=(0.0, 70.0), band=(0.7, 300.0), seconds=30.0), 1024.0, repeatable=[("u", earlier)])
+    assert [run for run in runs if run.repeat_of] == ([replace(earlier, repeat_of="u")] if allowed else [])
 
 
 def test_the_chosen_run_distinguishes_within_the_limits() -> None:
