@@ -164,8 +164,12 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
         search.out_of_time(
             "the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits"
         )
+        searched, search.entries = search.entries, []
         again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
-        found = again if again.verdict != "adequate" else found
+        if again.verdict == "adequate":
+            search.entries = searched  # errors at the beginnings have another shape
+        else:
+            found = again
     with suppress(OutOfTimeError):
         progress("gathering the evidence")
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
