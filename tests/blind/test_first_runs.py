@@ -18,6 +18,11 @@ from isorig.rig.next.plan_file import with_runs
 REST = RunPlan(id="next-1", configuration="unlocked", excitation="free", gain=100.0, seconds=5.0)
 RANDOM = RunPlan(id="next-2", configuration="unlocked", gain=100.0, seconds=20.0, band=(0.5, 400.0), seed=1)
 MOVES = RunPlan(id="next-3", configuration="unlocked", excitation="moves", gain=50.0, seconds=10.0, seed=24)
+FURTHER = (
+    RunPlan(id="next-4", configuration="locked", excitation="sweep", gain=100.0, seconds=20.0, band=(0.5, 400.0), seed=38),
+    RunPlan(id="next-5", configuration="locked", gain=50.0, seconds=20.0, band=(0.5, 400.0), seed=30),
+    RunPlan(id="next-6", configuration="unlocked", gain=100.0, seconds=40.0, band=(7.47, 13.0), seed=59),
+)
 
 
 @pytest.mark.timeout(300)
@@ -28,6 +33,8 @@ MOVES = RunPlan(id="next-3", configuration="unlocked", excitation="moves", gain=
         ("none", 7200052, (REST, RANDOM, MOVES)),
         # Here neither has: the equations of motion take friction that differs by direction for damping.
         ("asymmetric_friction", 7200004, (REST, RANDOM, MOVES)),
+        # A search finds only a better baseline; the beginnings of the runs are judged after that.
+        pytest.param("none", 8100048, (REST, RANDOM, MOVES, *FURTHER), marks=pytest.mark.study),
         # The play is nearly as large as the motion: a stop with hardly any spring inside has the same equations.
         pytest.param("backlash", 7100010, (REST, RANDOM), marks=pytest.mark.study),
     ],
