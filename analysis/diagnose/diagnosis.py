@@ -160,6 +160,8 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     baseline = widened(baseline_fit(guesses.starts, trials))
     search = _Search(campaign, guesses.likely, trials, progress, tolerance)
     found = search.causes(baseline, ends)
+    # A search may have led the baseline to a better fit.
+    baseline = found.stages[0].fit
     if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
         search.out_of_time(
             "the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits"
@@ -279,7 +281,7 @@ class _Search:
             better, best = last.entry.fit, last.entry.score
             if found.then is None and self.cut_short and not found.bounded and not self._adequate(best, floors, enough):
                 break  # the form may be merely the closest
-            stages[-1], moved = self._without(step, better, now, division, floors)
+            stages, moved = self._compared(stages, step, better, division, floors)
             now = stages[-1]
             fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
             if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
@@ -310,6 +312,20 @@ class _Search:
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
         )  # fmt: skip
+
+    def _compared(
+        self, stages: list[_Stage], step: Step, better: Fit, division: Division, floors: FloatArray
+    ) -> tuple[list[_Stage], float]:  # fmt: skip
+        # The stages with the last one as it is without the step; and its improvement, which is infinite where from there the
+        # steps before it are superfluous, too.
+        last, moved = self._without(step, better, stages[-1], division, floors)
+        if moved > POLICY.refitted and len(stages) > 1:
+            before = stages[1].step
+            assert before is not None
+            first, improved = self._without(before, last.fit, stages[0], division, floors)
+            if improved > POLICY.refitted:
+                return [first], np.inf
+        return [*stages[:-1], last], moved
 
     def _without(self, step: Step, better: Fit, now: _Stage, division: Division, floors: FloatArray) -> tuple[_Stage, float]:
         # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than

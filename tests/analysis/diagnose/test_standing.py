@@ -115,3 +115,33 @@ def test_the_second_of_two_causes_is_left_out_if_the_first_suffices(
     monkeypatch.setattr(diagnosis, "without", lambda *given: baseline)
     monkeypatch.setattr(diagnosis, "widened", lambda done: done)
     assert len(search.causes(baseline, ends).stages) == 1 + steps
+
+
+def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A baseline in a local minimum takes a first step; a second one leads to parameters that need neither."""
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    shape = score(guess, ends(trials).judged).error.shape
+    free = base_parameters(guess)
+    poor, first, second, better, best = (
+        Fit(model=guess, free=free, covariance=np.eye(len(free)), cost=float(k), evaluations=1) for k in range(5)
+    )
+    errors = (0.4, 0.05, 0.01, 0.01, 0.004)  # by cost
+    search = _Search(campaign, (guess,), trials, lambda text: None, 0.0)
+
+    def found(cause: str, before: Fit, after: Fit) -> Found:
+        step = step_to(cause, "sensor", errors[int(before.cost)], errors[int(after.cost)]).step
+        assert step is not None
+        one = replace(entry("sensor_gain", "x", 0.0), score=scored(errors[int(after.cost)], shape), fit=after)
+        return Found(step=step, entry=one, entries=(one,), then=None)
+
+    answers = iter([found("sensor_gain", poor, first), found("crosstalk", first, second)])
+    refits = {(1.0, 0.0): poor, (2.0, 1.0): better, (3.0, 0.0): best}
+    scores = iter(errors[k] for k in (0, 0, 3, 4))
+    monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: next(answers))
+    monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: refits[step.cost, current.cost])
+    monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(next(scores), shape))
+    monkeypatch.setattr(diagnosis, "explains_own_channel", lambda *given: True)
+    monkeypatch.setattr(diagnosis, "widened", lambda done: done)
+    (only,) = search.causes(poor, ends).stages
+    assert only.fit is best
