@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import argparse
 import csv
+import sys
 import tempfile
 import time
 from pathlib import Path
 
 import pandas as pd
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import study
 from investigated import sealed
 from investigation_study import LIMIT, RUNS, TABLE, Job, allowed, investigated
