@@ -301,8 +301,8 @@ def every_run() -> str:
         return ""
     table = pd.read_csv(EVERY_RUN, keep_default_na=False)
     return (
-        f"\nTo check {len(table)} of these statements every allowed candidate run was taken and diagnosed together with the earlier\n"
-        f"runs (`tests/blind/every_run.py`, {int(table['candidates'].sum())} runs): "
+        f"\nTo check {len(table)} of these statements every allowed candidate run was taken and diagnosed together with the\n"
+        f"earlier runs (`tests/blind/every_run.py`, {int(table['candidates'].sum())} runs): "
         f"in {int((table['single'] == 0).sum())} of {len(table)} none of them left a single cause.\n"
     )
 
