@@ -117,8 +117,8 @@ class Guesses:
     ----------
     likely
         From the data, the most trusted first: the fit of the runs that the rig explains one by one (if there are some, among
-        several configurations or excitations), and the equations of motion, with their own values of damping beside dry friction
-        and with the given ones.
+        several configurations or excitations), and the equations of motion, with their own values of damping where there is dry
+        friction and with the given ones.
     given
         The rig as given.
     """
@@ -141,8 +141,8 @@ def guesses_of(model: RigModel, trials: Sequence[Trial]) -> Guesses:
     """The starting points for the fits of a rig."""
     solved = equation_start(model, trials)
     # The equations of motion take part of the dry friction for damping.
-    beside = {f"links.{link.name}.damping" for link in model.links for c in model.contacts if (link.a, link.b) == (c.a, c.b)}
-    damped = _given(model, [path for path in model.free if path in beside])
+    rubbing = {f"links.{link.name}.damping" for link in model.links for c in model.contacts if (link.a, link.b) == (c.a, c.b)}
+    damped = _given(model, [path for path in model.free if path in rubbing])
     explained = _explained_alone(solved, trials)
     found = (explained, solved, solved.replace(damped) if damped else None)
     return Guesses(likely=tuple(guess for guess in found if guess is not None), given=model)

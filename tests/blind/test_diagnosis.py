@@ -13,10 +13,10 @@ from envelopes import Envelope, draw_envelope
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 
-#: Kind, size and seed, one for each verdict; what is hidden where is drawn.
-DRAWN = (("none", 1.0, 11), ("asymmetric_friction", 0.33, 12), ("outside: hose", 1.0, 15))
-#: More of the second verdict.
-MORE = (("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14))
+#: Kind, size and seed; what is hidden where is drawn.
+DRAWN = (("none", 1.0, 11), ("asymmetric_friction", 0.33, 12))
+#: Sensors, and an effect outside the catalogue, for which every free shape is fitted in vain: that takes minutes.
+MORE = (("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14), ("outside: hose", 1.0, 15))
 
 
 def judge(envelope: Envelope, findings: dict) -> None:
@@ -39,7 +39,7 @@ def judge(envelope: Envelope, findings: dict) -> None:
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("drawn", [DRAWN, pytest.param(MORE, marks=pytest.mark.study)], ids=["each verdict", "sensors"])
+@pytest.mark.parametrize("drawn", [DRAWN, pytest.param(MORE, marks=pytest.mark.study)], ids=["two verdicts", "more"])
 def test_folder_of_envelopes(
     drawn: tuple[tuple[str, float, int], ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
