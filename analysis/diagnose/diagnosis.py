@@ -378,11 +378,11 @@ class _Search:
     def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only needed near the noise; a rig judged by its drive has no simulated motion.
         floors = _allowed(quiet)
-        if not may_be_noise(worst(stage.score, floors)) or any(trial.motion for trial in self._trials):
+        measured = worst(stage.score, floors)
+        if not may_be_noise(measured) or any(trial.motion for trial in self._trials):
             return None
         if self.out_of_time("not far above the noise; determining the error of simulated data of the baseline itself"):
             return None
-        measured = worst(stage.score, floors)
         draws: list[float] = []
         while more_draws(measured, draws):
             draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))

@@ -151,23 +151,26 @@ def guesses_of(model: RigModel, trials: Sequence[Trial]) -> Guesses:
 def _explained_alone(start: RigModel, trials: Sequence[Trial]) -> RigModel | None:
     # Moves from rest stick and slip: their first moments give the error of all runs together local minima that a random run alone
     # does not have. Of each configuration and excitation the first run is fitted.
-    free = base_parameters(start)
     first = {(trial.run.configuration, trial.run.excitation): trial for trial in reversed(trials)}
-    alone = [trial for trial in first.values() if (done := _early(start, free, [trial])) and done.cost < TELLING]
-    if len(first) < 2 or not alone:
+    if len(first) < 2:
         return None
-    together = _early(start, free, alone)
+    free = base_parameters(start)
+    fits = [(trial, _early(start, free, [trial])) for trial in first.values()]
+    alone = [(trial, done) for trial, done in fits if done is not None and done.cost < TELLING]
+    if len(alone) < 2:
+        return alone[0][1].model if alone else None
+    together = _early(start, free, [trial for trial, _ in alone])
     return together.model if together is not None and together.cost < TELLING else None
 
 
 def _early(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit | None:
     # A fit of the first moments of runs; None from a starting point whose motion grows without bound.
-    done: Fit | None = None
-    for rung in ladder(trials):
-        if done is None or rung.seconds <= UNDECIDED:
-            done = tried(start if done is None else done.model, free, rung)
-        if done is None:
+    first, *longer = ladder(trials)
+    done = tried(start, free, first)
+    for rung in longer:
+        if done is None or rung.seconds > UNDECIDED:
             break
+        done = tried(done.model, free, rung)
     return done
 
 

@@ -8,7 +8,6 @@ of the table says how many runs there were, and after how many of them a single 
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import tempfile
 import time
@@ -21,7 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import study
 from investigated import sealed
-from investigation_study import LIMIT, RUNS, TABLE, Job, allowed, investigated
+from investigation_study import LIMIT, RUNS, TABLE, allowed, groups, investigated, new_runs
+from study_table import Job, append, done
 
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.diagnose_many import diagnose_file
@@ -47,7 +47,7 @@ def single_after(job: Job, seconds: float) -> dict[str, object]:
         plans: dict[str, RunPlan] = {run.id: run for run in course.runs}
         now = situation([read_rivals(folder / diagnosis_folder(stage))], rig.limits, plans)
         tried, single = 0, []
-        for run in allowed(now):
+        for run in allowed(now, new_runs(now)):
             if time.monotonic() > end:
                 break
             recording, answer = folder / f"{tried}.h5", folder / f"answer-{tried}"
@@ -61,8 +61,7 @@ def single_after(job: Job, seconds: float) -> dict[str, object]:
             print(tried, run.configuration, run.excitation, run.gain, after.named, len(after.open), flush=True)
     return {
         **dict(zip(("kind", "size", "seed"), job, strict=True)), "candidates": tried, "single": len(single),
-        "open": " | ".join("+".join(f"{cause} at {place}" for cause, place in group) for group in stage.open),
-        "which": " | ".join(single),
+        "open": groups(stage), "which": " | ".join(single),
     }  # fmt: skip
 
 
@@ -74,19 +73,14 @@ def main() -> None:
     args = parser.parse_args()
     found = pd.read_csv(args.table, keep_default_na=False)
     said = found[(found["way"] == "proposed") & found["ended"].str.contains(SAID)]
-    known = pd.read_csv(args.answers, keep_default_na=False)["seed"].tolist() if args.answers.exists() else []
+    known = done(args.answers)
     end = time.monotonic() + 60.0 * args.minutes
     for kind, size, seed in said[["kind", "size", "seed"]].itertuples(index=False):
-        left = end - time.monotonic()
-        if seed in known or left < 0.0:
+        job, left = (str(kind), float(size), int(seed)), end - time.monotonic()
+        if job in known or left < 0.0:
             continue
-        line = single_after((str(kind), float(size), int(seed)), left)
-        fresh = not args.answers.exists()
-        with args.answers.open("a", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            if fresh:
-                writer.writeheader()
-            writer.writerow(line)
+        line = single_after(job, left)
+        append(args.answers, COLUMNS, line)
         print(line, flush=True)
 
 

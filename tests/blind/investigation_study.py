@@ -10,11 +10,10 @@ table with the columns of `study.py`. Envelopes come in a fixed random order, so
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,6 +27,7 @@ import other_envelopes
 import study
 from envelopes import CAUSES, OUTSIDE, Place, draw_envelope, is_right
 from investigated import SealedRig, sealed, sealed_other
+from study_table import Job, append, done
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.proposals.limits import simulated_peaks
@@ -53,7 +53,6 @@ RUNS, SECONDS = 8, 240.0
 SOUND, SIZES = 6, (1.0, 0.33)
 #: Seconds after which a diagnosis ends: the default of `rig diagnose`.
 LIMIT = 300.0
-Job = tuple[str, float, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,16 +90,18 @@ def repeated(now: Situation, **_: object) -> Proposal:
     return Proposal(kind="rivals", runs=(Proposed(run=again),))
 
 
-def allowed(now: Situation) -> Iterator[CandidateRun]:
-    """Every new candidate run within the limits, in the order of the menu."""
-    return (run for run in now.menu() if run.repeat_of is None and within_limits(now, run))
-
-
-def within_limits(now: Situation, run: CandidateRun) -> bool:
-    """Whether the models that explain the runs so far keep the limits in a run."""
-    one = prospect(run, now.rivals.sample_rate, now.start_time, now.scale)
+def allowed(now: Situation, runs: Iterable[CandidateRun]) -> Iterator[CandidateRun]:
+    """Those of some runs in which the models that explain the runs so far keep the limits."""
     models = drawn(now.explains, KEPT, 5)
-    return not simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time).beyond(now.limits)
+    for run in runs:
+        one = prospect(run, now.rivals.sample_rate, now.start_time, now.scale)
+        if not simulated_peaks(models, one.excitation(whole=True), run.configuration, one.start_time).beyond(now.limits):
+            yield run
+
+
+def new_runs(now: Situation) -> list[CandidateRun]:
+    """The candidate runs that repeat no earlier drive."""
+    return [run for run in now.menu() if run.repeat_of is None]
 
 
 def at_random(seed: int) -> Callable[..., Proposal]:
@@ -108,8 +109,8 @@ def at_random(seed: int) -> Callable[..., Proposal]:
     draw = np.random.default_rng(seed)
 
     def chosen(now: Situation, **_: object) -> Proposal:
-        menu = [run for run in now.menu() if run.repeat_of is None]
-        run = next((menu[k] for k in draw.permutation(len(menu)) if within_limits(now, menu[k])), None)
+        menu = new_runs(now)
+        run = next(allowed(now, (menu[k] for k in draw.permutation(len(menu)))), None)
         return Proposal(kind="rivals", runs=() if run is None else (Proposed(run=run),))
 
     return chosen
@@ -156,7 +157,7 @@ def row(job: Job, way: str, rig: SealedRig, course: Course, choice: Timed) -> di
         **dict(zip(("kind", "size", "seed"), job, strict=True)), "way": way,
         "truth": _places(rig.hidden.truth or rig.hidden.outside),
         "verdict": stage.verdict if stage else "", "named": _places(stage.named) if stage else "",
-        "open": _groups(stage), "first_open": _groups(next((stage for stage in course.stages if stage.verdict), None)),
+        "open": groups(stage), "first_open": groups(next((stage for stage in course.stages if stage.verdict), None)),
         "right": int(right(rig, job[0], stage)),
         "runs": len(course.runs), "further": further(course), "seconds": f"{course.seconds:g}",
         "proposal": f"{choice.most:.1f}", "broken": " | ".join(rig.broken), "ended": course.ended,
@@ -220,20 +221,13 @@ def standard(job: Job) -> dict[str, object]:
         return study.scored(envelope, job[1], job[2], folder)
 
 
-def _groups(stage: Stage | None) -> str:
+def groups(stage: Stage | None) -> str:
+    """The indistinguishable causes of a stage, as in the table."""
     return " | ".join(_places(group) for group in stage.open) if stage else ""
 
 
 def _places(pairs: object) -> str:
     return "+".join(f"{cause} at {place}" for cause, place in pairs)  # type: ignore[attr-defined]
-
-
-def done(table: Path) -> set[Job]:
-    """Envelopes that a table holds."""
-    if not table.exists():
-        return set()
-    with table.open() as file:
-        return {(line["kind"], float(line["size"]), int(line["seed"])) for line in csv.DictReader(file)}
 
 
 def main() -> None:
@@ -261,13 +255,7 @@ def main() -> None:
         begun = time.monotonic()
         print(*job, flush=True)
         for each in [standard(job)] if args.standard else rows(rigs, job, args.alone):
-            fresh = not table.exists()
-            table.parent.mkdir(parents=True, exist_ok=True)
-            with table.open("a", newline="") as file:
-                writer = csv.DictWriter(file, columns, lineterminator="\n")
-                if fresh:
-                    writer.writeheader()
-                writer.writerow(each)
+            append(table, columns, each)
             print(f"{time.monotonic() - begun:5.0f} s:", ", ".join(str(each[name]) for name in columns), flush=True)
 
 

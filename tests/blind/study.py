@@ -7,7 +7,6 @@ envelope but its recording reaches the diagnosis: the draw is opened after the a
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 import tempfile
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from decisions import keep, recorded_files
 from envelopes import CAUSES, OUTSIDE, Envelope, draw_envelope, is_right
+from study_table import append, done
 
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
@@ -89,12 +89,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="first round")
     parser.add_argument("--rounds", type=int, default=1000)
     args = parser.parse_args()
-    done = set()
-    if args.table.exists():
-        with args.table.open() as file:
-            done = {(row["kind"], float(row["size"]), int(row["seed"])) for row in csv.DictReader(file)}
-    args.table.parent.mkdir(parents=True, exist_ok=True)
-    todo = [job for seed in range(args.seed, args.seed + args.rounds) for job in plan(seed) if job not in done]
+    known = done(args.table)
+    todo = [job for seed in range(args.seed, args.seed + args.rounds) for job in plan(seed) if job not in known]
     if args.kinds:
         todo = [job for job in todo if job[0] in args.kinds]
     if args.sizes:
@@ -114,12 +110,7 @@ def main() -> None:
                     print(f"{envelope.kind}: refused: {outcome.refusal}", flush=True)
                     continue
                 row = scored(envelope, size, seed, folder / outcome.campaign)
-                fresh = not args.table.exists()
-                with args.table.open("a", newline="") as file:
-                    writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                    if fresh:
-                        writer.writeheader()
-                    writer.writerow(row)
+                append(args.table, COLUMNS, row)
                 keep(folder / outcome.campaign, args.table)
                 print(", ".join(f"{row[k]}" for k in COLUMNS), flush=True)
 

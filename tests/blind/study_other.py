@@ -8,7 +8,6 @@ draw is opened after the answer was written.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 import tempfile
@@ -27,6 +26,7 @@ import other_envelopes
 import unlike_bonders
 from decisions import keep, recorded_files
 from other_envelopes import OtherEnvelope, answer_of, draw_other
+from study_table import append, done
 from unlike_bonders import draw_bonder
 
 from isorig.rig.files.models import read_model
@@ -111,11 +111,9 @@ def main() -> None:
     args = parser.parse_args()
     rigs = FAMILIES[args.rigs]
     table = args.table or rigs.table
-    done = set()
-    if table.exists():
-        with table.open() as file:
-            done = {(row["kind"], int(row["seed"])) for row in csv.DictReader(file)}
-    todo = [job for k in range(args.first, args.first + args.rounds) for job in plan(rigs, k) if (job[0], job[-1]) not in done]
+    known = done(table)
+    rounds = range(args.first, args.first + args.rounds)
+    todo = [job for k in rounds for job in plan(rigs, k) if (job[0], job[1], job[-1]) not in known]
     end = time.monotonic() + 60.0 * args.minutes
     while todo and time.monotonic() < end:
         batch, todo = todo[:6], todo[6:]
@@ -133,12 +131,7 @@ def main() -> None:
                     print(f"{envelope.kind}: refused: {outcome.refusal}", flush=True)
                     continue
                 row = scored(envelope, job, folder / outcome.campaign)
-                fresh = not table.exists()
-                with table.open("a", newline="") as file:
-                    writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-                    if fresh:
-                        writer.writeheader()
-                    writer.writerow(row)
+                append(table, COLUMNS, row)
                 keep(folder / outcome.campaign, table)
                 print(", ".join(f"{row[k]}" for k in COLUMNS), flush=True)
 

@@ -10,7 +10,7 @@ import msgspec
 
 from isorig.analysis.diagnose.link_force import LinkForce
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Link, RigModel
 
 #: Friction if unknown, as a share of the largest force of the drive: a starting value for fits.
 SHARE_OF_PUSH = 0.2
@@ -61,6 +61,10 @@ class Evidence:
     push: float
     configurations: frozenset[str]
     guess: RigModel
+
+    def before(self, link: Link) -> Link:
+        """A link before any fit; the link itself if a step has added it."""
+        return next((known for known in self.guess.links if known.name == link.name), link)
 
 
 class Mechanism(Protocol):

@@ -51,7 +51,7 @@ class CoulombFriction:
             if any(contact.name == link.name for contact in model.contacts):
                 continue
             # While the body sticks, a fit without friction makes the link stiff and damped: the description may be closer.
-            ends = (link, next((known for known in evidence.guess.links if known.name == link.name), link))
+            ends = (link, evidence.before(link))
             force = min(
                 max(end.stiffness * evidence.deflection[link.name], end.damping * evidence.speed[link.name]) for end in ends
             )

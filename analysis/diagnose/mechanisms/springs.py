@@ -105,11 +105,12 @@ class Backlash:
         for link in _sliding(model, laws.Backlash):
             deflection = evidence.deflection[link.name]
             clearance, residual = _path(link, "clearance"), _path(link, "residual")
-            given = next((known.stiffness for known in evidence.guess.links if known.name == link.name), link.stiffness)
-            starts = (
-                *(_with_play(model, link, share, deflection) for share in (0.008, 0.03, 0.12, 0.2)),
-                *(_mostly_in_play(model, link, share * deflection, given) for share in (0.5, 0.8)),
-            )
+            # Of a spring that is seldom reached, beyond a large play, the fit shows nothing.
+            stiffnesses = {
+                **{share: link.stiffness / _seen_through(share) for share in (0.008, 0.03, 0.12, 0.2)},
+                **dict.fromkeys((0.5, 0.8), evidence.before(link).stiffness),
+            }
+            starts = tuple(_with_play(model, link, share * deflection, k) for share, k in stiffnesses.items())
             found.append(
                 Candidate(
                     cause=self.cause, location=link.name, family="spring", starts=starts,
@@ -126,18 +127,15 @@ class Backlash:
         return tuple(found)
 
 
-def _with_play(model: RigModel, link: Link, share: float, deflection: float) -> RigModel:
-    # The fitted spring is the describing function of the play at a typical swing; the spring beyond the play is stiffer.
+def _with_play(model: RigModel, link: Link, clearance: float, stiffness: float) -> RigModel:
+    other = model.replace({f"links.{link.name}.stiffness": stiffness})
+    return added(other, other.link(link.name), laws.Backlash(clearance=clearance, residual=0.05))
+
+
+def _seen_through(share: float) -> float:
+    # The fitted spring is the describing function of the play at a typical swing: this share of the spring beyond the play.
     ratio = share / TYPICAL_SWING
-    seen = 1.0 - 2.0 / pi * (asin(ratio) + ratio * sqrt(1.0 - ratio**2))
-    stiffer = model.replace({f"links.{link.name}.stiffness": link.stiffness / seen})
-    return added(stiffer, stiffer.link(link.name), laws.Backlash(clearance=share * deflection, residual=0.05))
-
-
-def _mostly_in_play(model: RigModel, link: Link, clearance: float, stiffness: float) -> RigModel:
-    # Of a spring that is seldom reached the fit shows nothing.
-    stiffer = model.replace({f"links.{link.name}.stiffness": stiffness})
-    return added(stiffer, stiffer.link(link.name), laws.Backlash(clearance=clearance, residual=0.05))
+    return 1.0 - 2.0 / pi * (asin(ratio) + ratio * sqrt(1.0 - ratio**2))
 
 
 #: A typical amplitude as a share of the largest deflection.
@@ -180,19 +178,19 @@ class EndStop:
                         Reported(name="contact_stiffness", path=stiffness, unit="N/m"),
                         Reported(name="contact_damping", path=damping, unit="N s/m"),
                     ),
-                    rank=2, plausible=partial(_has_a_spring_inside, link.name, stroke, stiffness, deflection, evidence.guess),
+                    rank=2, plausible=partial(_has_a_spring_inside, evidence.before(link), stroke, stiffness, deflection),
                 )
             )  # fmt: skip
         return tuple(found)
 
 
-def _has_a_spring_inside(link: str, stroke: str, contact: str, deflection: float, guess: RigModel, model: RigModel) -> bool:
+def _has_a_spring_inside(before: Link, stroke: str, contact: str, deflection: float, model: RigModel) -> bool:
     # With almost no spring inside it is play where the stroke is small, or the spring beyond it is the one that was expected.
-    inside = model.link(link).stiffness
+    inside = model.link(before.name).stiffness
     beyond = inside + model.get(contact)
-    expected = next((known.stiffness for known in guess.links if known.name == link), inside)
     if inside > INSIDE * beyond:
         return True
+    expected = before.stiffness
     return model.get(stroke) > 0.3 * deflection and abs(log(inside / expected)) < abs(log(beyond / expected))
 
 
