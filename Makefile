@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint bench study mutants docs thesis friction
+.PHONY: setup demo test lint bench study mutants attack docs thesis friction
 
 # How long `make study` goes on drawing campaigns.
 MINUTES ?= 60
@@ -40,6 +40,19 @@ study: setup
 mutants: setup
 	$(BIN)/python tests/mutation/run_mutants.py --named
 	$(BIN)/python tests/mutation/run_mutants.py
+
+# Attacks by chance on the acquisition and all commands, over all cores: writes docs/attack.md. The long runs are asked for:
+# `make attack SOAK=3600 FLEET_HOURS=24` on a machine that does nothing else.
+IMAGES ?= 2000
+FAULTS ?= 500
+INPUTS ?= 2000
+SEED ?= 1
+SOAK ?= 0
+FLEET_HOURS ?= 0
+
+attack: setup
+	$(BIN)/python tests/attack/run_attack.py --images $(IMAGES) --faults $(FAULTS) --inputs $(INPUTS) --seed $(SEED) \
+		--soak $(SOAK) --fleet-hours $(FLEET_HOURS) --page docs/attack.md
 
 # The documentation site, warnings as errors.
 docs: setup

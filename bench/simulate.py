@@ -129,7 +129,7 @@ def with_laws() -> dict[str, RigModel]:
         ),
         "cubic": sprung(laws.Cubic(cubic_stiffness=1e6)),
         "elasto-slip": sprung(laws.ElastoSlip(spring_stiffness=3e3, slip_force=5.0, clearance=1e-3)),
-        "maxwell": sprung(laws.Maxwell(series_stiffness=3e3, series_damping=30.0)),
+        "maxwell": sprung(laws.Maxwell(relaxation_stiffness=3e3, relaxation_time=0.01)),
     }
 
 

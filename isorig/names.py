@@ -2,15 +2,14 @@
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.isolation.ratio import isolated_share, isolation_ratio
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel as Rig
-from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate.free_run import simulate
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.trace import trace
+from isorig.analysis.spectra.modal import modal_analysis as modes
 from isorig.analysis.spectra.modes import fit_modes
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
@@ -18,6 +17,10 @@ from isorig.rig.errors import RigError
 from isorig.rig.exchange.importing import import_campaign
 from isorig.rig.files.recording import open_recording, read, write
 from isorig.rig.files.rigfile import read_rig
+
+# What results show and convert to in a notebook is registered by these.
+from isorig.rig.notebook import pages, plots, tables  # noqa: F401
+from isorig.rig.notebook.answers import characterize, diagnose
 from isorig.rig.prediction import predicted as predict
 from isorig.rig.transfer import transfer_functions as frf
 from isorig.rig.virtual.campaign import Take, virtual_campaign
@@ -41,6 +44,7 @@ __all__ = [
     "isolated_share",
     "isolation_ratio",
     "laws",
+    "modes",
     "open_recording",
     "predict",
     "read",

@@ -110,3 +110,15 @@ def test_the_tour_runs(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     used = {name for name in names if re.search(rf"\biso\.{name}\b", "\n".join(code))}
     assert len(used) >= 15
+
+
+def test_the_tour_is_stored_with_its_outputs_on_a_rig_of_its_own() -> None:
+    cells = json.loads((ROOT / "docs" / "tour.ipynb").read_text(encoding="utf-8"))["cells"]
+    outputs = [output for cell in cells for output in cell.get("outputs", ())]
+    assert not [output for output in outputs if output["output_type"] == "error"]
+    shown = [kind for output in outputs for kind in output.get("data", ())]
+    assert shown.count("image/png") >= 4
+    assert shown.count("text/html") >= 5
+    assert "hardening" in "".join(str(output.get("data", {}).get("text/html", "")) for output in outputs)
+    first = next(cell for cell in cells if "read_rig" in "".join(cell["source"]))
+    assert "two carts" in "".join(first["outputs"][0]["data"]["text/plain"])

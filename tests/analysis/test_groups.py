@@ -18,9 +18,9 @@ def test_left_out_is_the_average_without_the_group(estimator: str) -> None:
     # Without overlap across the gap between runs, each run's segments are its own.
     runs = [run_of(x=x[k : k + LENGTH], y=y[k : k + LENGTH]) for k in range(0, len(x), LENGTH)]
     frf = estimate(runs, references=["x"], resolution=RATE / LENGTH).frf("y", "x", estimator)
-    assert frf.left_out is not None
+    assert frf.without_group is not None
     kept = frf.frequency[3:20]
-    left_out = frf.left_out(kept)
+    left_out = frf.without_group(kept)
     assert left_out.shape == (10, 17)
     for k, values in enumerate(left_out):
         rest = [run for i, run in enumerate(runs) if i != k]
@@ -33,8 +33,8 @@ def test_scatter_of_groups_is_that_of_repeats() -> None:
     for seed in range(60):
         x, y = pair(seed, 200 * LENGTH)
         frf = estimate([run_of(x=x, y=y)], references=["x"], resolution=RATE / LENGTH).frf("y", "x")
-        assert frf.left_out is not None
-        left_out = frf.left_out(frf.frequency[2:-2])
+        assert frf.without_group is not None
+        left_out = frf.without_group(frf.frequency[2:-2])
         values.append(frf.value[2:-2])
         scatter.append((np.abs(left_out - left_out.mean(axis=0)) ** 2).sum(axis=0) * (1.0 - 1.0 / len(left_out)))
     spread = np.mean(np.abs(np.array(values) - np.mean(values, axis=0)) ** 2)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Channel, FloatArray, Run
-from isorig.analysis.errors import DataError
+from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.spectra.half_power import half_power
 from isorig.analysis.spectra.modes import Kind, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
@@ -53,6 +55,14 @@ def test_no_bias_and_deviations_that_hold(f: float, zeta: float, rate: float, li
     # 24 repeats know their own scatter to 15 %.
     assert 0.6 < damping.std(ddof=1) / np.sqrt((damping_std**2).mean()) < 1.45
     assert 0.6 < frequency.std(ddof=1) / np.sqrt((frequency_std**2).mean()) < 1.45
+
+
+def test_a_fit_that_runs_away_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    frf = measured([(60.0, 0.01, 1.0)], 512.0, 1.0, 0, "accelerance", seconds=20.0)
+    # Two modes far from the only one, without damping: the first steps overflow.
+    with suppress(FitError):
+        fit_modes(frf, (40.0, 200.0), guesses=[(193.1, 3e-10), (192.2, 3e-10)])
+    assert tuple(capfd.readouterr()) == ("", "")
 
 
 def test_the_plain_fit_is_biased_where_ours_is_not() -> None:

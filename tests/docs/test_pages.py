@@ -103,7 +103,7 @@ def test_a_block_that_leaves_a_process_running_is_found(folder: Path) -> None:
 
 def test_every_command_is_on_the_first_page() -> None:
     told = (DOCS / "index.md").read_text(encoding="utf-8")
-    registered = re.findall(r'name="(\w+)"\)', (ROOT / "rig" / "cli.py").read_text(encoding="utf-8"))
+    registered = re.findall(r'name="(\w+)"\)', (ROOT / "isorig" / "rig" / "cli.py").read_text(encoding="utf-8"))
     missing = [name for name in registered if f"`rig {name}" not in told and name != "demo"]
     assert not missing
 

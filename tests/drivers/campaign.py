@@ -1,4 +1,4 @@
-"""Faults by chance for every driver: what becomes of each is right, told, refused, or (what must not be) wrong in silence.
+"""Faults by chance for every driver: what becomes of each is right, reported, refused, or (what must not be) wrong in silence.
 
 Each fault is one connection to a far end of `far`, whose samples say when they were taken.
 """
@@ -13,15 +13,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from far import DataqFar, FramedFar, LinesFar, SlcanFar, frame, scan_bytes, text_frame
+import sound_device
+from far import CsvFar, DataqFar, FramedFar, LinesFar, PrologixFar, SlcanFar, TcpLines, frame, scan_bytes, text_frame
+from ni_device import ANSWERED, Device, chassis
+from nidaqmx.errors import DaqError
 
+from isorig.drivers import framed as framed_module
+from isorig.drivers import hp35670a, mti600, port, sr785
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import DriverError
 from isorig.drivers.framed import FramedInstrument
 from isorig.drivers.hp35670a import Hp35670aInstrument
+from isorig.drivers.lines import Field, LinesInstrument, LinesSettings
 from isorig.drivers.mti600 import MtiInstrument
+from isorig.drivers.ni import NiInstrument, NiSettings
 from isorig.drivers.shows import Shows
+from isorig.drivers.sound import SoundInstrument, SoundSettings
 from isorig.drivers.sr785 import Sr785Instrument
 
 #: Seconds that a fault may take at most, with the patience that tests set.
@@ -42,6 +50,13 @@ class Outcome:
         self.counts[outcome] += 1
         if outcome in ("silent", "traceback", "hang"):
             self.bad.append(f"{outcome}: {what}")
+
+
+#: Waiting times that tests shorten: module, name, seconds.
+IMPATIENT = (
+    (port, "PATIENCE", 0.2), (port, "QUIET", 0.5), (framed_module, "START_PATIENCE", 0.5), (mti600, "SETTLE", 0.0),
+    (sr785, "POLL", 0.0), (hp35670a, "POLL", 0.0),
+)  # fmt: skip
 
 
 def run(driver: str, faults: int, seed: int) -> Outcome:
@@ -67,7 +82,7 @@ def run(driver: str, faults: int, seed: int) -> Outcome:
 def judged(wrong: int, flagged: bool) -> str:
     """The outcome of a run whose samples were compared with what they say of themselves."""
     if wrong:
-        return "told" if flagged else "silent"
+        return "reported" if flagged else "silent"
     return "right"
 
 
@@ -342,6 +357,152 @@ def mti(far: SlcanFar) -> str:
     return judged(wrong, bool(noticed) or any(block.status & ODD for block in blocks))
 
 
+# Lines
+
+
+def lines_stream(draw: random.Random) -> tuple[str, Callable[[], str]]:
+    kind = draw.choice(
+        [
+            "drop", "double", "swap", "flip", "junk", "cut", "merge", "counter back", "counter jumps", "counter reset",
+            "clock back", "clock jumps", "clock stuck", "digit lost", "no end of line", "garbage",
+        ]
+    )  # fmt: skip
+    at, length, step = draw.randrange(20, 200), draw.randrange(1, 15), draw.choice([1, 7, 300])
+    other, waiting = random.Random(draw.random()), list[bytes]()
+
+    def columns(tick: int) -> list[str]:
+        late = tick >= at
+        count = {"counter back": tick - step, "counter jumps": tick + step, "counter reset": tick - at}.get(kind, tick)
+        clock = {"clock back": tick - 1000 - step, "clock jumps": tick + 1000 + step, "clock stuck": at}.get(kind, tick)
+        return [str((count if late else tick) % 65536), str(10 * max(clock if late else tick, 0)), str(tick), str(3 * tick)]
+
+    def spoil(tick: int, line: bytes) -> bytes:
+        now, wire = at <= tick < at + length, line + b"\n"
+        if kind == "swap" and tick == at:
+            waiting.append(wire)
+            return b""
+        if now and kind in ("drop", "double", "flip", "junk", "cut"):
+            wire = hurt(kind, wire, step % 200, other)
+        elif now and kind == "merge":
+            wire = line
+        elif now and kind == "digit lost":
+            wire = line[:1] + line[2:] + b"\n"
+        elif now and kind == "garbage":
+            wire = garbage(other) + b"\n"
+        elif tick == at and kind == "no end of line":
+            wire = b"1" * 5000
+        told = wire + b"".join(waiting)
+        waiting.clear()
+        return told
+
+    return f"{kind} at {at} for {length}, step {step}", lambda: lines(CsvFar(spoil=spoil, columns=columns, lines=260))
+
+
+def lines(far: CsvFar) -> str:
+    """A run of an instrument of lines. Nothing guards the digits of a value: damaged ones are not judged."""
+    fields = (Field(what="count", wrap=65536), Field(what="clock", unit="ms"), Field(), Field())
+    with far:
+        instrument = LinesInstrument(far.port, LinesSettings(fields=fields, start=("go",), stop=("halt",)))
+        try:
+            instrument.prepare(sample_rate=100.0, channels=[0, 1])
+            instrument.start()
+            blocks = read(instrument, 250)
+            instrument.stop()
+            blocks += read(instrument, 10**9, 0.1)
+            told = list(instrument.noticed) + ["damaged"] * bool(instrument.damaged)
+        finally:
+            instrument.close()
+    wrong = 0
+    for block in blocks:
+        whole = block.samples[:, 1] == 3 * block.samples[:, 0]
+        wrong += int((whole & (block.samples[:, 0] != np.arange(block.first_tick, block.end_tick))).sum())
+    return judged(wrong, bool(told) or any(block.status & ODD for block in blocks))
+
+
+# NI devices
+
+
+def ni_call(draw: random.Random) -> tuple[str, Callable[[], str]]:
+    kind = draw.choice(["error", "error", "error", "overwritten", "coerced", "late", "gone", "unsupported", "overload"])
+    code = draw.choice([-201003, -200279, -200220, -200452, -88705, -200290, -50405, -1])
+    name = draw.choice(sorted(ANSWERED))
+    when, place = draw.choice([1, 1, 2, 3, 7, 20]), draw.randrange(200, 3000)
+    seen: Counter[str] = Counter()
+
+    def fault(call: str) -> None:
+        seen[call] += 1
+        if call == name and seen[call] >= when:
+            raise DaqError(f"Something failed in {call}.\n\nTask Name: here\nStatus Code: {code}", code)
+
+    device = Device(
+        fault=fault if kind == "error" else lambda call: None, lost=(place, 500) if kind == "overwritten" else None,
+        coerced=1999.0 if kind == "coerced" else None, buffer=700 if kind == "late" else None,
+        gone_after=place if kind == "gone" else None, unsupported=kind == "unsupported",
+        overload_from=place if kind == "overload" else None,
+    )  # fmt: skip
+    return f"{kind}: {name} fails with {code} from call {when} on, place {place}", lambda: ni(device)
+
+
+def ni(device: Device) -> str:
+    """A run of an NI device with a drive; the output is at zero at the end, unless the device is gone."""
+    settings = NiSettings(inputs=("cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1"), output="cDAQ1Mod2/ao0", drive_volts=0.01)
+    with chassis(device):
+        instrument = NiInstrument("cDAQ1", settings)
+        try:
+            rate = instrument.prepare(sample_rate=2048.0, channels=[0, 1])
+            instrument.load_drive(np.full(5000, 10.0))
+            instrument.start()
+            blocks = read(instrument, 3000)
+            counted = instrument.stop()
+            blocks += read(instrument, 10**9, 0.1)
+            noticed = list(instrument.noticed)
+        finally:
+            instrument.close()
+    wrong = sum(
+        int((block.samples[:, 0] != np.arange(block.first_tick, block.end_tick)).sum()) for block in blocks
+    )  # fmt: skip
+    wrong += int(counted is not None and bool(blocks) and counted < blocks[-1].end_tick) + int(rate not in (2048.0, 1999.0))
+    wrong += int(device.level != 0.0)
+    return judged(wrong, bool(noticed) or any(block.status & ODD for block in blocks))
+
+
+# Sound interfaces
+
+
+def sound_fault(draw: random.Random) -> tuple[str, Callable[[], str]]:
+    kind = draw.choice(["lost", "lost in silence", "slow", "fast", "mute", "silent", "refuses", "gone"])
+    place, count = draw.randrange(9000, 14000), draw.choice([300, 800, 2000])
+    device = sound_device.Device(
+        lost=(place, count) if kind.startswith("lost") else None, told=kind != "lost in silence", silent=kind == "silent",
+        clock={"slow": 0.97, "fast": 1.03}.get(kind, 1.0), mute_after=place if kind == "mute" else None,
+        refuses=draw.choice(["open", "start"]) if kind == "refuses" else "",
+    )  # fmt: skip
+    return f"{kind} at {place}, {count}", lambda: sounding(device, kind == "gone")
+
+
+def sounding(device: sound_device.Device, gone: bool) -> str:
+    """A run of a sound interface; its first input counts the samples."""
+    with sound_device.card(device):
+        instrument = SoundInstrument("card", SoundSettings(full_scale=1.0, output=0, drive_volts=0.001, ramp=0.05))
+        try:
+            instrument.prepare(sample_rate=8000.0, channels=[0, 1])
+            instrument.load_drive(np.full(9000, 10.0))
+            instrument.start()
+            if gone:
+                device.gone.set()
+            blocks = read(instrument, 12_000, 2.5)
+            instrument.stop()
+            blocks += read(instrument, 10**9, 0.1)
+            unseen, noticed = instrument.unseen * 8000.0, list(instrument.noticed)
+        finally:
+            instrument.close()
+    wrong = int(device.level != 0)
+    for block in blocks:
+        given = np.arange(block.first_tick, block.end_tick) + int(blocks[0].samples[0, 0])
+        wrong += int((np.abs(block.samples[:, 0] - given) > max(unseen, 0.05 * 8000.0)).sum())
+    return judged(wrong, bool(noticed) or any(block.status & ODD for block in blocks))
+
+
 # The analyzers
 
 VALUES = np.sin(np.arange(64) * 0.7).astype(np.float32)
@@ -374,6 +535,19 @@ def spoiled(draw: random.Random, data: bytes) -> bytes:
     return bytes(wire)
 
 
+def at_a_wire(draw: random.Random, answers: dict[str, bytes | Callable[[str], bytes]]) -> tuple[LinesFar, Callable[[], str]]:
+    """A far end on one of the wires that an analyzer is reached by, and the name that it has in a plan once it is served."""
+    wire = draw.choice(["line", "resource", "adapter"])
+    if wire == "resource":
+        resource = TcpLines(answers)
+        return resource, lambda: resource.resource
+    if wire == "adapter":
+        adapter = PrologixFar(answers, status=lambda: 32)
+        return adapter, lambda: f"GPIB::11@{adapter.port}"
+    line = LinesFar(answers)
+    return line, lambda: line.port
+
+
 def once(draw: random.Random, answer: bytes | Callable[[str], bytes]) -> Callable[[str], bytes]:
     """The answer, spoiled the first or the second time that it is given, or always."""
     count, which = [0], draw.choice([1, 1, 2, 0])
@@ -394,10 +568,11 @@ def sr785_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
     }  # fmt: skip
     word = draw.choice(list(answers))
     answers[word] = once(draw, answers[word])
+    far, name = at_a_wire(draw, answers)
 
     def attempt() -> str:
-        with LinesFar(answers) as far:
-            instrument = Sr785Instrument(far.port, [Shows(trace="0", kind="time", unit="V")])
+        with far:
+            instrument = Sr785Instrument(name(), [Shows(trace="0", kind="time", unit="V")])
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()
@@ -406,7 +581,7 @@ def sr785_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
         same = np.array_equal(record.values, VALUES) and np.allclose(record.x, PLACES) and record.averages == 10
         return judged(int(not same), bool(record.status))
 
-    return word, attempt
+    return f"{word} at {type(far).__name__}", attempt
 
 
 def hp35670a_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
@@ -419,10 +594,11 @@ def hp35670a_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
     }  # fmt: skip
     word = draw.choice(list(answers))
     answers[word] = once(draw, answers[word])
+    far, name = at_a_wire(draw, answers)
 
     def attempt() -> str:
-        with LinesFar(answers) as far:
-            instrument = Hp35670aInstrument(far.port, [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")])
+        with far:
+            instrument = Hp35670aInstrument(name(), [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")])
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()
@@ -431,7 +607,7 @@ def hp35670a_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
         same = np.array_equal(record.values, VALUES) and np.allclose(record.x, PLACES)
         return judged(int(not same), bool(record.status))
 
-    return word, attempt
+    return f"{word} at {type(far).__name__}", attempt
 
 
 Attempt = tuple[str, Callable[[], str]]
@@ -446,5 +622,6 @@ def mostly(
 
 ATTEMPTS: dict[str, Callable[[random.Random], Attempt]] = {
     "framed": mostly(framed_stream, framed_answer), "di1100": mostly(dataq_stream, dataq_answer), "mti600": mti_stream,
+    "lines": lines_stream, "nidaqmx": ni_call, "sound": sound_fault,
     "sr785": sr785_answer, "35670a": hp35670a_answer,
 }  # fmt: skip

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import select
+import socket
 import struct
 import tempfile
 import threading
@@ -60,6 +61,9 @@ class Far:
             if ready:
                 with suppress(OSError):
                     data = os.read(self._own, 65536)
+                if not data:
+                    # The other end is closed.
+                    time.sleep(0.002)
             self.heard += data
             if data:
                 self.hear(data)
@@ -79,6 +83,31 @@ class Far:
 
     def work(self) -> None:
         """Called again and again."""
+
+
+class Tcp(Far):
+    """The same at a TCP port of the loopback interface, for one connection: mixed in as the last class."""
+
+    def __init__(self) -> None:
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.number = self._listening.getsockname()[1]
+        self.port = f"socket://127.0.0.1:{self.number}"
+        self.resource = f"TCPIP0::127.0.0.1::{self.number}::SOCKET"
+        self._own, self._other = -1, -1
+        self._folder = tempfile.TemporaryDirectory(prefix="far-")
+        self.heard = b""
+        self.over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def _serve(self) -> None:
+        while not self.over.is_set() and not select.select([self._listening], [], [], 0.002)[0]:
+            pass
+        if not self.over.is_set():
+            link, _ = self._listening.accept()
+            link.setblocking(False)
+            self._own = link.detach()
+            super()._serve()
+        self._listening.close()
 
 
 def text_frame(text: bytes) -> bytes:
@@ -111,15 +140,19 @@ class FramedFar(Far):
         Given a command's word, bytes that are sent instead of the right answer; None where it is answered rightly.
     rate, rows, speed
         Samples a second, of a frame, signal seconds per second.
+    virtual
+        Whether it says that it is simulated; by default where it is faster than real time.
     """
 
     def __init__(
         self, *, frames: int = 30, spoil: Callable[[dict], bytes] | None = None,
         answer: Callable[[str], bytes | None] = lambda word: None, rate: float = 1000.0, rows: int = 50, speed: float = 10.0,
+        virtual: bool | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
         self.frames, self.spoil, self.answer = frames, spoil or right, answer
         self.rate, self.rows, self.speed = rate, rows, speed
+        self.name = "virtual far" if (speed > 1.0 if virtual is None else virtual) else "far"
         self.running = False
         self.sent = 0
         self.stopped = 0
@@ -153,7 +186,7 @@ class FramedFar(Far):
             self.stopped += self.running
             self.running = False
         told = {
-            "ID": "ID isorig-framed/1 far", "INPUTS": "INPUTS 2 int32 V 1e-3 100", "RATE": f"RATE {self.rate:g}",
+            "ID": f"ID isorig-framed/1 {self.name}", "INPUTS": "INPUTS 2 int32 V 1e-3 100", "RATE": f"RATE {self.rate:g}",
             "START": "START 0", "STOP": f"COUNT {self.sent * self.rows}", "COUNT": f"COUNT {self.sent * self.rows}",
         }.get(word, " ".join(words))  # fmt: skip
         wrong = self.answer(word)
@@ -200,6 +233,82 @@ class LinesFar(Far):
             if fitting:
                 answer = self.answers[max(fitting, key=len)]
                 self.say(answer(command) if callable(answer) else answer)
+
+
+class TcpLines(LinesFar, Tcp):
+    """The same over TCP."""
+
+
+class PrologixFar(LinesFar):
+    """A Prologix adapter with an instrument at an address: what it answers is sent when it is read, as far as EOI.
+
+    Parameters
+    ----------
+    answers
+        As for `LinesFar`: those of the instrument.
+    address
+        Its GPIB address.
+    status
+        Gives its status byte.
+    adapter
+        Answers of the adapter that are sent instead of the right ones.
+    """
+
+    def __init__(
+        self, answers: dict[str, bytes | Callable[[str], bytes]], *, address: int = 11, status: Callable[[], int] = lambda: 0,
+        adapter: dict[str, bytes] | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(answers)
+        self.address, self.status = address, status
+        self.adapter = {"++ver": b"Prologix GPIB-USB Controller version 6.107\r\n"} | (adapter or {})
+        self.commands: list[str] = []
+        self.settings: dict[str, str] = {}
+        self._answer = b""
+        self._escaped = False
+        self._command = b""
+
+    def hear(self, data: bytes) -> None:
+        """Commands of the adapter, and escaped ones of the instrument."""
+        for byte in data:
+            if self._escaped:
+                self._command, self._escaped = self._command + bytes([byte]), False
+            elif byte == 27:
+                self._escaped = True
+            elif byte in b"\r\n":
+                line, self._command = self._command, b""
+                self._take(line)
+            else:
+                self._command += bytes([byte])
+
+    def _take(self, line: bytes) -> None:
+        if not line.startswith(b"++"):
+            if self.settings.get("addr") == str(self.address):
+                self._answer = b""
+                super().hear(line + b"\n")
+            return
+        command = line.decode()
+        self.commands.append(command)
+        word, _, value = command[2:].partition(" ")
+        self.settings[word] = value
+        if command in self.adapter:
+            super().say(self.adapter[command])
+        elif word == "read":
+            answer, self._answer = self._answer, b""
+            super().say(answer)
+        elif word == "clr":
+            self._answer = b""
+        elif word == "spoll":
+            super().say(b"%d\r\n" % (self.status() | 16 * bool(self._answer)))
+        elif word == "srq":
+            super().say(b"%d\r\n" % bool(self.status() & 32))
+
+    def say(self, data: bytes) -> None:
+        """An answer waits until it is read."""
+        self._answer += data
+
+
+class TcpPrologix(PrologixFar, Tcp):
+    """The same over TCP, as GPIB-ETHERNET."""
 
 
 class DataqFar(Far):
@@ -302,6 +411,65 @@ class SlcanFar(Far):
                 (0x034, struct.pack(">hhh", tick % 30000, tick // 30000, tick % 7)), (0x011, bytes(4)),
             ]  # fmt: skip
             self.say(self.spoil(tick, [f"t{identifier:03X}{len(b)}{b.hex().upper()}\r".encode() for identifier, b in told]))
+
+
+class CsvFar(Far):
+    """A device that sends lines "count,milliseconds,tick,3 tick" between go and halt, all the time, or one for each READ?.
+
+    Parameters
+    ----------
+    spoil
+        Given a tick and its line without LF, the bytes that are sent.
+    columns
+        Given a tick, the words of its line.
+    rate, speed, lines
+        Lines a second, signal seconds per second, lines until it stops by itself.
+    free
+        Sends from the beginning, whatever it is told.
+    asked
+        Sends a line for each of these commands only.
+    """
+
+    def __init__(
+        self, *, spoil: Callable[[int, bytes], bytes] = lambda tick, line: line + b"\n",
+        columns: Callable[[int], list[str]] | None = None, rate: float = 100.0, speed: float = 10.0, lines: int = 10**9,
+        free: bool = False, asked: str = "",
+    ) -> None:  # fmt: skip
+        super().__init__()
+        self.spoil, self.rate, self.speed, self.lines, self.asked = spoil, rate, speed, lines, asked
+        self.columns = columns or (lambda tick: [str(tick % 65536), str(round(1e3 * tick / rate)), str(tick), str(3 * tick)])
+        self.sent = 0
+        self.running = free
+        self.free = free
+        self.told: list[str] = []
+        self._line = b""
+        self._began = time.monotonic()
+
+    def hear(self, data: bytes) -> None:
+        """Commands."""
+        self._line += data
+        while b"\n" in self._line:
+            line, _, self._line = self._line.partition(b"\n")
+            command = line.decode("ascii", "replace").strip()
+            self.told.append(command)
+            if command == "go":
+                self.running, self.sent, self._began = True, 0, time.monotonic()
+            elif command == "halt":
+                self.running = self.free
+            elif self.asked and command == self.asked:
+                self.send()
+
+    def work(self) -> None:
+        """The lines that are due."""
+        while self.running and not self.asked and self.sent < self.lines and not self.over.is_set():
+            if self.sent > (time.monotonic() - self._began) * self.speed * self.rate:
+                return
+            self.send()
+
+    def send(self) -> None:
+        """The next line."""
+        tick, self.sent = self.sent, self.sent + 1
+        self.say(self.spoil(tick, ",".join(self.columns(tick)).encode()))
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from isorig.drivers import hp35670a, sr785
 from isorig.drivers.block import Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
 from isorig.drivers.hp35670a import Hp35670aInstrument
+from isorig.drivers.link import linked
 from isorig.drivers.shows import Shows
 from isorig.drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
 from isorig.drivers.simulated.served import TcpWire, served
@@ -65,8 +66,8 @@ def test_hp35670a_dialogue() -> None:
         record, coherence = instrument.records()
         instrument.close()
     assert peer.heard == [
-        "FORM:DATA REAL,32", "CALC1:FEED 'XTIM:VOLT 1'", "CALC2:FEED 'XFR:POW:COH 1,2'", "SYST:ERR?",
-        "ABOR;INIT:IMM;*OPC", "*STB?", "*STB?", "SYST:ERR?",
+        "*ESE 1;*SRE 32", "FORM:DATA REAL,32", "CALC1:FEED 'XTIM:VOLT 1'", "CALC2:FEED 'XFR:POW:COH 1,2'", "SYST:ERR?",
+        "*CLS", "ABOR;INIT:IMM;*OPC", "*STB?", "*STB?", "SYST:ERR?",
         "CALC1:X:DATA?", "CALC1:X:DATA?", "CALC1:DATA?", "CALC1:DATA?",
         "CALC2:X:DATA?", "CALC2:X:DATA?", "CALC2:DATA?", "CALC2:DATA?",
     ]  # fmt: skip
@@ -111,7 +112,7 @@ def test_what_does_not_answer_or_answers_nonsense_is_said(monkeypatch: pytest.Mo
         Sr785Instrument(port, SHOWS)
     with served(Chatty()) as port:
         instrument = Hp35670aInstrument.__new__(Hp35670aInstrument)
-        instrument._port = hp35670a.Port(port, baud_rate=9600)
+        instrument._link = linked(port, baud_rate=9600)
         with pytest.raises(ProtocolError, match="a block begins with #"):
             instrument._block("CALC1:DATA?")
-        instrument._port.close()
+        instrument._link.close()

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from campaign import ATTEMPTS, read, run
+from campaign import ATTEMPTS, IMPATIENT, read, run
 from far import DataqFar, Far, FramedFar, LinesFar, SlcanFar, frame, scan_bytes, scan_number, text_frame, within
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isorig.drivers import framed, hp35670a, mti600, port, sr785
+from isorig.drivers import mti600, port, sound
 from isorig.drivers.alignment import Alignment
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
@@ -29,12 +29,10 @@ from isorig.drivers.sr785 import Sr785Instrument
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port, "PATIENCE", 0.2)
-    monkeypatch.setattr(port, "QUIET", 0.5)
-    monkeypatch.setattr(framed, "START_PATIENCE", 0.5)
-    monkeypatch.setattr(mti600, "SETTLE", 0.0)
-    monkeypatch.setattr(sr785, "POLL", 0.0)
-    monkeypatch.setattr(hp35670a, "POLL", 0.0)
+    for module, name, seconds in IMPATIENT:
+        monkeypatch.setattr(module, name, seconds)
+    monkeypatch.setattr(sound, "GONE", 0.5)
+    monkeypatch.setattr(sound, "STARTING", 1.0)
 
 
 # Ports
@@ -102,6 +100,65 @@ def test_one_deviating_indicator_is_outvoted_and_reported(change: dict[str, int]
         assert len(noticed) == 1
         assert noticed[0].startswith("at tick 500 ")
         assert [block.first_tick for block in blocks if block.status & Status.DISAGREES] == [500]
+
+
+class Turning(FramedFar):
+    """Right after the answer to START, in real time, a frame of the run before arrives; another arrives before the answer."""
+
+    def __init__(self, **more: object) -> None:
+        super().__init__(frames=20, speed=1.0, **more)  # type: ignore[arg-type]
+        self.begun = 0
+
+    def obey(self, word: str, words: list[str]) -> None:
+        self.begun += word == "START"
+        if word == "START" and self.begun > 1:
+            self.say(self.older(250))
+        super().obey(word, words)
+        if word == "START" and self.begun > 1:
+            self.say(self.older(300))
+
+    def older(self, tick: int) -> bytes:
+        samples = np.full((self.rows, 2), 77, "<i4")
+        samples[:, 1] = 77 * 3 + 1
+        return frame(
+            samples.tobytes(), kind=2, columns=2, rows=self.rows, sequence=tick // self.rows, tick=tick, clock=1000 * tick,
+            gain=1.0, status=0,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("lost", [(), (0,), (0, 1)])
+def test_frames_of_an_earlier_run_are_not_part_of_the_next(lost: tuple[int, ...]) -> None:
+    def spoil(fields: dict) -> bytes:
+        return b"" if fields["sequence"] in lost else frame(**fields)
+
+    with Turning(spoil=spoil) as far, closing(FramedInstrument(far.port)) as instrument:
+        instrument.prepare(sample_rate=1000.0, channels=[0, 1])
+        instrument.start()
+        read(instrument, 200)
+        instrument.stop()
+        instrument.start()
+        blocks = read(instrument, 900)
+        instrument.stop()
+        assert list(instrument.noticed) == []
+    given, own = places(blocks)
+    np.testing.assert_array_equal(given, own)
+    np.testing.assert_array_equal(given[:100], 50 * len(lost) + np.arange(100))
+
+
+@pytest.mark.parametrize(("change", "said"), [({"tick": -500}, "tick"), ({"clock": -500_000}, "clock"), ({"sequence": -7}, "")])
+def test_after_a_silence_two_indicators_that_agree_outvote_the_third(change: dict[str, int], said: str) -> None:
+    # Twenty frames are lost at once, as when a connection was lost for a second; one indicator has changed meanwhile.
+    def spoil(fields: dict) -> bytes:
+        if 500 <= fields["tick"] < 1500:
+            return b""
+        late = fields["tick"] >= 1500
+        return frame(**(fields | {key: fields[key] + by for key, by in change.items() if late}))
+
+    blocks, _, noticed = streamed(FramedFar(spoil=spoil, frames=50), ticks=2500)
+    given, own = places(blocks)
+    np.testing.assert_array_equal(given, own)
+    assert given[-1] == 2499
+    assert len(noticed) == bool(said)
 
 
 def test_a_counter_that_stands_still_is_outvoted() -> None:
@@ -279,6 +336,64 @@ def test_di1100_is_realigned_and_later_samples_are_in_place(change: object, lost
     assert place <= 1000 + lost <= place + count
     assert count <= 40
     assert sum(bool(block.status & Status.RESYNCED) for block in blocks) == 1
+
+
+def zeros_until(scan: int, digital: int) -> Callable[[int, int], bytes]:
+    """Inputs at 0 V until a scan, and values that say their scan from then on; at scan 1000 a byte is lost."""
+    lost: list[int] = []
+
+    def stream(first: int, last: int) -> bytes:
+        data = bytearray(scan_bytes(first, last, digital=digital))
+        for k in range(first, min(scan, last)):
+            data[4 * (k - first) : 4 * (k - first) + 4] = bytes((digital, 0, 0, 0))
+        if not lost and first <= 1000 < last:
+            lost.append(1000)
+            del data[4 * (1000 - first) + 1]
+        return bytes(data)
+
+    return stream
+
+
+@pytest.mark.parametrize("digital", [1, 2, 3])
+def test_di1100_marked_by_its_digital_inputs_keeps_its_channels_at_0_v(digital: int) -> None:
+    blocks, _ = scanned(DataqFar(stream=zeros_until(2000, digital), rate=4000.0, scans=4000), 1.3)
+    given = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
+    samples = np.concatenate([block.samples for block in blocks])
+    late = given >= 2100
+    np.testing.assert_array_equal(scan_number(samples[late], given[late]), given[late])
+    assert not samples[given < 1900].any()
+    assert sum(bool(block.status & Status.RESYNCED) for block in blocks) == 1
+    assert not any(block.status & Status.UNSURE for block in blocks)
+
+
+def test_di1100_without_a_mark_ends_the_run_at_a_loss() -> None:
+    with pytest.raises(ProtocolError, match="lost bytes, and nothing shows to which input those after them belong; leave the"):
+        scanned(DataqFar(stream=zeros_until(2000, 0), rate=4000.0, scans=4000), 1.3)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda data, at: data.__delitem__(at + 1), lambda data, at: data.__delitem__(slice(at, at + 2))]
+)
+def test_di1100_of_sixteen_bits_is_aligned_by_its_digital_inputs(change: object) -> None:
+    random = np.random.default_rng(3)
+    words = random.integers(-32768, 32768, (6000, 2), np.int16) & ~np.int16(3)
+    words[:, 0] |= 3
+
+    spoilt: list[int] = []
+
+    def stream(first: int, last: int) -> bytes:
+        data = bytearray(words[first:last].astype("<i2").tobytes())
+        if not spoilt and first <= 1000 < last:
+            spoilt.append(1000)
+            change(data, 4 * (1000 - first))  # type: ignore[operator]
+        return bytes(data)
+
+    blocks, _ = scanned(DataqFar(stream=stream, rate=4000.0, scans=4000), 1.3, bits=16)
+    for block in blocks:
+        np.testing.assert_array_equal(block.samples & ~3, words[block.first_tick : block.end_tick] & ~3)
+    # The far end sends ten scans or more at a time.
+    assert blocks[-1].end_tick > 3990
+    assert sum(len(block.samples) for block in blocks) >= 3900
 
 
 def test_di1100_noise_is_no_measurement() -> None:

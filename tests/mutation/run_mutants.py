@@ -35,7 +35,7 @@ QUICK = (
     "tests/analysis/test_scores.py",
 )
 #: Modules that score and decide.
-MODULES = ("analysis/fitting/excess.py", "analysis/diagnose/policy.py", "analysis/fitting/score.py")
+MODULES = ("isorig/analysis/fitting/excess.py", "isorig/analysis/diagnose/policy.py", "isorig/analysis/fitting/score.py")
 #: Seconds after which a mutant counts as noticed: it runs for ever.
 TIMEOUT = 120
 #: Where survivors stand with the reason.
@@ -53,35 +53,38 @@ class Mutant:
 
 #: Changes that no test noticed once: what, where, the text and what it becomes.
 NAMED = (
-    ("'explained' from 0.4 of the excess", "analysis/diagnose/policy.py", "explained: float = 0.8", "explained: float = 0.4"),
-    ("adequate up to 2.5 floors", "analysis/fitting/excess.py", "ADEQUATE = 1.5", "ADEQUATE = 2.5"),
-    ("a step is worth it from 0.02", "analysis/diagnose/policy.py", "worth: float = 0.15", "worth: float = 0.02"),
-    ("certain from half of the draws", "analysis/diagnose/policy.py", "certain: float = 0.95", "certain: float = 0.5"),
-    ("two draws of noise always suffice", "analysis/fitting/score.py", "SENSITIVE = 8, 1.3", "SENSITIVE = 8, 1e9"),
-    ("blocks with ten times the noise", "analysis/fitting/score.py", "BLOCK_NOISE = 0.003", "BLOCK_NOISE = 0.03"),
     (
-        "confidence is always 1", "analysis/fitting/score.py",
+        "'explained' from 0.4 of the excess", "isorig/analysis/diagnose/policy.py",
+        "explained: float = 0.8", "explained: float = 0.4",
+    ),
+    ("adequate up to 2.5 floors", "isorig/analysis/fitting/excess.py", "ADEQUATE = 1.5", "ADEQUATE = 2.5"),
+    ("a step is worth it from 0.02", "isorig/analysis/diagnose/policy.py", "worth: float = 0.15", "worth: float = 0.02"),
+    ("certain from half of the draws", "isorig/analysis/diagnose/policy.py", "certain: float = 0.95", "certain: float = 0.5"),
+    ("two draws of noise always suffice", "isorig/analysis/fitting/score.py", "SENSITIVE = 8, 1.3", "SENSITIVE = 8, 1e9"),
+    ("blocks with ten times the noise", "isorig/analysis/fitting/score.py", "BLOCK_NOISE = 0.003", "BLOCK_NOISE = 0.03"),
+    (
+        "confidence is always 1", "isorig/analysis/fitting/score.py",
         "return float(np.mean(margin[:, picks].mean(axis=2).min(axis=0) > 0.0))", "return 1.0",
     ),
     (
-        "the least simple of equals is carried", "analysis/diagnose/step.py",
+        "the least simple of equals is carried", "isorig/analysis/diagnose/step.py",
         "return min(entries, key=lambda entry", "return max(entries, key=lambda entry",
     ),
     (
-        "a sensor's fault need not explain its channel", "analysis/diagnose/policy.py",
+        "a sensor's fault need not explain its channel", "isorig/analysis/diagnose/policy.py",
         "    return left[0] - left[1] >= policy.worth * left[0]", "    return True",
     ),
     (
-        "Hann segments are correlated by another number", "analysis/spectra/windows.py", "a * (1.0 - shift)",
+        "Hann segments are correlated by another number", "isorig/analysis/spectra/windows.py", "a * (1.0 - shift)",
         "a * (1.0 + shift)",
     ),
     (
-        "a sign in the required drive", "analysis/simulate/inverse.py",
+        "a sign in the required drive", "isorig/analysis/simulate/inverse.py",
         "force = force + (1.0 if name == link.a else -1.0) * resistance",
         "force = force - (1.0 if name == link.a else -1.0) * resistance",
     ),
     (
-        "a plainly larger error is no other answer", "analysis/diagnose/policy.py",
+        "a plainly larger error is no other answer", "isorig/analysis/diagnose/policy.py",
         "    if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):\n        return False\n", "",
     ),
 )  # fmt: skip
@@ -177,7 +180,7 @@ class _Swap(ast.NodeTransformer):
 class _Loader(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     # Gives the changed source in place of the file's.
     def __init__(self, mutant: Mutant) -> None:
-        self._mutant, self._module = mutant, f"isorig.{mutant.file.removesuffix('.py').replace('/', '.')}"
+        self._mutant, self._module = mutant, mutant.file.removesuffix(".py").replace("/", ".")
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None

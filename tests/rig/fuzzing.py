@@ -115,6 +115,32 @@ def foreign_recording(folder: Path) -> tuple[Path, list[Words]]:
     return folder / "a.h5", ON_RECORDINGS
 
 
+def check(folder: Path) -> tuple[Path, list[Words]]:
+    """`rig check` alone."""
+    return foreign_recording(folder)[0], [["check", "FILE"]]
+
+
+def frf(folder: Path) -> tuple[Path, list[Words]]:
+    """`rig frf` alone."""
+    return foreign_recording(folder)[0], [["frf", "FILE", "-o", "out", "--resolution", "8"]]
+
+
+def diagnose(folder: Path) -> tuple[Path, list[Words]]:
+    """`rig diagnose`; what is sound is refused as too short."""
+    return foreign_recording(folder)[0], [["diagnose", "FILE", "-o", "out", "--seconds", "1"]]
+
+
+def fleet(folder: Path) -> tuple[Path, list[Words]]:
+    """`rig fleet watch` on the folder of the recording."""
+    call = ["fleet", "watch", ".", "-c", "out", "--every", "0.05", "--stop-after", "0.2", "--seconds", "1"]
+    return foreign_recording(folder)[0], [call]
+
+
+def describe(folder: Path) -> tuple[Path, list[Words]]:
+    """`rig describe`."""
+    return description(folder)[0], [["describe", "FILE"]]
+
+
 def working(folder: Path) -> tuple[Path, list[Words]]:
     """A session's working file, whose samples tell their own ticks."""
     tree = {
@@ -138,7 +164,7 @@ def working(folder: Path) -> tuple[Path, list[Words]]:
 def plan(folder: Path) -> tuple[Path, list[Words]]:
     """A plan; nothing listens where its instrument is looked for."""
     path = folder / "plan.toml"
-    path.write_text((ROOT / "rig" / "acquire" / "demo.toml").read_text())
+    path.write_text((ROOT / "isorig" / "rig" / "acquire" / "demo.toml").read_text())
     return path, [["acquire", "FILE", "--port", "socket://127.0.0.1:1", "--yes", "-o", "out.h5"]]
 
 
@@ -261,15 +287,60 @@ def wav(folder: Path) -> tuple[Path, list[Words]]:
     return _import(folder, "a.wav")
 
 
+def arrays(folder: Path) -> dict[str, np.ndarray]:
+    """What the formats of arrays have in common."""
+    return {"t": np.arange(300) / RATE, "h": np.arange(300.0), "table": np.arange(300.0)}
+
+
+def npz(folder: Path) -> tuple[Path, list[Words]]:
+    """Arrays of numpy."""
+    np.savez_compressed(folder / "a.npz", **arrays(folder))
+    return _import(folder, "a.npz")
+
+
+def npy(folder: Path) -> tuple[Path, list[Words]]:
+    """One structured array of numpy."""
+    values = arrays(folder)
+    np.save(folder / "a.npy", np.rec.fromarrays(list(values.values()), names=list(values)))
+    return _import(folder, "a.npy")
+
+
+def as_json(folder: Path) -> tuple[Path, list[Words]]:
+    """JSON."""
+    (folder / "a.json").write_text(json.dumps({name: values.tolist() for name, values in arrays(folder).items()}))
+    return _import(folder, "a.json")
+
+
+def hdf5(folder: Path) -> tuple[Path, list[Words]]:
+    """HDF5 that is no recording."""
+    with h5py.File(folder / "a.hdf5", "w") as file:
+        for name, values in arrays(folder).items():
+            file.create_dataset(name, data=values, **({"compression": "gzip"} if name == "h" else {}))
+    return _import(folder, "a.hdf5")
+
+
+def lvm(folder: Path) -> tuple[Path, list[Words]]:
+    """LVM of LabVIEW."""
+    head = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t,", "Multi_Headings\tYes", "X_Columns\tNo"]
+    channels = ["Channels\t2", "Samples\t300\t300", "Y_Unit_Label\tN\tm/s^2", "X_Dimension\tTime\tTime", "X0\t0,0\t0,0"]
+    rows = [f"\t{k},5\t{2 * k},25" for k in range(300)]
+    end = "***End_of_Header***"
+    lines = [*head, end, "", *channels, "Delta_X\t0,001953125\t0,001953125", end, "X_Value\tforce\ttable\tComment", *rows]
+    (folder / "a.lvm").write_text("\n".join(lines) + "\n")
+    return _import(folder, "a.lvm")
+
+
 KINDS: dict[str, Callable[[Path], tuple[Path, list[Words]]]] = {
     made.__name__: made
     for made in (
         recording, foreign_recording, working, plan, mapping, model, description, moves, parameters, mat5, mat5_plain, mat73,
-        universal, universal_binary, tdms, csv, wav,
+        universal, universal_binary, tdms, csv, wav, check, frf, diagnose, fleet, describe, npz, npy, as_json, hdf5, lvm,
     )
 }  # fmt: skip
 #: Those that people write: they are also changed word by word.
-WRITTEN = {"plan", "mapping", "model", "description", "moves", "parameters", "universal", "csv"}
+WRITTEN = {"plan", "mapping", "model", "description", "moves", "parameters", "universal", "csv", "describe", "as_json", "lvm"}
+#: Those whose sound input is refused: nothing listens at the port, or the runs are too short.
+UNSOUND = {"plan", "diagnose"}
 TOKENS = (
     "nan", "inf", "-1", "0", "1e308", "-1e308", "1e-320", "99999999999999999999", '""', '"../../x"', "[]", "{}", "true", "null",
     '"\\u0000"', "[[[[[[[[[[1]]]]]]]]]]", "1979-05-27T07:32:00Z", "'", '"', "=", "\x00", "é", "-", "1_000", "0x10", "1e400",
@@ -338,7 +409,7 @@ def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
             os.chdir(folder)
             said = os.open(folder / ".said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.dup2(os.open(folder / ".told", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
             os.dup2(said, 2)
             resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -365,9 +436,11 @@ def wrong(kind: str, status: int, said: str, folder: Path, before: dict[str, byt
     """What is wrong with how a command ended; None where nothing is."""
     if status not in (0, 2):
         return "hang" if status in (-99, -signal.SIGXCPU, -signal.SIGKILL) else f"status {status}"
+    if "the program failed" in (folder / ".told").read_text(errors="replace"):
+        return "a failure that was reported as an answer"
     if "Traceback" in said or (status == 2 and (not said.startswith("rig: ") or said.count("\n") != 1)):
         return "not one line"
-    after = {path.name for path in folder.iterdir()} - {".said"}
+    after = {path.name for path in folder.iterdir()} - {".said", ".told"}
     if extra := [name for name in after - set(before) if not name.startswith("out")]:
         return f"files outside of the output: {extra}"
     if status == 2 and (left := [name for name in after if name.startswith("out")]):
@@ -391,7 +464,7 @@ def fuzz(kind: str, count: int, seed: int, folder: Path) -> Counter[str]:
         path, calls = KINDS[kind](folder)
     content = path.read_bytes()
     before = {item.name: item.read_bytes() for item in folder.iterdir()}
-    if kind != "plan":
+    if kind not in UNSOUND:
         # What is sound is accepted.
         status, said, _ = tried([word.replace("FILE", path.name) for word in calls[0]], folder, 60)
         assert status == 0, said

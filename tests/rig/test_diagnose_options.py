@@ -13,7 +13,8 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 
-TAKES = [replace(take, seconds=10.0) for take in SESSION if take.id in ("u7", "l7")]
+#: With a low drive friction holds the motor, and the linear baseline would be adequate: a stiff link holds it too.
+TAKES = [replace(take, seconds=10.0) for take in SESSION if take.id in ("u70a", "l7")]
 #: On a clock that goes on by a second whenever it is read: over before the baseline is fitted, before the first cause is looked
 #: for, and after a look at all causes.
 AT_ONCE, BASELINE_ONLY, ONE_LOOK = 0.5, 1.5, 2.5
@@ -30,7 +31,9 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> None:
     ticks = itertools.count()
-    monkeypatch.setattr("isorig.rig.diagnose_many.time", SimpleNamespace(monotonic=lambda: float(next(ticks))))
+    monkeypatch.setattr(
+        "isorig.rig.diagnose_many.time", SimpleNamespace(process_time=lambda: float(next(ticks)), monotonic=lambda: 0.0)
+    )
 
 
 def diagnosed(given: Path, output: Path, *more: object) -> int:
@@ -49,7 +52,7 @@ def test_a_search_cut_short_leaves_a_partial_answer(
     assert found["verdict"] == "unexplained"
     assert found["baseline"]["parameters"]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "The time limit ended the search for causes before all were tried." in page
+    assert "the time limit ended the search for causes before all were tried" in page
     assert "no cause in the catalogue earns its name" not in page
 
 

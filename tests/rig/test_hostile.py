@@ -6,6 +6,8 @@ import os
 import resource
 import signal
 import struct
+import subprocess
+import sys
 import time
 import zlib
 from collections import Counter
@@ -112,6 +114,23 @@ def many_channels(file: h5py.File, folder: Path) -> None:
         file[f"runs/u70/c{k}"] = np.zeros(300)
 
 
+def soft_channels(file: h5py.File, folder: Path) -> None:
+    for k in range(30):
+        for j in range(200):
+            file[f"runs/r{k}/c{j}"] = h5py.SoftLink("/runs/u70/motor")
+
+
+def soft_runs(file: h5py.File, folder: Path) -> None:
+    for k in range(1000):
+        file[f"runs/r{k}"] = h5py.SoftLink("/runs/u70")
+
+
+def soft_upon_soft(file: h5py.File, folder: Path) -> None:
+    file["first"] = h5py.SoftLink("/runs/u70/motor")
+    for k in range(20):
+        file[f"runs/u70/c{k}"] = h5py.SoftLink("/first")
+
+
 def gap_beyond(file: h5py.File, folder: Path) -> None:
     gaps(file, (400, 3))
 
@@ -167,6 +186,9 @@ HOSTILE: dict[str, tuple[Change, str]] = {
     "chunk of 80 MB": (big_chunk, "chunks of 76 MiB"),
     "20000 times one run": (many_runs, "20001 objects; at most"),
     "20 times one run": (same_runs, "is linked more than 16 times"),
+    "6000 soft links to a channel": (soft_channels, "is linked more than 16 times"),
+    "1000 soft links to a run": (soft_runs, "is linked more than 16 times"),
+    "20 soft links to a soft link": (soft_upon_soft, "is linked more than 16 times"),
     "2001 runs": (runs_upon_runs, "2002 runs; at most 2000"),
     "300 channels": (many_channels, "channels; at most 256"),
     "gap beyond the end": (gap_beyond, "beyond the end at 300 ticks"),
@@ -197,6 +219,29 @@ def test_what_leads_out_or_is_not_stored_is_refused(tmp_path: Path, kind: str, c
     assert time.monotonic() - begun < 5.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50 << 10
     assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize(("kind", "elements"), [("<i8", 1 << 29), ("<i4", 1 << 29), ("<i8", 1 << 20)])
+def test_a_filter_that_declares_more_elements_than_a_chunk_is_refused(tmp_path: Path, kind: str, elements: int) -> None:
+    path, rows = tmp_path / "a.h5", 7000
+    with h5py.File(path, "w") as file:
+        file.attrs["format"], file.attrs["format_version"] = "rig-recording", 1
+        group = file.create_group("runs/a")
+        group.attrs.update(configuration="unlocked", sample_rate=512.0, gain=70.0)
+        top = 1 << (8 * np.dtype(kind).itemsize - 2)
+        values = np.random.default_rng(0).integers(-top, top, rows).astype(kind)
+        group.create_dataset("head", data=values, chunks=(rows,), scaleoffset=0)
+    content = bytearray(path.read_bytes())
+    # The filter's own copy of the size, after the kind and the factor of its scale.
+    at = content.index(struct.pack("<III", 2, 0, rows)) + 8
+    content[at : at + 4] = struct.pack("<I", elements)
+    path.write_bytes(content)
+    # In a process of its own: it would crash.
+    call = [sys.executable, "-m", "isorig", "check", str(path)]
+    ended = subprocess.run(call, capture_output=True, text=True, check=False, timeout=60)
+    assert ended.returncode == 2, ended
+    assert ended.stderr.startswith(f"rig: {path}")
+    assert ended.stderr.count("\n") == 1
 
 
 def test_a_matlab_file_that_grows_without_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,7 +33,7 @@ def example() -> Campaign:
     }
     run = Run(
         id="u70", configuration="unlocked", sample_rate=1024.0, gain=70.0, channels=channels, excitation="random",
-        started=datetime(2026, 1, 2, tzinfo=UTC), band=(0.5, 20.0), period=100, use="holdout",
+        started=datetime(2026, 1, 2, tzinfo=UTC), band=(0.5, 20.0), period=100, use="holdout", usable_to=400.0,
         gaps=(Gap(first_tick=10, count=3),), spectra=(SPECTRUM,),
     )  # fmt: skip
     return Campaign(runs=(run,), known={"head_mass": 6.5}, description=None)
@@ -53,6 +53,7 @@ def test_round_trip(tmp_path: Path) -> None:
         "band",
         "period",
         "use",
+        "usable_to",
         "gaps",
     ):
         assert getattr(got.runs[0], name) == getattr(want.runs[0], name)
@@ -144,6 +145,8 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "started not a date": (attribute("runs/u70", "started", "yesterday"), "yesterday"),
     "band reversed": (attribute("runs/u70", "band", [20.0, 0.5]), "band"),
     "band of one": (attribute("runs/u70", "band", [20.0]), "band"),
+    "usable band of zero": (attribute("runs/u70", "usable_to", 0.0), "usable_to 0 Hz"),
+    "usable band above half the rate": (attribute("runs/u70", "usable_to", 512.1), "usable_to 512.1 Hz"),
     "period zero": (attribute("runs/u70", "period", 0), "period"),
     "unknown use": (attribute("runs/u70", "use", "test"), "use"),
     "unknown unit": (attribute("runs/u70/motor", "unit", "furlong"), "furlong"),
@@ -238,7 +241,7 @@ def test_flipped_byte(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     content = bytearray(path.read_bytes())
     content[place + 5] ^= 0x10
     path.write_bytes(bytes(content))
-    refused(path, tmp_path, "'table' cannot be read", capsys)
+    refused(path, tmp_path, "'/runs/u70/table' cannot be read", capsys)
 
 
 KILLED = """

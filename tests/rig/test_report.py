@@ -5,25 +5,24 @@ import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 import pytest
 from headless_page import CHROMIUM, told_by
 
-from isorig.analysis.model.built_in import BUILT_IN, THESIS, wire_bonder
+from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Configuration
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
 from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, Panel, Trace, spread_over
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sketch import sketch
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 
 #: Put after the page's own script: zooms the first chart, changes the theme, and tells the page around it what came of it.
 PROBE = """<script>
+for (const folded of document.querySelectorAll("details")) folded.open = true;
 addEventListener("load", () => setTimeout(async () => {
   const root = document.documentElement;
   const later = () => new Promise((resolve) => setTimeout(resolve, 500));
@@ -129,7 +128,7 @@ def test_measurement_says_all_that_a_reader_needs(measured: str) -> None:
 
 
 def test_first_screen_answers_with_a_number_against_the_wish(measured: str) -> None:
-    first = measured[: measured.index("<nav>")]
+    first = measured[: measured.index("<main>")]
     short = re.findall(r'short-answer">(.*?)</p>', first)
     assert re.fullmatch(r"No: \d+ % isolated, 98 % required", short[0])
     assert short[1] == "No discrepancy found"
@@ -184,21 +183,6 @@ def test_axes_have_units_and_phase_is_shown_with_magnitude(measured: str) -> Non
             assert order == sorted(order, reverse=True)
         if chart["name"].startswith(("time-", "misfit-")):
             assert all("m/s²" in label for label in labels)
-
-
-def test_a_sketch_of_any_rig() -> None:
-    for build in BUILT_IN.values():
-        model = build()
-        drawn = ElementTree.fromstring(sketch(model))
-        words = [node.text for node in drawn.iter("text")]
-        assert all(any(body.name in (word or "") for word in words) for body in model.bodies)
-        x0, y0, width, height = (float(v) for v in drawn.attrib["viewBox"].split())
-        for box in drawn.iter("rect"):
-            assert x0 <= float(box.attrib["x"])
-            assert float(box.attrib["x"]) + float(box.attrib["width"]) <= x0 + width
-            assert y0 <= float(box.attrib["y"]) <= y0 + height
-    named = msgspec.structs.replace(wire_bonder(), name="<script>")
-    assert "<script>" not in sketch(named)
 
 
 def test_another_rig_gets_its_transfer_functions_and_no_isolation_ratio() -> None:

@@ -40,7 +40,7 @@ band = [1.0, 60.0]
 """
 
 
-@pytest.mark.parametrize(("unit", "said"), [("g", ""), ("m/s^2", "between g and m/s^2")])
+@pytest.mark.parametrize(("unit", "said"), [("g", ""), ("m/s^2", "block were in g read as m/s^2")])
 def test_g_read_as_metres(tmp_path: Path, unit: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     import tomllib
 

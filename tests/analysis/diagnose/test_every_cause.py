@@ -53,15 +53,15 @@ def test_the_tables_have_no_other_names() -> None:
 
 
 def test_the_order_of_effects_gives_every_campaign_its_seed() -> None:
-    assert KINDS[:19] == (
+    assert KINDS[:20] == (
         "none", "stribeck_friction", "presliding_friction", "asymmetric_friction", "hardening_stiffness", "softening_stiffness",
         "backlash", "end_stop", "quadratic_damping", "extra_mode", "moment_coupling", "wrong_mass", "imperfect_lock",
-        "stiffness_drift", "channel_delay", "sensor_gain", "clipping", "crosstalk", "mains_hum",
+        "stiffness_drift", "channel_delay", "sensor_gain", "clipping", "crosstalk", "mains_hum", "relaxation",
     )  # fmt: skip
 
 
 def test_the_page_on_causes_lists_every_family() -> None:
-    sources = (ROOT / "analysis" / "diagnose" / "mechanisms").glob("*.py")
+    sources = (ROOT / "isorig" / "analysis" / "diagnose" / "mechanisms").glob("*.py")
     families = {name for file in sources for name in re.findall(r'family="(\w+)"', file.read_text(encoding="utf-8"))}
     page = (ROOT / "docs" / "add-cause.md").read_text(encoding="utf-8")
     listed = page.split("*Which family?*")[1].split("\n-")[0]

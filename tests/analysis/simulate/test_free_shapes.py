@@ -130,10 +130,28 @@ def test_play_spring_and_slider_in_a_row(clearance: float) -> None:
 
 
 def test_spring_and_damper_in_a_row() -> None:
-    law = laws.Maxwell(series_stiffness=1500.0, series_damping=30.0)
+    law = laws.Maxwell(relaxation_stiffness=1500.0, relaxation_time=0.02)
     found = simulate(rig(law), drive()).channels["x"]
     wanted = stepped(SpringAndDamper(1500.0, 30.0))
     assert np.abs(found - wanted).max() < 2e-3 * np.std(wanted)
+
+
+@pytest.mark.parametrize("frequency", [2.0, 8.0, 30.0])
+def test_a_relaxing_link_has_its_complex_stiffness(frequency: float) -> None:
+    # Standard linear solid: k + c j w + k1 j w T / (1 + j w T).
+    k1, time = 1500.0, 0.02
+    model = rig(laws.Maxwell(relaxation_stiffness=k1, relaxation_time=time))
+    link, mass = model.links[0], model.bodies[0].mass
+    jw, t = 2j * np.pi * frequency, np.arange(8192) / RATE
+    x = simulate(model, Excitation.prepare(np.sin(2 * np.pi * frequency * t), RATE, oversample=8)).channels["x"]
+    # The last four seconds hold whole periods, after the free vibration.
+    ratio = 2j * np.mean((x * np.exp(-jw * t))[-4096:])
+    wanted = 1.0 / (mass * jw**2 + link.damping * jw + link.stiffness + k1 * jw * time / (1.0 + jw * time))
+    assert abs(ratio - wanted) < 1e-3 * abs(wanted)
+    elongation, rate = np.sin(2 * np.pi * frequency * t), (jw * np.exp(jw * t) / 1j).real
+    along = model.links[0].laws[0].along(elongation, rate, RATE)
+    force = 2j * np.mean((along * np.exp(-jw * t))[-4096:])
+    assert abs(force - k1 * jw * time / (1.0 + jw * time)) < 5e-3 * k1
 
 
 def test_friction_that_varies_with_the_place_breaks_away_where_it_is_weak() -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ramps import plan_of
+from ramps import plan_of, ticks_of
 
 from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.journal import Journal
 from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
+from isorig.rig.acquire.recover import working
+from isorig.rig.cli import main
+from isorig.rig.errors import RecordingError
+from isorig.rig.files.recording import read
 
 SECTOR, PAGE = 512, 4096
 ROWS = 24
@@ -188,3 +193,36 @@ def missing(image: Image, told: Written, found: list[Any], ticks_of: Any) -> lis
             if not there.get(name, set()).issuperset(ticks):
                 gone.append(f"{name}: {ticks}")
     return gone
+
+
+def look_at(count: int, folder: Path, seed: int) -> Counter[str]:
+    """Recover so many images; how many there were of each kind. An assertion fails where anything is wrong."""
+    told, other = write_session(folder / "a.partial", seed), write_session(folder / "b.partial", seed, first=1 << 20)
+    seen: Counter[str] = Counter()
+    path = folder / "image.partial"
+    for k, image in enumerate(images(told, other, np.random.default_rng(seed), count)):
+        path.write_bytes(image.content)
+        seen[image.kind] += 1
+        try:
+            with working(path) as (_, found):
+                assert not wrong(found, ticks_of), (k, image.kind)
+                assert not missing(image, told, found, ticks_of), (k, image.kind)
+                assert all(item.stored + item.lost == ticks_of(item.run)[-1] + 1 for item in found if not_ended(item))
+                saved = sum(item.stored for item in found)
+        except RecordingError:
+            # Nothing was safe: not even the first block, and no run's beginning, is whole.
+            assert image.safe < 1, (k, image.kind)
+            seen["without an answer"] += 1
+            continue
+        if k % 40 == 0 and saved:
+            assert main(["recover", str(path), "-o", str(folder / "saved.h5")]) == 0
+            campaign = read(folder / "saved.h5")
+            assert sum(len(run) for run in campaign.runs) == saved
+            for run in campaign.runs:
+                np.testing.assert_array_equal(run.channels["table"].samples, ticks_of(run) * 4 + 2)
+    return seen
+
+
+def not_ended(item: object) -> bool:
+    run = getattr(item, "run", None)
+    return run is not None and not any(gap.first_tick >= ticks_of(run)[-1] + 1 for gap in run.gaps)

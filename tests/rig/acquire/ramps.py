@@ -38,7 +38,11 @@ def ramp_instrument(
     faults: Faults | None = None, *, speed: float | None = None, rows: int = 64, inputs: int = 4
 ) -> Iterator[tuple[str, SimulatedFramed]]:
     wire = PtyWire()
-    instrument = SimulatedFramed(wire, RampPlant(inputs), faults=faults, speed=speed, rows=rows)
+    plant = RampPlant(inputs)
+    if speed != 1.0:
+        # Its time is not the host's, and it says so.
+        plant.identity = "virtual ramp"
+    instrument = SimulatedFramed(wire, plant, faults=faults, speed=speed, rows=rows)
     over = threading.Event()
 
     def serve() -> None:

@@ -25,7 +25,8 @@ def test_metadata_of_a_recording(tmp_path: Path) -> None:
     output = tmp_path / "c.h5"
     plan = plan_of({"id": "a", "seconds": 1.5}, {"id": "b", "seconds": 1.0})
     head = msgspec.structs.replace(plan.channels["head"], sensor="352C33", place="motor head", direction="+y")
-    plan = msgspec.structs.replace(plan, channels={**plan.channels, "head": head})
+    instrument = msgspec.structs.replace(plan.instrument, usable_to=460.0)
+    plan = msgspec.structs.replace(plan, channels={**plan.channels, "head": head}, instrument=instrument)
     with ramp_instrument(speed=1.0, rows=16) as (port, _):
         acquire(msgspec.structs.replace(plan, runs=plan.runs[:1]), port, output, Watcher().operator, force=True)
     with ramp_instrument(rows=16) as (port, _):
@@ -40,6 +41,7 @@ def test_metadata_of_a_recording(tmp_path: Path) -> None:
             np.testing.assert_allclose(timing["device_time"], timing["tick"] / 1024.0, atol=1e-6)
         assert {"clock_drift_ppm", "clock_drift_ppm_std"} <= set(file["runs/a"].attrs)
     assert [len(run) for run in read(output).runs] == [1536, 1024]
+    assert [run.usable_to for run in read(output).runs] == [460.0, 460.0]
 
 
 def test_resuming_keeps_an_interrupted_run_and_refuses_another_plan(tmp_path: Path) -> None:

@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isorig.rig.acquire.drive import drive_of
-from isorig.rig.acquire.plan import Plan, plan_of
+from isorig.analysis.model.limits import Limits
+from isorig.rig.acquire.drive import check_limits, drive_of
+from isorig.rig.acquire.plan import Plan, RunPlan, plan_of
 from isorig.rig.acquire.plan_check import check_plan
 from isorig.rig.errors import PlanError
 
 ROOT = Path(__file__).resolve().parents[3]
-TREE = tomllib.loads((ROOT / "rig" / "acquire" / "demo.toml").read_text(encoding="utf-8"))
+TREE = tomllib.loads((ROOT / "isorig" / "rig" / "acquire" / "demo.toml").read_text(encoding="utf-8"))
 #: What TOML can hold.
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats() | st.text(max_size=8)
@@ -49,7 +51,9 @@ def test_any_plan_is_refused_or_can_be_played(data: st.DataObject) -> None:
             part[last] = data.draw(VALUES)
         elif isinstance(part, dict):
             new = data.draw(
-                st.sampled_from(["period", "band", "seed", "use", "repeats", "excitation", "shows", "baud_rate", "x"])
+                st.sampled_from(
+                    ["period", "band", "seed", "use", "repeats", "excitation", "shows", "baud_rate", "usable_to", "x"]
+                )
             )
             part[new] = data.draw(VALUES)
     with suppress(msgspec.ValidationError, PlanError):
@@ -95,3 +99,35 @@ def test_a_repeat_is_of_an_earlier_run_alike(changed: dict[str, Any], told: str)
         return
     with pytest.raises(PlanError, match=told):
         check_plan(plan_of(tree), "plan.toml")
+
+
+@pytest.mark.parametrize(("limits", "says"), [
+    ({"gains": (0.0, 69.0)}, r"has the gain 70.*limits\.gains allows 0 to 69"),
+    ({"band": (1.0, 20.0)}, r"has the band \[0\.5, 20\.0\].*limits\.band allows 1 to 20"),
+    ({"drive": 5.0}, r"drives the rig with up to .* m/s\^2; limits\.drive allows 5, so lower its gain"),
+    ({"gains": (0.0, 70.0), "band": (0.5, 20.0), "drive": 100.0}, ""),
+])  # fmt: skip
+def test_a_drive_beyond_the_rigs_limits_is_refused(limits: dict[str, object], says: str) -> None:
+    random = {"id": "a", "configuration": "unlocked", "gain": 70.0, "band": [0.5, 20.0], "seconds": 4.0}
+    run = msgspec.convert(random, RunPlan)
+    drive = drive_of(run, 0, 1024.0)
+    if not says:
+        check_limits(run, drive, Limits(**limits))  # type: ignore[arg-type]
+        # At the boundary: the largest value itself is allowed.
+        highest = run.gain * float(np.abs(drive[0 : len(drive)]).max())
+        check_limits(run, drive, Limits(drive=highest))
+        return
+    with pytest.raises(PlanError, match=says):
+        check_limits(run, drive, Limits(**limits))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("usable", "allowed"), [(512.0, True), (512.1, False), (0.0, False), (-1.0, False)])
+def test_the_usable_band_lies_between_zero_and_half_the_sample_rate(usable: float, allowed: bool) -> None:
+    tree = copy.deepcopy(TREE)
+    tree["instrument"] |= {"sample_rate": 1024.0, "usable_to": usable}
+    if allowed:
+        check_plan(plan_of(tree), "plan.toml")
+        assert plan_of(tree).instrument.usable_to == usable
+    else:
+        with pytest.raises(PlanError, match="usable_to is"):
+            check_plan(plan_of(tree), "plan.toml")

@@ -3,51 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from pathlib import Path
 
-import numpy as np
 import pytest
-from power import ROWS, images, missing, write_session, wrong
+from power import ROWS, look_at, write_session, wrong
 from ramps import ticks_of
 
+from isorig.rig.acquire.journal import CHECKSUM, HEAD, HEADER, _block
 from isorig.rig.acquire.recover import working
 from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.recording import read
-
-
-def look_at(count: int, folder: Path, seed: int) -> Counter[str]:
-    told, other = write_session(folder / "a.partial", seed), write_session(folder / "b.partial", seed, first=1 << 20)
-    seen: Counter[str] = Counter()
-    path = folder / "image.partial"
-    for k, image in enumerate(images(told, other, np.random.default_rng(seed), count)):
-        path.write_bytes(image.content)
-        seen[image.kind] += 1
-        try:
-            with working(path) as (_, found):
-                assert not wrong(found, ticks_of), (k, image.kind)
-                assert not missing(image, told, found, ticks_of), (k, image.kind)
-                assert all(item.stored + item.lost == ticks_of(item.run)[-1] + 1 for item in found if not_ended(item))
-                saved = sum(item.stored for item in found)
-        except RecordingError:
-            # Nothing was safe: not even the first block, and no run's beginning, is whole.
-            assert image.safe < 1, (k, image.kind)
-            seen["without an answer"] += 1
-            continue
-        if k % 40 == 0 and saved:
-            assert main(["recover", str(path), "-o", str(folder / "saved.h5")]) == 0
-            campaign = read(folder / "saved.h5")
-            assert sum(len(run) for run in campaign.runs) == saved
-            for run in campaign.runs:
-                np.testing.assert_array_equal(run.channels["table"].samples, ticks_of(run) * 4 + 2)
-    return seen
-
-
-def not_ended(item: object) -> bool:
-    run = getattr(item, "run", None)
-    return run is not None and not any(gap.first_tick >= ticks_of(run)[-1] + 1 for gap in run.gaps)
 
 
 def test_any_image_of_the_disk_is_recovered_without_a_wrong_value(tmp_path: Path) -> None:
@@ -101,6 +68,26 @@ def test_a_damaged_block_is_reported_and_counted(tmp_path: Path, capsys: pytest.
     run = read(tmp_path / "a.h5").runs[0]
     assert run.id == name == "a"
     assert set(range(2048)) - set(ticks_of(run).tolist()) >= set(ticks)
+
+
+def test_a_block_that_names_another_run_is_not_filed(tmp_path: Path) -> None:
+    told = write_session(tmp_path / "a.partial", 0)
+    content = bytearray(told.content)
+    moved = [write for write, (name, _) in told.held.items() if name == "a"][3:5]
+    for write in moved:
+        # A block as the writer would have written it, of the same take, for the run after it; and for one that is not planned.
+        begin, end = told.ends[write - 1], told.ends[write]
+        _, kind, _, take, number, _, file, offset = HEADER.unpack_from(content, begin)
+        run = 1 if write == moved[0] else 7
+        content[begin:end] = _block(file, offset, number, kind, run, take, bytes(content[begin + HEAD : end - CHECKSUM.size]))
+    (tmp_path / "a.partial").write_bytes(content)
+    with working(tmp_path / "a.partial") as (_, found):
+        assert not wrong(found, ticks_of)
+        missing_ticks = sum(len(told.held[write][1]) for write in moved)
+        whole = sum(len(ticks) for name, ticks in told.held.values() if name == "a")
+        assert found[0].stored == whole - missing_ticks
+        assert found[0].damaged >= missing_ticks
+        assert found[1].stored == sum(len(ticks) for name, ticks in told.held.values() if name == "b")
 
 
 def test_the_recording_is_on_the_disk_before_the_working_file_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,6 +32,7 @@ H = 1.0 / (100.0**2 - F**2 + 2j * 0.02 * 100.0 * F)
 def drafted(folder: Path, *files: Path) -> list[Run]:
     """The runs of a recording that is imported with the proposed mapping as it is."""
     draft, out = folder / "draft.toml", folder / "out.h5"
+    (folder / "draft-rig.toml").unlink(missing_ok=True)
     assert main(["import", "--draft", *map(str, files), "-o", str(draft)]) == 0, draft
     assert main(["import", str(draft), "-o", str(out)]) == 0, draft.read_text()
     return sorted(read(out).runs, key=lambda run: run.id)
@@ -536,7 +537,6 @@ def test_configurations_of_the_description(tmp_path: Path, capsys: pytest.Captur
         'name = "pendulum"\nfree = []\nbodies = [{ name = "bob", mass = 1.0 }]\n'
         'links = [{ name = "rod", a = "bob", b = "ground", stiffness = 100.0 }]\n'
         'drive = { channel = "force", quantity = "force", factor = 1.0, pushes = { bob = 1.0 } }\n'
-        'sensors = [{ channel = "position", body = "bob", quantity = "displacement" }]\n'
         '[configurations.free]\n[configurations.clamped]\nrigid = ["rod"]\n'
     )
     said = refused(capsys, *mapped(tmp_path, top='description = "rig.toml"', configuration="unlocked"))

@@ -42,6 +42,7 @@ id = "u70"
 file = "{file}"
 configuration = "unlocked"
 gain = 70.0
+usable_to = {usable_to}
 {rate}
 """
 
@@ -88,13 +89,14 @@ KINDS = ("mat5", "mat7.3", "matrix", "csv", "german", "blanks", "tdms", "wav")
 @pytest.mark.parametrize("kind", KINDS)
 def test_values_and_units(tmp_path: Path, kind: str) -> None:
     file, head, table, rate = write_foreign(tmp_path, kind)
-    (tmp_path / "m.toml").write_text(MAPPING.format(file=file, head=head, table=table, rate=rate))
+    (tmp_path / "m.toml").write_text(MAPPING.format(usable_to=0.4 * RATE, file=file, head=head, table=table, rate=rate))
     assert main(["import", str(tmp_path / "m.toml"), "-o", str(tmp_path / "out.h5")]) == 0
     campaign = read(tmp_path / "out.h5")
     run = campaign.runs[0]
     assert campaign.known == {"head_mass": 6.5}
     assert (run.id, run.configuration, run.gain) == ("u70", "unlocked", 70.0)
     assert run.sample_rate == pytest.approx(RATE, rel=1e-12)
+    assert run.usable_to == 0.4 * RATE
     close = 1e-6 if kind == "wav" else 1e-14
     np.testing.assert_allclose(run.read("head"), HEAD / 0.5 * 9.80665, rtol=close, atol=1e-6 if kind == "wav" else 0)
     np.testing.assert_allclose(run.read("table"), (TABLE + 2.0) * 1e-3, rtol=close)
@@ -199,7 +201,7 @@ BAD = {
 def test_refusals(tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     file, head, table, rate = write_foreign(tmp_path, "mat5")
     old, new, told = BAD[kind]
-    text = MAPPING.format(file=file, head=head, table=table, rate=rate)
+    text = MAPPING.format(usable_to=0.4 * RATE, file=file, head=head, table=table, rate=rate)
     assert old in text
     (tmp_path / "m.toml").write_text(text.replace(old, new))
     before = sorted(tmp_path.iterdir())

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import SCHEMA, Answer, Catalogue, Parameter
+from isorig.rig.fleet.query import asked
 
 #: The columns that other programs may count on, in this order.
 PROMISED = ["rig", "campaign", "started", "parameter", "value", "std", "verdict", "cause", "version", "content"]
@@ -156,6 +157,40 @@ def test_sql(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for wrong in ("selec", "select * from read_csv('/etc/passwd')", "install httpfs", "set enable_external_access = true"):
         assert main(["fleet", "sql", wrong, "-c", str(tmp_path)]) == 2
         assert "rig: the query is wrong" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("query", ["", ";", "  ;;  ", " -- nothing"])
+def test_an_empty_query_is_refused(tmp_path: Path, query: str, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("duckdb", reason="DuckDB is not installed: pip install 'isorig[sql]'")
+    Catalogue(tmp_path).add_folder(tmp_path, None)
+    assert main(["fleet", "sql", query, "-c", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("rig: the query is empty; ")
+
+
+@pytest.mark.parametrize(
+    ("query", "says"),
+    [
+        ("with recursive t(n) as (select 1 union all select n + 1 from t) select max(n) from t", r"took longer than 0\.5 s"),
+        ("select count(*) from range(1000000) a, range(1000000) b", r"took longer than 0\.5 s"),
+        ("select * from range(100000000000)", "has more than 1000 rows"),
+    ],
+)
+def test_an_endless_query_is_ended(tmp_path: Path, query: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("duckdb", reason="DuckDB is not installed: pip install 'isorig[sql]'")
+    monkeypatch.setattr("isorig.rig.fleet.query.SECONDS", 0.5)
+    monkeypatch.setattr("isorig.rig.fleet.query.ROWS", 1000)
+    store = Catalogue(tmp_path)
+    store.add_folder(tmp_path, None)
+    with pytest.raises(RigError, match=says):
+        asked(store, query)
+
+
+def test_names_in_the_rows_of_a_query_are_no_formulas(tmp_path: Path) -> None:
+    pytest.importorskip("duckdb", reason="DuckDB is not installed: pip install 'isorig[sql]'")
+    store = Catalogue(tmp_path)
+    store.put(answer(1, rig="=1+1"))
+    rows = list(csv.reader(io.StringIO(asked(store, 'select distinct rig, -1.5 as n, rig as "@x" from answers'))))
+    assert rows == [["rig", "n", "'@x"], ["'=1+1", "-1.5", "'=1+1"]]
 
 
 def test_many_threads_put_at_once(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from made_up import FRICTION, PARAMETERS, SPRING, Shift, drawn_fleet, write_cata
 
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.history import followed
+from isorig.rig.fleet.history import OF, followed, with_std
 from isorig.rig.fleet.sentences import bad_campaigns, borne_out, incident_words, state_of, what_else
 
 
@@ -146,3 +146,39 @@ def test_show(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: p
     for words, says in ((("--rig", "rig-9"), "there is no rig 'rig-9'"), (("--parameter", "colour"), "there is no parameter")):
         assert main(["fleet", "show", "-c", str(tmp_path), *words]) == 2
         assert says in capsys.readouterr().err
+
+
+def test_a_rig_with_a_cause_changes_once() -> None:
+    """Campaigns whose diagnosis misses the cause have biased values: these are no second change, and neither is the cause."""
+    shift = Shift(rig=3, first=8, by={SPRING: 30.0}, cause="end_stop at isolation", seen=1.0)
+    frame = drawn_fleet(5, campaigns=20, shifts=[shift])
+    weeks = frame.campaign.str[-3:].astype(int)
+    missed = (frame.rig == "rig-003") & weeks.isin([10, 11, 14])
+    frame.loc[missed, "cause"] = ""
+    frame.loc[missed & (frame.parameter == SPRING), "value"] *= 1.4
+    fleet = followed(frame, "coulomb")
+    [incident] = fleet.rigs["rig-003"].incidents
+    assert [one.cause for one in incident.named] == ["end_stop at isolation"]
+    assert not {10, 11, 14} & set(fleet.rigs["rig-003"].tracks[SPRING].campaigns)
+    told = incident_words(fleet, incident, None)
+    assert "the diagnosis names the cause, end stop at isolation (named from 2026-03-02 on)" in told
+    assert "explained by" not in told
+
+
+@pytest.mark.parametrize(("absent", "kept"), [(OF - 1, 0), (OF, OF)])
+def test_a_cause_that_is_gone(absent: int, kept: int) -> None:
+    """After as many campaigns without it as decide on a cause, it is repaired: they count again."""
+    shift = Shift(rig=3, first=6, by={}, cause="end_stop at isolation", seen=1.0)
+    frame = drawn_fleet(6, campaigns=16, shifts=[shift])
+    weeks = frame.campaign.str[-3:].astype(int)
+    frame.loc[(frame.rig == "rig-003") & (weeks >= 16 - absent), "cause"] = ""
+    track = followed(frame, "coulomb").rigs["rig-003"].tracks[SPRING]
+    assert len([k for k in track.campaigns if k >= 16 - absent]) == kept
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [(27.314, 0.0123, "+27.31 ± 0.01"), (-5.0, 0.96, "-5 ± 1"), (-1234.0, 123.0, "-1200 ± 100"), (0.5, 0.0, "+0.5 ± 0")],
+)
+def test_a_value_has_the_digits_of_its_uncertainty(value: float, std: float, text: str) -> None:
+    assert with_std(value, std) == text

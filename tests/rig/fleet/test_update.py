@@ -24,6 +24,7 @@ import pytest
 
 from isorig.rig.cli import main
 from isorig.rig.diagnose_many import program_version
+from isorig.rig.files import inputs
 from isorig.rig.fleet import job as answering
 from isorig.rig.fleet.catalogue import Answer, Catalogue
 from isorig.rig.fleet.job import Job, JobResult, answer_job, from_findings
@@ -284,7 +285,9 @@ def test_a_search_cut_short_is_reported_and_repeated(
     assert fleet("add", measured, "-c", store) == 0
     # A clock that goes on by a second whenever it is read: at 1.5 s the baseline is fitted and no cause was looked for yet.
     ticks = itertools.count()
-    monkeypatch.setattr("isorig.rig.diagnose_many.time", SimpleNamespace(monotonic=lambda: float(next(ticks))))
+    monkeypatch.setattr(
+        "isorig.rig.diagnose_many.time", SimpleNamespace(process_time=lambda: float(next(ticks)), monotonic=lambda: 0.0)
+    )
     told = "rig-a w1: unexplained; the time limit of {} s ended the search for causes before all were tried"
     assert fleet("update", "-c", store, "--baseline", "linear", "--seconds", 1.5) == 0
     assert told.format(1.5) in capsys.readouterr().out
@@ -298,11 +301,16 @@ def test_a_search_cut_short_is_reported_and_repeated(
 
 def test_a_form_and_its_kind_are_alike(tmp_path: Path) -> None:
     """A campaign that names the kind of a thing and one that names its form tell of no new cause."""
+
+    def row(value: float) -> dict[str, object]:
+        return {"value": value, "std": 1.0, "unit": "1"}
+
     form = {"cause": "clipping", "kind": "sensor", "level": "form", "location": "motor"}
     kind = {"cause": "friction_shape", "kind": "friction_shape", "level": "kind", "location": "isolation"}
     found = {
-        "verdict": "explained", "steps": [form, kind], "indistinguishable": [], "baseline": {"parameters": {}},
-        "cut_short": False,
+        "verdict": "explained", "steps": [form, kind], "indistinguishable": [], "cut_short": False,
+        "baseline": {"parameters": {"links.a.stiffness": row(90.0), "contacts.a.law.friction_force": row(3.0)}},
+        "extended": {"parameters": {"links.a.stiffness": row(100.0), "links.a.laws.0.stroke": row(0.1)}},
     }  # fmt: skip
     (tmp_path / "findings.json").write_bytes(msgspec.json.encode(found))
     (tmp_path / "baseline.json").write_text("{}")
@@ -311,6 +319,8 @@ def test_a_form_and_its_kind_are_alike(tmp_path: Path) -> None:
     )  # fmt: skip
     answer = from_findings(tmp_path, blank)
     assert answer.cause == "clipping at motor + friction_shape at isolation"
+    # The values are those of the model with the causes, as far as the baseline has them.
+    assert [(one.name, one.value) for one in answer.parameters] == [("links.a.stiffness", 100.0)]
     assert set(answer.alike.split(" + ")) == {
         "sensor at motor", "coulomb_friction at isolation", "stribeck_friction at isolation", "asymmetric_friction at isolation"
     }  # fmt: skip
@@ -393,3 +403,35 @@ def test_unusable_recordings_are_reported(tmp_path: Path, capsys: pytest.Capture
     with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
         assert fleet("update", "-c", tmp_path / "fleet", "--scheduler", "127.0.0.1:9") == 2
     assert "no Dask scheduler answers at 127.0.0.1:9" in capsys.readouterr().err
+
+
+def test_pipes_and_devices_in_a_folder_are_reported_and_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "rig-a"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.h5")
+    (folder / "endless.h5").symlink_to("/dev/zero")
+    (folder / "nowhere.h5").symlink_to("/nowhere")
+    (folder / "folder.h5").mkdir()
+    (folder / "turns.h5").symlink_to(folder)
+    place = str(tmp_path / "catalogue")
+    signal.alarm(20)
+    try:
+        assert main(["fleet", "add", str(folder), "-c", place]) == 0
+        assert main(["fleet", "update", "-c", place]) == 0
+        assert main(["fleet", "watch", str(folder), "-c", place, "--every", "0.1", "--stop-after", "0.5"]) == 0
+    finally:
+        signal.alarm(0)
+    told = capsys.readouterr().out
+    for name in ("pipe", "endless"):
+        assert told.count(f"{folder / name}.h5 cannot be read; make it a readable file, not a pipe or a device") == 2, told
+
+
+def test_a_file_that_becomes_a_pipe_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.mkfifo(tmp_path / "x.h5")
+    monkeypatch.setattr(inputs, "regular", lambda path: None)
+    signal.alarm(20)
+    try:
+        with pytest.raises(OSError, match="pipe or a device"):
+            inputs.opened_regular(tmp_path / "x.h5")
+    finally:
+        signal.alarm(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from isorig.rig.files.recording import write
 from isorig.rig.view.frames import frame, read_frame
 from isorig.rig.view.levels import Levels
 from isorig.rig.view.messages import Judgement, Standing
-from isorig.rig.view.responses import RESOLUTION
+from isorig.rig.view.responses import MEMORY, RESOLUTION, Response
 from isorig.rig.view.run_list import Planned, planned_as
 from isorig.rig.view.snapshot import Board, Picture
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
@@ -284,3 +285,27 @@ def test_notes_of_others_are_read_from_the_file_itself_alone(tmp_path: Path) -> 
     (tmp_path / "text.h5").write_text("no")
     for name in ("variable", "group", "data", "kind", "flat", "text", "absent"):
         assert notes_in(tmp_path / f"{name}.h5") == [], name
+
+
+def test_the_spectra_of_a_wide_run_take_bounded_memory() -> None:
+    rate, names = 51200.0, tuple("abcdefgh")
+    values = np.random.default_rng(0).standard_normal(round(60 * rate)).astype(np.float32)
+
+    def measured(seconds: float) -> Run:
+        samples = values[: round(seconds * rate)]
+        channels = {name: Channel(name=name, samples=samples) for name in names}
+        return Run(id="r", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
+
+    tracemalloc.start()
+    try:
+        response = Response(measured(2.0), "a")
+        sizes = []
+        for seconds in range(4, 61, 4):
+            response.add(measured(float(seconds)))
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    # Sums in double precision and the buffer of the transforms, besides the groups.
+    assert max(sizes) < MEMORY + (48 << 20)
+    assert response.segments == 59
+    assert response.spectra() is not None

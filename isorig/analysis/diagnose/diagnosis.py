@@ -1,0 +1,465 @@
+"""The whole diagnosis of a campaign: baseline, misfit, candidates, selection, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.budget import Budget, budget
+from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
+from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
+from isorig.analysis.diagnose.evidence import Sign, signs
+from isorig.analysis.diagnose.kinds import SHAPED, kind_of
+from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
+from isorig.analysis.diagnose.policy import (
+    POLICY,
+    Stage,
+    adequacy_threshold,
+    explains_own_channel,
+    may_be_noise,
+    more_draws,
+    step_counts,
+    verdict,
+)
+from isorig.analysis.diagnose.repeats import disturbance
+from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence, without_form
+from isorig.analysis.diagnose.suspects import equations_of
+from isorig.analysis.equations.forms import start_values
+from isorig.analysis.equations.system import Equations
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
+from isorig.analysis.fitting.ladder import baseline_fit, calibrated, finished, widened, without
+from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.score import (
+    Improvement,
+    Score,
+    improvement,
+    noise_floor,
+    score,
+    share_interval,
+    worst,
+)
+from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.quality import faults
+
+#: Maximum number of steps.
+MOST_STEPS = 3
+#: Kinds of causes that may explain data with a wrong unit.
+MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """The result of a diagnosis.
+
+    Parameters
+    ----------
+    verdict
+        "adequate", "explained", "partly explained" or "unexplained".
+    baseline, extended
+        The fitted models before and after.
+    discrepancies
+        What the baseline gets wrong.
+    steps
+        The named causes, largest first.
+    baseline_error, extended_error, floor
+        Held-out error of baseline and extended model, and the noise floor.
+    scores
+        The held-out errors of both behind these, run by run and channel by channel.
+    signs
+        Evidence from the records compared with the baseline, before any cause is fitted.
+    worst, enough, calibration
+        The baseline's largest ratio of error to allowed error, its adequacy threshold, and the ratio of simulated data of the
+        baseline itself (None if not needed).
+    improvement
+        Reduction of the error by the extension, with intervals.
+    trials
+        The runs.
+    compared
+        The same runs compared with the baseline's simulation.
+    division
+        The division into fitted and held-out data.
+    shares
+        For each step: share of the baseline's excess error that it removes (value, low, high).
+    budgets
+        For baseline and extended model: composition of their errors.
+    considered
+        Every candidate with its status.
+    searched
+        Every search for a step: the score before it, and the fully fitted candidates, without the derivatives of their fits.
+    tolerance
+        Error that counts as adequate, as a share of the signal.
+    cut_short
+        Whether the time limit ended the search for causes.
+    doubts
+        Implausible fitted values: check units and given values first.
+    """
+
+    verdict: str
+    baseline: Fit
+    extended: Fit
+    discrepancies: tuple[Discrepancy, ...]
+    steps: tuple[Step, ...]
+    baseline_error: float
+    extended_error: float
+    floor: float
+    scores: tuple[Score, Score]
+    signs: tuple[Sign, ...]
+    worst: float
+    enough: float
+    calibration: float | None
+    improvement: Improvement
+    trials: tuple[Trial, ...]
+    compared: Doubles
+    division: Division
+    shares: tuple[tuple[float, float, float], ...]
+    budgets: tuple[Budget, Budget]
+    considered: tuple[ConsideredCandidate, ...]
+    searched: tuple[tuple[Score, tuple[Entry, ...]], ...]
+    tolerance: float
+    cut_short: bool
+    doubts: tuple[Doubt, ...]
+
+
+def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
+    """Fit the baseline, show its misfit, and identify the cause.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    model
+        The baseline with starting values; its `free` parameters are fitted.
+    tolerance
+        Error, as a share of the signal, that counts as adequate.
+    progress
+        Called with a line for each stage, and before every fit of a candidate; it may raise OutOfTimeError, which ends the search
+        for causes: the answer is then what was found so far, and `cut_short` states this.
+
+    Raises
+    ------
+    OutOfTimeError
+        The time ended before the baseline was fitted.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.diagnose(iso.read("campaign.h5"), iso.wire_bonder())
+    >>> found.verdict, found.steps
+    ('adequate', ())
+    """
+    trials = prepare(campaign, model)
+    progress(f"{len(trials)} runs prepared; fitting the baseline")
+    equations = equations_of(campaign, model)
+    guess = model.replace(start_values(equations)) if equations.residuals() else model
+    baseline = widened(baseline_fit((guess, model), trials))
+    search = _Search(campaign, (guess,), equations, trials, progress, tolerance)
+    found = search.causes(baseline, ends)
+    # A search may have led the baseline to a better fit.
+    baseline = found.stages[0].fit
+    if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
+        search.out_of_time(
+            "the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits"
+        )
+        searched, search.entries = search.entries, []
+        again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
+        if again.verdict == "adequate":
+            search.entries = searched  # errors at the beginnings have another shape
+        else:
+            found = again
+    with suppress(OutOfTimeError):
+        progress("gathering the evidence")
+    stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
+    fine = tuple(refined(trial) for trial in trials)
+    compared = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
+    said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
+    steps = (stage.step for stage in stages[1 : found.kept + 1])
+    floor = float(np.median(found.quiet))
+    shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
+    return Diagnosis(
+        verdict=found.verdict, baseline=first.fit, extended=last.fit,
+        discrepancies=(*shown, *discrepancies(campaign, first.fit.model, fine, compared[0])), compared=compared[0],
+        steps=tuple(with_evidence(updated(step, last.fit), each) for step, each in zip(steps, said, strict=False) if step),
+        baseline_error=first.score.figure, extended_error=last.score.figure, floor=floor, scores=(first.score, last.score),
+        signs=said[0], worst=worst(first.score, _allowed(found.quiet)), enough=found.enough,
+        calibration=found.calibration, improvement=improvement(first.score, last.score, floor), trials=fine,
+        division=found.division,
+        shares=tuple(
+            share_interval(first.score, before.score, after.score, _allowed(found.quiet))
+            for before, after in pairwise(stages[: found.kept + 1])
+        ),
+        budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
+        considered=all_considered(
+            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, first.score,
+            _allowed(found.quiet), first.fit.model, trials,
+        ),
+        searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
+        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, _credible(found), trials),
+    )  # fmt: skip
+
+
+def _credible(found: _Found) -> tuple[Fit, ...]:
+    # The fits whose values should be plausible. A baseline without the cause that explains the data may have any; but a sensor
+    # fault or a wrong given value may stand for a wrong unit.
+    first, last = found.stages[0].fit, found.stages[found.kept].fit
+    kinds = {stage.step.kind for stage in found.stages[1 : found.kept + 1] if stage.step}
+    return (last,) if found.verdict == "explained" and not kinds & MAY_STAND_FOR_UNITS else (first, last)
+
+
+def _lean(entry: Entry) -> Entry:
+    # The derivatives are as long as the campaign.
+    return replace(entry, fit=replace(widened(entry.fit), jacobian=np.zeros((0, 0)), residual=np.zeros(0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Stage:
+    # An intermediate model, the step that led to it (None for the baseline), and whether the next one belongs to it.
+    fit: Fit
+    score: Score
+    step: Step | None = None
+    paired: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    # Result of a search: division of the runs, intermediate models, how many of them count, their allowed errors, and the causes
+    # whose steps were replaced.
+    division: Division
+    stages: Sequence[_Stage]
+    verdict: str
+    kept: int
+    quiet: FloatArray
+    enough: float
+    calibration: float | None
+    replaced: frozenset[tuple[str, str]]
+
+
+class _Search:
+    # The search for causes, from a fitted baseline.
+
+    def __init__(
+        self, campaign: Campaign, guesses: Sequence[RigModel], equations: Equations, trials: Sequence[Trial], progress: Progress,
+        tolerance: float,
+    ) -> None:  # fmt: skip
+        self._campaign, self._guesses, self._trials, self._progress = campaign, guesses, trials, progress
+        self._equations = equations
+        self._tolerance = tolerance
+        self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
+        self.cut_short = False
+        self._drive_noise = drive_noise(campaign, guesses[0].drive.channel)
+
+    def causes(self, baseline: Fit, divide: Divide) -> _Found:
+        division = divide(self._trials)
+        trials, judged = division.fits, division.judged
+        stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
+        quiet = self._floor(baseline.model, judged)
+        calibration = self._calibration(stages[0], divide, quiet)
+        enough = adequacy_threshold(calibration)
+        tries, repeated = 0, False
+        while len(stages) <= MOST_STEPS and not self._adequate(stages[-1].score, _allowed(quiet), enough):
+            now, floors = stages[-1], _allowed(quiet)
+            text = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
+            if self.out_of_time(f"{text}; searching for a cause"):
+                break
+            left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
+            try:
+                found = next_step(
+                    self._campaign, self._guesses, now.fit, now.score, self._equations_for(stages), trials, judged, floors,
+                    self._stage, left,
+                    steps=MOST_STEPS - len(stages) + 1, forms_only=repeated,
+                )  # fmt: skip
+            except OutOfTimeError:
+                break
+            if found is None:
+                break
+            self.entries.append((now.score, found.entries))
+            if found.then is not None and self._adequate(found.entry.score, floors, enough):
+                found = replace(found, then=None)  # the first of two suffices, once it starts from both
+            step, last = found.step, found.then or found
+            better, best = last.entry.fit, last.entry.score
+            if found.then is None and self.cut_short and not found.shaped and not self._adequate(best, floors, enough):
+                if not found.shown:
+                    break  # the form may be merely the closest
+                step, found = without_form(found, share_removed(now.score.error, best.error, floors))
+            stages, moved = self._compared(stages, step, better, division, floors)
+            now = stages[-1]
+            fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
+            if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
+                # The refit improved more than the cause: search for it again from the better fit.
+                tries, repeated = tries + 1, step.form is not None
+                continue
+            if found.then is not None:
+                stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
+                self.entries.append((found.entry.score, found.then.entries))
+                quiet = np.maximum(quiet, self._floor(better.model, judged))
+                continue
+            repeated = False
+            stage = _stage(now.score, found)
+            if not (
+                step_counts(_seen([*stages, stage]), len(stages), floors, enough)
+                and explains_own_channel(now.score.error, best.error, floors, _of_sensors(step, judged[0].channels))
+            ):
+                break
+            # A cause may make the rig sensitive: then noise on the drive has a larger effect.
+            quiet = np.maximum(quiet, self._floor(better.model, judged))
+            stages.append(stage)
+            left = 1.0 - share_removed(stages[0].score.error, best.error, _allowed(quiet))
+            if step.form is None and left < POLICY.rest:
+                break
+        word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
+        named, replaced = merged(stages[: kept + 1], _allowed(quiet))
+        return _Found(
+            division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
+            calibration=calibration, replaced=replaced,
+        )  # fmt: skip
+
+    def _equations_for(self, stages: Sequence[_Stage]) -> Equations:
+        # Bodies without sensors are estimated with fitted values, which a given rig has not.
+        given = len(stages) == 1 and not self._equations.hidden
+        return self._equations if given else equations_of(self._campaign, stages[-1].fit.model)
+
+    def _compared(
+        self, stages: list[_Stage], step: Step, better: Fit, division: Division, floors: FloatArray
+    ) -> tuple[list[_Stage], float]:  # fmt: skip
+        # The stages with the last one as it is without the step; and its improvement, which is infinite where from there the
+        # steps before it are superfluous, too.
+        last, moved = self._without(step, better, stages[-1], division, floors)
+        if moved > POLICY.refitted and len(stages) > 1:
+            before = stages[1].step
+            assert before is not None
+            first, improved = self._without(before, last.fit, stages[0], division, floors)
+            if improved > POLICY.refitted:
+                return [first], np.inf
+        return [*stages[:-1], last], moved
+
+    def _without(self, step: Step, better: Fit, now: _Stage, division: Division, floors: FloatArray) -> tuple[_Stage, float]:
+        # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than
+        # `Policy.refitted`; and the improvement.
+        bare = without(better, now.fit, division.fits)
+        plain = score(bare.model, division.judged)
+        moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
+        if moved <= POLICY.refitted:
+            return now, moved
+        self.out_of_time(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
+        return replace(now, fit=widened(bare), score=plain), moved
+
+    def out_of_time(self, text: str) -> bool:
+        """Report a line; returns whether the time for the search has ended."""
+        with suppress(OutOfTimeError):
+            self._stage(text)
+        return self.cut_short
+
+    def _stage(self, text: str) -> None:
+        # Once the time has ended it stays so: what was fitted until then is the answer.
+        if self.cut_short:
+            raise OutOfTimeError("the time limit has ended the search for causes")
+        try:
+            self._progress(text)
+        except OutOfTimeError:
+            self.cut_short = True
+            raise
+
+    def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
+        return is_adequate(found.error, floors, enough, self._tolerance)
+
+    def _floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
+        return np.asarray(np.hypot(noise_floor(model, judged, self._drive_noise), disturbance(model, judged)))
+
+    def begins_otherwise(self, fitted: Fit, enough: float) -> bool:
+        judged = beginnings(self._trials).judged
+        if not judged:
+            return False
+        floors = _allowed(self._floor(fitted.model, judged))
+        if self._adequate(score(fitted.model, judged), floors, enough):
+            return False
+        # A rig that moved before its record started may differ at the beginning for that reason.
+        bad = {f.run for f in faults(self._campaign, reference=fitted.model.drive.channel) if f.kind == "not at rest"}
+        return all(trial.run.id not in bad for trial in judged)
+
+    def budget(self, model: RigModel, division: Division) -> Budget:
+        """Composition of a model's error."""
+        return budget(model, division.judged, noise_floor(model, division.judged, self._drive_noise))
+
+    def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
+        # Only needed near the noise; a rig judged by its drive has no simulated motion.
+        floors = _allowed(quiet)
+        measured = worst(stage.score, floors)
+        if not may_be_noise(measured) or any(trial.motion for trial in self._trials):
+            return None
+        if self.out_of_time("not far above the noise; determining the error of simulated data of the baseline itself"):
+            return None
+        draws: list[float] = []
+        while more_draws(measured, draws):
+            draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))
+        return max(draws)
+
+
+def _stage(before: Score, found: Found) -> _Stage:
+    entry = found.entry
+    step = replace(found.step, before=before.figure, after=entry.score.figure)
+    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
+
+
+def merged(stages: Sequence[_Stage], floors: FloatArray) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:
+    """The stages of a search without steps that the next one makes superfluous, and the causes and places of those steps.
+
+    A contact has one friction law: a friction that generalizes the one before it there replaces that step, unless the earlier one
+    is nearly as good (`Policy.form_close`) and the later one a refinement.
+    """
+    found: list[_Stage] = []
+    replaced: set[tuple[str, str]] = set()
+    for stage in stages:
+        step, earlier = stage.step, found[-1].step if found else None
+        alike = step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location
+        if step and earlier and alike and ratio(found[-1].score.error, stage.score.error, floors) > POLICY.form_close:
+            replaced.add((earlier.cause, earlier.location))
+            sentence = (
+                f"It replaces {earlier.cause} at {earlier.location}, which alone reduces the error from {earlier.before:.3g} to "
+                f"{earlier.after:.3g}."
+            )
+            found[-1] = replace(stage, step=replace(step, before=earlier.before, evidence=(*step.evidence, sentence)))
+        else:
+            found.append(stage)
+    return found, frozenset(replaced)
+
+
+def _allowed(quiet: FloatArray) -> FloatArray:
+    return np.asarray(np.hypot(quiet, SIMULATION_LIMIT))
+
+
+def _seen(stages: Sequence[_Stage]) -> list[Stage]:
+    seen: list[Stage] = []
+    rubbing: set[str] = set()
+    for stage in stages:
+        step = stage.step
+        if step is None:
+            seen.append(Stage(error=stage.score.error))
+            continue
+        # A contact has one friction law: a further one there is a generalization.
+        refines = step.kind == "friction_shape" and step.location in rubbing
+        seen.append(
+            Stage(error=stage.score.error, place=step.location, certain=is_certain(step), refines=refines, paired=stage.paired)
+        )
+        if step.kind == "friction_shape":
+            rubbing.add(step.location)
+    return seen
+
+
+def is_certain(step: Step) -> bool:
+    """Whether a step's kind and place are certain: it beats every rival of another kind or place, and a free shape bounds it."""
+    apart = any((kind_of(cause), place) != (step.kind, step.location) for cause, place in step.indistinguishable)
+    return step.confidence >= POLICY.certain and not apart and step.kind in SHAPED
+
+
+def _of_sensors(step: Step, channels: Sequence[str]) -> list[int]:
+    # Columns of the channels whose sensors the step changes; none if it changes anything else.
+    return [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]

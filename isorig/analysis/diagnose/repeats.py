@@ -1,0 +1,84 @@
+"""Disturbance: the difference between runs with the same drive, measured and not assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.score import signal_powers
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel
+
+#: Two drives are the same if they differ by less than this share of their rms.
+SAME_DRIVE = 0.03
+
+
+def repeated(trials: Sequence[Trial]) -> list[tuple[int, int]]:
+    """Pairs of trials with the same drive: according to the recording, or equal to `SAME_DRIVE`."""
+    index = {trial.run.id: k for k, trial in enumerate(trials)}
+    pairs = []
+    for k, trial in enumerate(trials):
+        if trial.run.repeat_of in index:
+            pairs.append((index[str(trial.run.repeat_of)], k))
+            continue
+        for j in range(k):
+            if _alike(trials[j], trial):
+                pairs.append((j, k))
+                break
+    return pairs
+
+
+def _alike(one: Trial, other: Trial) -> bool:
+    if one.run.configuration != other.run.configuration or one.sample_rate != other.sample_rate:
+        return False
+    a, b = one.excitation.recorded, other.excitation.recorded
+    return abs(len(a) - len(b)) <= 0.02 * min(len(a), len(b)) and same_drive(a, b)
+
+
+def same_drive(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two records of a drive are equal to `SAME_DRIVE`, in the part that both have."""
+    n = min(len(one), len(other))
+    size = float(np.mean(one[:n] ** 2))
+    return size > 0.0 and float(np.mean((one[:n] - other[:n]) ** 2)) < SAME_DRIVE**2 * size
+
+
+def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = True) -> FloatArray:
+    """Error of every run and channel that repeated runs do not share, beyond the sensors' noise, (runs, channels).
+
+    Half the power of the difference of two residuals with one drive, minus the noise. Zero if no drive was repeated.
+
+    Parameters
+    ----------
+    model, trials
+        The model whose residuals are compared, and the held-out data.
+    at_most
+        Whether a run that was not repeated gets the smaller (otherwise the larger) of the same power and the same share of the
+        signal: an allowance must not hide deficiencies of the model.
+    """
+    pairs = repeated(trials)
+    shape = len(trials), trials[0].measured.shape[0]
+    if not pairs:
+        return np.zeros(shape)
+    signal = signal_powers(trials)
+    power = np.full(shape, np.nan)
+    share = []
+    for one, other in pairs:
+        a, b = trials[one], trials[other]
+        part = slice(max(a.fitted, b.fitted), min(a.samples, b.samples))
+        if part.stop - part.start < 16:
+            continue
+        left = [trial.measured[:, part] - expected(model, trial)[:, part] for trial in (a, b)]
+        noise = 0.5 * (a.usable_noise**2 + b.usable_noise**2)
+        apart = np.maximum(0.5 * np.mean((left[0] - left[1]) ** 2, axis=1) - noise, 0.0)
+        share.append(apart / (0.5 * (signal[one] + signal[other])))
+        for k in (one, other):
+            power[k] = apart if np.isnan(power[k]).any() else np.maximum(power[k], apart)
+    if not share:
+        return np.zeros(shape)
+    known = ~np.isnan(power).any(axis=1)
+    usual, typical = np.mean(share, axis=0), np.mean(power[known], axis=0)
+    for k in np.flatnonzero(~known).tolist():
+        power[k] = (np.minimum if at_most else np.maximum)(typical, usual * signal[k])
+    return np.asarray(np.sqrt(power / signal))

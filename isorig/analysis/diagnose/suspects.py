@@ -1,0 +1,206 @@
+"""The suspects of a step: the kinds of causes and their places that the equations of motion of the records point to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from math import pi
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.mechanisms.base import Evidence
+from isorig.analysis.diagnose.mechanisms.shapes import free_shapes
+from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
+from isorig.analysis.equations.ranking import Explanation, Ranking, ranking
+from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.trials import noise_levels
+from isorig.analysis.model.rig_model import RigModel
+
+#: Score below which an explanation removes nothing worth mentioning: a tenth of the excess removed has a score of 0.05.
+LEAST_SCORE = 0.05
+#: Explanations whose score is below this share of the best one are not suspected. Chosen: the right one had at least half of the
+#: best score in the sealed campaigns in which it was not the best.
+ALIKE = 0.4
+#: Maximum number of suspects.
+MOST = 3
+#: Residual from which an equation is broken, and the share of it that may remain once it is repaired. Chosen: twice the residual
+#: up to which sound rigs stay; half of the excess, as a further step must remove (`Policy.of_rest`).
+BROKEN, REPAIRED = 2.0 * HOLDS, 0.5
+#: Starting points of a candidate, and the ratio of their remaining forces up to which they are alike.
+STARTS, SAME = 2, 1.3
+#: Score from which the equations show a kind and place alone, and its distance from the next: half of the excess, and twice less
+#: of it left than by any other.
+SHOWN, APART = 0.3, 0.3
+#: Share of the best score from which an explanation's free shapes are fitted.
+NEARLY = 0.8
+#: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
+ALWAYS = frozenset({"clipping", "mains_hum"})
+#: Kinds that a force over velocity cannot distinguish: where one is suspected, so is the other.
+OVER_VELOCITY = frozenset({"damping_shape", "friction_shape"})
+#: The forms of kinds that have several unlike ones, by what the equations found.
+FORM_OF: Mapping[str, frozenset[str]] = {
+    "resonator": frozenset({"extra_mode"}),
+    "rocking": frozenset({"moment_coupling"}),
+    "elastic lock": frozenset({"imperfect_lock"}),
+    "mass": frozenset({"wrong_mass"}),
+    "gain": frozenset({"sensor_gain", "wrong_mass"}),
+    "delay": frozenset({"channel_delay"}),
+    "crosstalk": frozenset({"crosstalk"}),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Suspects:
+    """The suspected kinds and places.
+
+    Parameters
+    ----------
+    ranking
+        All explanations.
+    chosen
+        The suspected ones, best first.
+    places
+        Names of links and contacts by those under which they are suspected: a contact beside a link has the same place.
+    equations
+        The equations behind them.
+    """
+
+    ranking: Ranking
+    chosen: tuple[Explanation, ...]
+    places: Mapping[str, frozenset[str]]
+    equations: Equations
+    _values: dict[Explanation, tuple[dict[str, float], ElementForce | None]] = field(default_factory=dict)
+
+    def includes(self, cause: str, location: str) -> bool:
+        """Whether a cause at a place is suspected."""
+        return any(self._is(explanation, cause, location) for explanation in self.chosen)
+
+    def _is(self, explanation: Explanation, cause: str, location: str) -> bool:
+        if location not in self.places.get(explanation.place, frozenset({explanation.place})):
+            return False
+        if explanation.what in FORM_OF and cause != explanation.kind:
+            return cause in FORM_OF[explanation.what]
+        kind = kind_of(cause)
+        return kind == explanation.kind or {kind, explanation.kind} == OVER_VELOCITY
+
+    def shown(self, kind: str, place: str) -> bool:
+        """Whether the equations show this kind and place: no explanation of another kind or place comes close to it."""
+        mine = max((e.score for e in self.chosen if self._is(e, kind, place)), default=0.0)
+        others = (e.score for e in self.ranking.explanations if not self._is(e, kind, place))
+        return mine >= SHOWN and mine > max(others, default=0.0) + APART
+
+    def shapes(self, model: RigModel, evidence: Evidence) -> list[Candidate]:
+        """The free shapes of the best explanations' kinds and places."""
+        best = [item for item in self.chosen if item.score >= NEARLY * self.chosen[0].score]
+        leading = replace(self, chosen=tuple(best))
+        return [shape for shape in free_shapes(model, evidence) if leading.includes(shape.cause, shape.location)]
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> list[Candidate]:
+        """The catalogue's candidates at the suspected places, and those that are always tried."""
+        proposed = [c for mechanism in CATALOGUE for c in mechanism.candidates(model, self._located(evidence))]
+        return [c for c in proposed if c.cause in ALWAYS or self.includes(c.cause, c.location)]
+
+    def _located(self, evidence: Evidence) -> Evidence:
+        found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
+        return replace(evidence, misfit_frequencies=found) if found else evidence
+
+    def started(self, candidate: Candidate, current: Sequence[Free]) -> list[RigModel]:
+        """Starting points of a candidate: the rig's parameters and its own ones from the equations where these determine them.
+
+        Parameters
+        ----------
+        candidate
+            A candidate or a free shape.
+        current
+            The parameters of the model that it extends.
+        """
+        explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
+        if explanation is None:
+            return list(candidate.starts)
+        kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
+        if explanation not in self._values:
+            self._values[explanation] = start_values(self.equations, explanation), element_force(self.equations, explanation)
+        values, force = self._values[explanation]
+        found: list[tuple[float, RigModel]] = []
+        for start in candidate.starts:
+            with suppress(ModelError):  # values that exclude the candidate's own
+                model = start.replace({path: value for path, value in values.items() if path in kept})
+                model = model.replace(_own_values(candidate, explanation, model))
+                element = next((e for e in self.equations.elements() if candidate.location in e.names), None)
+                solved = None
+                if force is not None and element is not None:
+                    free = [*candidate.free, *(f for f in current if f.path in kept)]
+                    solved = fitted_form(model, free, element, force)
+                if solved is not None:
+                    found.append((solved[1], model.replace(solved[0])))
+                else:
+                    found.append((0.0, model))
+        found.sort(key=lambda pair: pair[0])
+        most = 1 if candidate.shape is not None else STARTS
+        return [model for left, model in found if left <= SAME * found[0][0]][:most]
+
+
+def _own_values(candidate: Candidate, explanation: Explanation, model: RigModel) -> dict[str, float]:
+    # A candidate's own parameters as far as the equations give them.
+    values, paths = explanation.values, [free.path for free in candidate.free]
+    if explanation.what in ("gain", "delay", "crosstalk") and len(paths) == 1 and candidate.cause != "wrong_mass":
+        return {paths[0]: values["value"]}
+    if explanation.what == "gain" and paths == ["drive.factor"]:
+        return {paths[0]: model.get(paths[0]) / values["value"]}
+    if explanation.what == "mass" and len(paths) == 1:
+        return {paths[0]: values["mass"]}
+    if explanation.what == "elastic lock":
+        return {path: values["stiffness"] for path in paths if path.endswith("lock_stiffness")}
+    if explanation.what == "resonator" and values["mass"] > 0.0:
+        mass, own = values["mass"], 2.0 * pi * values["frequency"]
+        given = {"mass": mass, "stiffness": mass * own**2, "damping": 2.0 * values["damping"] * mass * own}
+        return {path: given[path.rpartition(".")[2]] for path in paths if path.rpartition(".")[2] in given}
+    return {}
+
+
+def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
+    """What the equations of motion of the records point to; None if they cannot say.
+
+    Parameters
+    ----------
+    equations
+        The equations for the rig with the causes found so far.
+    further
+        Whether causes were found already: then a suspect must repair an equation that they leave broken.
+    """
+    if not equations.residuals():
+        return None
+    ranked = ranking(equations)
+    listed = [item for item in ranked.explanations if not further or repairs(ranked.residuals, item.residuals)]
+    chosen = suspected(listed)
+    if not chosen:
+        return None
+    places = {element.name: element.names for element in equations.elements()}
+    return Suspects(ranking=ranked, chosen=chosen, places=places, equations=equations)
+
+
+def equations_of(campaign: Campaign, model: RigModel) -> Equations:
+    """The equations of a campaign for a rig with the causes found so far."""
+    return Equations(campaign, model, noise_levels(campaign, [drive.channel for drive in model.drives]))
+
+
+def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether an explanation repairs an equation that does not hold without it."""
+    return any(value >= BROKEN and after[name] <= REPAIRED * value for name, value in before.items())
+
+
+def suspected(explanations: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """The best explanations of different kinds and places."""
+    best = max((item.score for item in explanations), default=0.0)
+    chosen: list[Explanation] = []
+    for item in explanations:
+        if item.score < max(LEAST_SCORE, ALIKE * best) or len(chosen) == MOST:
+            break
+        if all((item.kind, item.place, item.what) != (other.kind, other.place, other.what) for other in chosen):
+            chosen.append(item)
+    return tuple(chosen)

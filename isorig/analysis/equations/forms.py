@@ -1,0 +1,263 @@
+"""Starting values from the equations: the rig's parameters, and those of a form from the recorded force of its element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.equations.balances import Balance, Element
+from isorig.analysis.equations.columns import SHAPES, Shape
+from isorig.analysis.equations.filters import resonator
+from isorig.analysis.equations.known import law_columns
+from isorig.analysis.equations.ranking import Explanation
+from isorig.analysis.equations.sliding import Sliding, SlidingFit
+from isorig.analysis.equations.system import Equations
+from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.rig_model import RigModel
+
+#: Largest ratio of a parameter from the equations to its given value, and its inverse: others are artefacts of a wrong equation.
+FACTOR = 5.0
+#: Number of samples for the fit of a form.
+MOST_SAMPLES = 3000
+#: Weight of a curve point's distance from its neighbours' course, in its allowed deviations, relative to the rms of the force.
+#: Chosen: a single sample outweighs it.
+HELD = 0.02
+#: Largest number of evaluations of such a fit.
+EVALUATIONS = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElementForce:
+    """The recorded force of an element and its motion, at samples of all runs; arrays of shape (n,).
+
+    Parameters
+    ----------
+    deflection, velocity, time
+        m, m/s, and seconds since the campaign's start.
+    force
+        N.
+    """
+
+    deflection: FloatArray
+    velocity: FloatArray
+    time: FloatArray
+    force: FloatArray
+
+
+def shape_of(explanation: Explanation) -> Shape | None:
+    """The free shape of an explanation; None if it is no shape at an element."""
+    return next((shape for shape in SHAPES if shape.name == explanation.what), None)
+
+
+def element_force(equations: Equations, explanation: Explanation) -> ElementForce | None:
+    """The recorded force of the element at which an explanation is; None if no equation contains it alone."""
+    shape = shape_of(explanation)
+    if shape is None:
+        return None
+    for balance in equations.balances:
+        element = next((e for e, _ in balance.crossing if e.name == explanation.place), None)
+        if element is None:
+            continue
+        found = equations.in_time(balance, element)
+        if found is not None:
+            size = abs(next(s for e, s in balance.crossing if e.name == element.name))
+            return _sliding_force(equations, balance, element, shape, size, *found)
+    return None
+
+
+def _sliding_force(
+    equations: Equations, balance: Balance, element: Element, shape: Shape, size: float, sliding: Sliding, base: SlidingFit
+) -> ElementForce:  # fmt: skip
+    state = sliding.state()
+    fitted = equations.slid(element, sliding, base, shape, equations.own_frequency(element, balance))
+    sliding.restore(equations.slow_parts(sliding, shape))
+    first = 3 + law_columns(element)
+    d, v, t, f = [], [], [], []
+    for block in (sliding.active[k] for k in fitted.sound):
+        place = block.first + block.used
+        run = block.run
+        others = run.fixed[place] @ fitted.values[first : first + run.fixed.shape[1]]
+        d.append((run.deflection + run.slow)[place])
+        v.append((run.velocity + run.slow_velocity)[place])
+        t.append(run.time[place])
+        f.append((run.force[place] - others) / size)
+    sliding.restore(state)
+    return _thinned(*(np.concatenate(part) for part in (d, v, t, f)))
+
+
+def _thinned(d: FloatArray, v: FloatArray, t: FloatArray, f: FloatArray) -> ElementForce:
+    # Half of the samples evenly in time, half where the deflection is large: rare events decide.
+    even = np.linspace(0, len(d) - 1, min(MOST_SAMPLES // 2, len(d))).astype(int)
+    order = np.argsort(d)
+    across = order[np.searchsorted(d[order], np.linspace(d.min(), d.max(), MOST_SAMPLES // 2)).clip(0, len(d) - 1)]
+    chosen = np.unique(np.concatenate([even, across]))
+    return ElementForce(deflection=d[chosen], velocity=v[chosen], time=t[chosen], force=f[chosen])
+
+
+def fitted_form(
+    model: RigModel, free: Sequence[Free], element: Element, force: ElementForce
+) -> tuple[dict[str, float], float] | None:
+    """Parameters of an element's laws from its recorded force, and the rms of the remaining force in N.
+
+    Integrated deflections have an unknown common offset, and accelerations no mean: an offset of the deflection and a constant
+    force are fitted along.
+
+    Parameters
+    ----------
+    model
+        The rig with the form at its starting values.
+    free
+        The parameters of the fit; only those of the element are used.
+    element
+        The element.
+    force
+        Its recorded force.
+
+    Returns
+    -------
+    tuple
+        None if the form's force depends on its history, or if no parameter belongs to the element.
+    """
+    from scipy.optimize import least_squares
+
+    own = [
+        f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in element.names)
+    ]
+    if not own or _predicted(model, element, force) is None:
+        return None
+    size = float(np.std(force.force)) or 1.0
+    low = np.array([f.encode(f.low) if f.low > 0.0 or not f.log else -np.inf for f in own])
+    high = np.array([f.encode(f.high) for f in own])
+
+    def residual(coordinates: FloatArray) -> FloatArray:
+        try:
+            trial = model.replace({f.path: f.decode(float(c)) for f, c in zip(own, coordinates, strict=False)})
+        except ModelError:
+            return np.full(len(force.force) + held_points, 1e3)
+        predicted = _predicted(trial, element, force, swing * float(coordinates[-1]))
+        assert predicted is not None
+        left = (predicted - force.force) / size
+        # Points of a curve without samples follow their neighbours.
+        held = [
+            (trial.get(f.path) - sum(weight * trial.get(path) for path, weight in f.follows)) / f.give for f in own if f.follows
+        ]
+        return np.concatenate([left - left.mean(), HELD * np.array(held)])
+
+    swing = float(np.abs(force.deflection).max())
+    held_points = sum(bool(f.follows) for f in own)
+    start = np.clip(np.array([f.encode(model.get(f.path)) for f in own]), low + 1e-9, high - 1e-9)
+    start, low, high = np.append(start, 0.0), np.append(low, -1.0), np.append(high, 1.0)
+    with suppress(ValueError):
+        done = least_squares(
+            residual, start, bounds=(low, high), x_scale=np.maximum(np.abs(start), 0.1), max_nfev=EVALUATIONS, loss="soft_l1",
+            f_scale=0.05,
+        )  # fmt: skip
+        values = {f.path: f.decode(float(c)) for f, c in zip(own, done.x, strict=False)}
+        return values, float(np.sqrt(np.mean(residual(done.x)[: len(force.force)] ** 2))) * size
+    return None
+
+
+def _predicted(model: RigModel, element: Element, force: ElementForce, offset: float = 0.0) -> FloatArray | None:
+    d, v, t = force.deflection + offset, force.velocity, force.time
+    still = np.zeros((1, len(d)))
+    total = np.zeros(len(d))
+    link = next((link for link in model.links if link.name in element.names), None)
+    contact = next((contact for contact in model.contacts if contact.name in element.names), None)
+    if link is not None:
+        total = link.stiffness * d + link.damping * v
+        for law in link.laws:
+            if law.remembers:
+                return None
+            total = total + law.force(d, v, t, still, link.stiffness)
+    if contact is not None:
+        if contact.law.remembers:
+            return None
+        total = total + contact.law.force(d, v, t, still, 0.0)
+    return total
+
+
+def start_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
+    """The rig's free parameters by path from the equations, with an explanation's effect taken out.
+
+    Parameters that the equations do not determine, or only with an artefact, are left out.
+    """
+    model = equations.model
+    found: dict[str, float] = {}
+
+    def take(path: str, value: float) -> None:
+        if path in model.free and path not in found and value > 0.0:
+            given = model.get(path)
+            if given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR or path.endswith(("damping", "friction_force")):
+                found[path] = value
+
+    def bends(element: Element) -> bool:
+        # Its stiffness is part of the curve.
+        return explanation is not None and explanation.place == element.name and explanation.what == "force over deflection"
+
+    for balance in sorted(equations.balances, key=lambda b: len(b.crossing)):
+        for path, value in _values_of(equations, balance, explanation).items():
+            element = next((e for e, _ in balance.crossing if path == f"links.{e.name}.stiffness"), None)
+            if element is None or not bends(element):
+                take(path, value)
+    return found
+
+
+def _values_of(equations: Equations, balance: Balance, explanation: Explanation | None) -> dict[str, float]:
+    # The values of an equation's parameters by path; the scale of all given masses has none.
+    unknown = [path for path, _, _ in equations.unknown_rows(balance)]
+    found: dict[str, float] = {}
+    if balance.name in equations.prepared:
+        values = _solved(equations, balance, explanation)
+        found |= zip(unknown, values.tolist(), strict=False)
+        k = len(unknown)
+        for element, _ in balance.crossing:
+            if element.link is not None:
+                found[f"links.{element.link.name}.damping"] = float(values[k])
+                found[f"links.{element.link.name}.stiffness"] = float(values[k + 1])
+                k += 2 + law_columns(element)
+    elif balance.name in equations.sliding:
+        element = equations.primary(balance)
+        size = abs(next(s for e, s in balance.crossing if e.name == element.name))
+        values = _slid(equations, balance, element, explanation).values
+        if element.link is not None:
+            found[f"links.{element.link.name}.stiffness"] = float(values[0]) / size
+            found[f"links.{element.link.name}.damping"] = float(values[1]) / size
+        if element.contact is not None:
+            found[f"contacts.{element.contact.name}.law.friction_force"] = float(values[2]) / size
+        found |= zip(unknown, values[3 + law_columns(element) :].tolist(), strict=False)
+    found.pop("", None)
+    return found
+
+
+def _slid(equations: Equations, balance: Balance, element: Element, explanation: Explanation | None) -> SlidingFit:
+    sliding, base = equations.sliding[balance.name]
+    shape = shape_of(explanation) if explanation is not None else None
+    if explanation is None or shape is None or explanation.place != element.name:
+        return base
+    return equations.slid(element, sliding, base, shape, equations.own_frequency(element, balance))
+
+
+def _solved(equations: Equations, balance: Balance, explanation: Explanation | None) -> FloatArray:
+    prepared = equations.prepared[balance.name]
+    if explanation is None:
+        return prepared.solved.values
+    spectra = equations.spectra
+    values: Mapping[str, float] = explanation.values
+    if explanation.what in ("gain", "delay", "crosstalk"):
+        source = explanation.source or None
+        correction = equations.correction(explanation.what, explanation.place, values["value"], source)
+        return prepared.solve(correction=correction).values
+    if explanation.what in ("mass", "resonator") and explanation.place in balance.bodies:
+        gain = resonator(spectra.omega, values["frequency"], values["damping"]) if explanation.what == "resonator" else 1.0
+        row = {name: gain * weight for name, weight in equations.body_row(explanation.place).items()}
+        return prepared.solve([row]).values
+    shape = shape_of(explanation)
+    element = next((e for e, _ in balance.crossing if e.name == explanation.place), None)
+    if shape is not None and element is not None:
+        return equations.shaped(balance, element, shape).values
+    return prepared.solved.values

@@ -1,0 +1,194 @@
+"""The motion of bodies and links from the channels of a run: each channel as displacement, velocity and acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from isorig.analysis.campaign import MOTION, FloatArray, Run
+from isorig.analysis.model.rig_model import RigModel, direction
+
+#: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
+UNDETERMINED = 1e-9
+#: Relative size of the smallest step of a record, in rms values, above which it counts as quantization: then the noise is at
+#: least that of rounding.
+STEPS_PER_SAMPLE = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signals:
+    """A channel's record as displacement (m), velocity (m/s) and acceleration (m/s^2), each shape (n,); or a force alone (N).
+
+    Parameters
+    ----------
+    orders
+        The derivatives by order: 0, 1, 2. A channel that is no motion has only the record itself, under order 0.
+    """
+
+    orders: Mapping[int, FloatArray]
+
+
+def derivatives(values: FloatArray, order: int, rate: float, low: float, high: float) -> Signals:
+    """A record of the derivative `order` as displacement, velocity and acceleration.
+
+    Parameters
+    ----------
+    values
+        Shape (n,).
+    order
+        0 for a displacement, 1 for a velocity, 2 for an acceleration.
+    rate
+        Hz.
+    low
+        Frequency in Hz below which integrals have no content: the constants of integration are unknown.
+    high
+        Frequency in Hz above which derivatives have no content: there they are noise. Infinite for no limit.
+    """
+    found = {order: values - (values.mean() if order else 0.0)}
+    for below in range(order - 1, -1, -1):
+        found[below] = _integral(found[below + 1], rate, low)
+    for above in range(order + 1, 3):
+        found[above] = _derivative(found[above - 1], rate, high if above == order + 1 else np.inf)
+    return Signals(orders=found)
+
+
+def _integral(values: FloatArray, rate: float, low: float) -> FloatArray:
+    n = len(values)
+    frequency = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
+    gain = highpass_gain(frequency, low)
+    omega = 2j * np.pi * np.maximum(frequency, frequency[1])
+    return np.fft.irfft(np.fft.rfft(values) * gain / omega, n)
+
+
+def highpass_gain(frequency: FloatArray, low: float) -> FloatArray:
+    """Gain of a zero-phase high-pass: 0 up to half of `low` Hz, 1 from `low` on, with a raised-cosine edge."""
+    passed = np.clip((frequency - low / 2.0) / (low / 2.0), 0.0, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * passed))
+
+
+def _derivative(values: FloatArray, rate: float, high: float) -> FloatArray:
+    # Mirrored about both ends, so that the record continues without a step or a kink.
+    n = len(values)
+    line = np.linspace(values[0], values[-1], n)
+    odd = values - line
+    whole = np.concatenate([odd, -odd[-2:0:-1]])
+    frequency = np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64)
+    spectrum = np.fft.rfft(whole) * 2j * np.pi * frequency * lowpass_gain(frequency, high)
+    return np.asarray(np.fft.irfft(spectrum, len(whole))[:n] + (values[-1] - values[0]) / (n - 1) * rate)
+
+
+def lowpass_gain(frequency: FloatArray, high: float) -> FloatArray:
+    """Gain of a zero-phase low-pass at `high` Hz: half there, with a raised-cosine edge of an octave; 1 if `high` is infinite."""
+    if not np.isfinite(high):
+        return np.ones(len(frequency))
+    place = np.clip((frequency - 0.75 * high) / (0.5 * high), 0.0, 1.0)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * place))
+
+
+def low_passed(values: FloatArray, rate: float, high: float) -> FloatArray:
+    """Records, shape (n, ...), through the low-pass of `lowpass_gain`, mirrored about their ends."""
+    if not np.isfinite(high):
+        return values
+    n = len(values)
+    whole = np.concatenate([values, values[-2:0:-1]])
+    gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), high)
+    return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
+
+
+def resolution(values: FloatArray) -> float:
+    """Standard deviation of the rounding of a record to counts; 0 if it is not rounded visibly.
+
+    A step q of the counts rounds with a standard deviation of q / sqrt(12).
+    """
+    steps = np.abs(np.diff(values[:: max(1, len(values) // 20_000)]))
+    used = np.unique(steps[steps > 1e-12 * max(float(np.abs(values).max()), 1e-300)])
+    if len(used) == 0 or len(used) > STEPS_PER_SAMPLE * len(steps):
+        return 0.0
+    return float(used[0] / np.sqrt(12.0))
+
+
+class Combinations:
+    """How bodies' motions follow from channels: which channels, with which weights, for each derivative.
+
+    Parameters
+    ----------
+    model
+        The rig.
+    estimated
+        Bodies whose acceleration is estimated from others' (`hidden`): a channel of the name `estimate_of(body)` each.
+    """
+
+    def __init__(self, model: RigModel, estimated: Sequence[str] = ()) -> None:
+        self.model, self.estimated = model, tuple(estimated)
+        names = [body.name for body in model.bodies]
+        rows: list[tuple[str, int, FloatArray]] = []
+        for sensor in model.sensors:
+            if sensor.force_in is None and sensor.quantity in MOTION:
+                rows.append(
+                    (sensor.channel, MOTION[sensor.quantity], direction(model, sensor.body, sensor.relative_to, sensor.arms))
+                )
+        for drive in model.drives:
+            if drive.imposes is not None and drive.quantity in MOTION:
+                weights = np.zeros(len(names))
+                weights[names.index(drive.imposes)] = 1.0 / drive.factor
+                rows.append((drive.channel, MOTION[drive.quantity], weights))
+        for body in estimated:
+            weights = np.zeros(len(names))
+            weights[names.index(body)] = 1.0
+            rows.append((estimate_of(body), 2, weights))
+        self._rows = rows
+
+    @property
+    def orders(self) -> dict[str, int]:
+        """The measured derivative of each channel that records a motion."""
+        return {channel: order for channel, order, _ in self._rows}
+
+    def of(self, weights: FloatArray, order: int) -> dict[str, float] | None:
+        """Weights of channels whose derivatives of this order sum up to that of a combination of coordinates; None if unmeasured.
+
+        Sensors that measure a derivative close to it are preferred.
+
+        Parameters
+        ----------
+        weights
+            Of the coordinates, shape (bodies,).
+        order
+            0, 1 or 2.
+        """
+        if not np.any(weights):
+            return {}
+        chosen: list[tuple[str, FloatArray]] = []
+        for channel, _, row in sorted(self._rows, key=lambda item: abs(item[1] - order)):
+            matrix = np.array([r for _, r in chosen])
+            if chosen and np.linalg.matrix_rank(np.vstack([matrix, row])) == len(chosen):
+                continue  # this motion is measured already
+            chosen.append((channel, row))
+            matrix = np.array([r for _, r in chosen])
+            solution, *_ = np.linalg.lstsq(matrix.T, weights, rcond=None)
+            if float(np.abs(matrix.T @ solution - weights).max()) < UNDETERMINED * max(1.0, float(np.abs(weights).max())):
+                return {c: float(s) for (c, _), s in zip(chosen, solution, strict=True) if abs(s) > UNDETERMINED}
+        return None
+
+    @cached_property
+    def measured(self) -> tuple[str, ...]:
+        """Bodies whose acceleration follows from the channels."""
+        found = []
+        for k, body in enumerate(self.model.bodies):
+            weights = np.zeros(len(self.model.bodies))
+            weights[k] = 1.0
+            if self.of(weights, 2) is not None:
+                found.append(body.name)
+        return tuple(found)
+
+
+def estimate_of(body: str) -> str:
+    """Name of the channel with a body's estimated acceleration."""
+    return f"estimate of {body}"
+
+
+def usable_stop(run: Run) -> int:
+    """Number of samples before a run's first gap: the motion across a gap is unknown."""
+    return min((gap.first_tick for gap in run.gaps), default=len(run))

@@ -1,0 +1,476 @@
+"""Residuals of a rig's equations over noise, and every kind of cause at every place ranked by the residuals that it removes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
+from isorig.analysis.equations.balances import Balance, Element, Lock
+from isorig.analysis.equations.columns import CORNERS, PER_COEFFICIENT, SHAPES, Shape, dissipates, relaxing
+from isorig.analysis.equations.filters import filtered, resonator, rocked, rocker
+from isorig.analysis.equations.motion import low_passed
+from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
+from isorig.analysis.equations.spectral import Prepared, Row
+from isorig.analysis.equations.system import HOLDS, Equations
+
+#: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
+COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
+RESONATORS, CLOSER, WITHIN = 90, 13, 0.03
+#: Elastic locks: stiffnesses as multiples of mass times the square of the lowest mode, and relaxation times in s.
+LOCK_RATIOS, LOCK_TIMES = np.geomspace(1e2, 5e4, 50), (0.0, 4e-4, 1e-3)
+#: Sensor faults: gains, delays in samples, crosstalk; refinements.
+GAINS = np.linspace(0.6, 1.6, 41)
+DELAYS = np.linspace(0.1, 6.0, 60)
+SHARES = np.concatenate([np.linspace(-0.08, -0.005, 16), np.linspace(0.005, 0.08, 16)])
+FINER, ROUNDS = 9, 2
+#: Share of the excess residuals below which nothing is left to explain, and weight of each equation's own ratio (see `score_of`).
+#: Chosen: disturbances of a few per cent of the signal are in every rig.
+NEGLIGIBLE, MINOR = 0.03, 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Explanation:
+    """A kind of cause at a place, and the residuals that remain with it.
+
+    Parameters
+    ----------
+    kind, place
+        As in the findings.
+    what
+        The shape or fault, e.g. "force over deflection" or "gain".
+    score
+        How much it reduces the residuals (`score_of`).
+    residuals
+        Residual of each equation with it, by name.
+    values
+        What the regression gives: a gain, a frequency.
+    source
+        The other channel of a crosstalk.
+    """
+
+    kind: str
+    place: str
+    what: str
+    score: float
+    residuals: Mapping[str, float]
+    values: Mapping[str, float]
+    source: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranking:
+    """All explanations, best first, and the residuals of the equations without any.
+
+    Parameters
+    ----------
+    residuals
+        Residual of each equation over noise, by name: about one if it holds.
+    explanations
+        Best first.
+    """
+
+    residuals: Mapping[str, float]
+    explanations: tuple[Explanation, ...]
+
+    @property
+    def worst(self) -> float:
+        """The largest residual."""
+        return max(self.residuals.values(), default=1.0)
+
+
+class Regressions:
+    """The regressions of every kind at every place.
+
+    Parameters
+    ----------
+    on
+        The equations.
+    """
+
+    def __init__(self, on: Equations) -> None:
+        self.on = on
+
+    def ranked(self) -> Ranking:
+        """Every kind at every place, best first."""
+        before = self.on.residuals()
+        found: list[Explanation] = []
+
+        def add(
+            kind: str, place: str, what: str, after: Mapping[str, float], charge: float, source: str = "", **values: float
+        ) -> None:  # fmt: skip
+            found.append(
+                Explanation(
+                    kind=kind, place=place, what=what, score=score_of(before, after) - PER_COEFFICIENT * charge,
+                    residuals={**before, **after}, values=values, source=source,
+                )
+            )  # fmt: skip
+
+        for element in self.on.elements():
+            self._shapes(element, add, before)
+        self._bodies(add, before)
+        self._rocking(add)
+        self._locks(add)
+        self._sensors(add, before)
+        return Ranking(residuals=before, explanations=tuple(sorted(found, key=lambda item: -item.score)))
+
+    def _shapes(self, element: Element, add: _Add, before: Mapping[str, float]) -> None:
+        rubbing = element.contact is not None
+        mine = [balance.name for balance in self.on.balances if balance.contains(element)]
+        if all(before.get(name, 0.0) < HOLDS for name in mine) and not any(
+            lock.element.name == element.name and before[name] >= HOLDS for name, lock in self.on.stuck.items()
+        ):
+            return
+        # A contact's friction replaces the plain one; without a contact there is only the plain one and what it may become.
+        left_out = {"dry friction"} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
+        for shape in (shape for shape in SHAPES if shape.name not in left_out):
+            after: dict[str, float] = {}
+            for balance in self.on.balances:
+                if not balance.contains(element):
+                    continue
+                if balance.name in self.on.prepared and shape.name == "relaxation":
+                    after[balance.name] = self._relaxed(balance, element)
+                elif balance.name in self.on.prepared:
+                    after[balance.name] = self._bent(balance, element, shape)
+                elif balance.name in self.on.sliding and self.on.primary(balance).name == element.name:
+                    sliding, base = self.on.sliding[balance.name]
+                    fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
+                    passive = shape.name != "relaxation" or dissipates(fitted.values[len(base.values) :])
+                    after[balance.name] = sliding.residual(fitted, base) if passive else sliding.residual(base)
+            charge = float(shape.charge)
+            if shape.name == "slip":
+                for name, lock in self.on.stuck.items():
+                    if lock.element.name == element.name:
+                        after[name], _ = self._elastic(lock, name)
+            if after:
+                add(shape.kind, element.name, shape.name, after, charge)
+
+    def _bent(self, balance: Balance, element: Element, shape: Shape) -> float:
+        # Residual of an equation without friction with a shape. The slow part of an integrated deflection shifts a curve over it,
+        # and is eliminated in the time domain only: there the ratio of the residuals counts.
+        before = self.on.prepared[balance.name].solved.residual
+        left = self.on.shaped(balance, element, shape).residual
+        if left <= HOLDS or before < HOLDS or not self.on.integrated(element):
+            return left
+        found = self.on.in_time(balance, element)
+        if found is None:
+            return left
+        sliding, base = found
+        fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
+        return min(left, before * sliding.residual(fitted, base) / sliding.residual(base))
+
+    def _relaxed(self, balance: Balance, element: Element) -> float:
+        # Residual with one relaxation of positive stiffness.
+        prepared = self.on.prepared[balance.name]
+        sign = next(s for e, s in balance.crossing if e.name == element.name)
+        row = {name: sign * weight for name, weight in self.on.motion_row(element.weights, 0).items()}
+        ratio = 1j * self.on.spectra.frequency / self.on.own_frequency(element, balance)
+        scans = prepared.scan(row, np.stack([relaxing(ratio, corner) for corner in CORNERS]))
+        after, _, _ = _joint({balance.name: scans}, {balance.name}, 0.0)
+        return after.get(balance.name, prepared.solved.residual)
+
+    def _bodies(self, add: _Add, before: Mapping[str, float]) -> None:
+        band = self.on.spectra.frequency
+        frequencies = np.geomspace(max(2.0 * self.on.lowest, band[0] * 1.5), 0.5 * band[-1], RESONATORS)
+        coarse = np.stack([resonator(self.on.spectra.omega, f, COARSE_DAMPING) for f in frequencies])
+        for body in self.on.combos.measured:
+            if body in self.on.model.imposed or body in self.on.hidden:
+                continue
+            row, mass = self.on.body_row(body), self.on.model.body(body).mass
+            inside = [b for b in self.on.balances if body in b.bodies]
+            if all(before.get(b.name, 0.0) < HOLDS for b in inside):
+                continue
+            spectral = {b.name: self.on.prepared[b.name] for b in inside if b.name in self.on.prepared}
+            slid = {b.name: self.on.sliding[b.name] for b in inside if b.name in self.on.sliding}
+            # Where this inertia is all that is known, its mass is only the scale.
+            scaled = {b.name for b in inside if self.on.scales(b)}
+            if f"bodies.{body}.mass" not in self.on.model.free:
+                one = np.ones((1, len(band)), dtype=complex)
+                after, change, _ = _joint({name: item.scan(row, one) for name, item in spectral.items()}, scaled, -0.9 * mass)
+                for name, (sliding, base) in ((n, pair) for n, pair in slid.items() if n in scaled):
+                    after[name], change = self._linear(
+                        self.on.primary(self.on.balance_of(name)), sliding, base, [self._time_row(name, row)]
+                    )
+                if after:
+                    add("known_value", body, "mass", after, 1, mass=mass + change)
+            after, frequency, damping, added = {}, 0.0, COARSE_DAMPING, 0.0
+            if spectral:
+                _, _, k = _joint({name: item.scan(row, coarse) for name, item in spectral.items()}, scaled, 0.0)
+                best = frequencies[k]
+                grid = [(best * u, z) for u in np.linspace(1.0 - WITHIN, 1.0 + WITHIN, CLOSER) for z in FINE_DAMPING]
+                fine = np.stack([resonator(self.on.spectra.omega, f, z) for f, z in grid])
+                after, added, k = _joint({name: item.scan(row, fine) for name, item in spectral.items()}, scaled, 0.0)
+                frequency, damping = grid[k]
+            elif slid:
+                frequency, damping = self._scanned(slid, row, frequencies)
+            for name, (sliding, base) in slid.items():
+                after[name], added = self._linear(
+                    self.on.primary(self.on.balance_of(name)), sliding, base, [self._time_row(name, row, (frequency, damping))]
+                )
+            if after:
+                add("added_motion", body, "resonator", after, 3, frequency=float(frequency), damping=damping, mass=added)
+
+    def _scanned(self, slid: Mapping[str, tuple[Sliding, SlidingFit]], row: Row, frequencies: FloatArray) -> tuple[float, float]:
+        best = (np.inf, float(frequencies[0]))
+        for f in frequencies[:: max(1, RESONATORS // 24)]:
+            total = sum(
+                np.log10(
+                    self._linear(
+                        self.on.primary(self.on.balance_of(name)), sliding, base, [self._time_row(name, row, (f, COARSE_DAMPING))]
+                    )[0]
+                )
+                for name, (sliding, base) in slid.items()
+            )
+            best = min(best, (float(total), float(f)))
+        return best[1], COARSE_DAMPING
+
+    def _time_row(self, name: str, row: Row, mode: tuple[float, float] | None = None) -> dict[int, FloatArray]:
+        # A row as a signal of each run of a sliding equation, with the sign of its force, through a resonator.
+        balance = self.on.balance_of(name)
+        sign = next(s for e, s in balance.crossing if e.contact is not None)
+        found = {}
+        for record, signals in zip(self.on.records, self.on.signals, strict=True):
+            if any(run.run == record.index for run in self.on.sliding[name][0].runs):
+                values = np.sign(sign) * self.on.combined(signals, row)
+                if mode is not None:
+                    values = filtered(values, self.on.rate, mode)
+                found[record.index] = low_passed(values, self.on.rate, self.on.edge)
+        return found
+
+    def _linear(
+        self, element: Element, sliding: Sliding, base: SlidingFit, signals: Sequence[Mapping[int, FloatArray]]
+    ) -> tuple[float, float]:
+        # Residual with further known signals with unknown factors, and the first factor.
+        state, plain = sliding.state(), self.on.base_columns(element)
+
+        def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
+            return np.column_stack([plain(d, v, run, place), *(signal[run.run][place] for signal in signals)])
+
+        values = np.concatenate([base.values, np.zeros(len(signals))])
+        fitted = sliding.fit(columns, values, 1)
+        sliding.restore(state)
+        return sliding.residual(fitted, base), float(fitted.values[len(base.values)])
+
+    def _rocking(self, add: _Add) -> None:
+        # A body that the drive pushes and that a lock can hold rocks while it is free, and not while it is locked.
+        drive = self.on.model.drive
+        blocked = {name for setup in self.on.model.configurations.values() for name in setup.rigid}
+        key = (drive.channel, -1)
+        if key not in self.on.spectra.index:
+            return
+        for pushed in drive.pushes:
+            links = {link.name for link in self.on.model.links if link.name in blocked and pushed in (link.a, link.b)}
+            if not links:
+                continue
+            free = [n for n, setup in self.on.model.configurations.items() if not links & set(setup.rigid)]
+            inside = [b for b in self.on.balances if pushed in b.bodies]
+            loose = [r.index for r in self.on.records if r.configuration in free]
+            parts: dict[str, tuple[Prepared, float, int, int]] = {}
+            for balance in inside:
+                if balance.name not in self.on.prepared:
+                    continue
+                whole = self.on.prepared[balance.name]
+                mine = [run for run in whole.runs if run in loose]
+                others = [run for run in whole.runs if run not in loose]
+                if not mine:
+                    continue
+                rows, _ = self.on.rows(balance)
+                apart = Prepared(self.on.spectra, rows, mine, whole.solved.values, rounds=1)
+                rest = Prepared(self.on.spectra, rows, others, whole.solved.values, rounds=1).solved.residual if others else 0.0
+                parts[balance.name] = apart, rest, len(mine), len(others)
+            if not parts:
+                continue
+            band = self.on.spectra.frequency
+            frequencies = np.geomspace(2.0 * self.on.lowest, min(12.0 * self.on.lowest, 0.5 * band[-1]), 120)
+            gains = np.stack([-rocker(self.on.spectra.omega, f) for f in frequencies])
+            scans = {name: part[0].scan({key: 1.0}, gains) for name, part in parts.items()}
+            scans = {name: scan[:, 0] - scan[:, 1] ** 2 / np.maximum(4.0 * scan[:, 2], 1e-300) for name, scan in scans.items()}
+            k = int(np.argmin(sum(np.log10(np.maximum(r, 1.0)) for r in scans.values())))
+            after = {}
+            for name, (apart, rest, mine_count, other_count) in parts.items():
+                total = self.on.prepared[name].solved.residual
+                old = (apart.solved.residual * mine_count + rest * other_count) / (mine_count + other_count)
+                new = (float(scans[name][k]) * mine_count + rest * other_count) / (mine_count + other_count)
+                after[name] = new * total / max(old, 1e-9)
+            for balance in inside:
+                if balance.name in self.on.sliding:
+                    sliding, base = self.on.sliding[balance.name]
+                    after[balance.name], _ = self._linear(
+                        self.on.primary(balance), sliding, base, self._rocked(balance, key, float(frequencies[k]))
+                    )
+            add("added_motion", pushed, "rocking", after, 3, frequency=float(frequencies[k]))
+
+    def _rocked(self, balance: Balance, key: tuple[str, int], frequency: float) -> list[dict[int, FloatArray]]:
+        found: list[dict[int, FloatArray]] = [{}, {}, {}]
+        for record, signals in zip(self.on.records, self.on.signals, strict=True):
+            if any(run.run == record.index for run in self.on.sliding[balance.name][0].runs):
+                for part, values in zip(found, rocked(signals[key], self.on.rate, frequency), strict=True):
+                    part[record.index] = values
+        return found
+
+    def _locks(self, add: _Add) -> None:
+        for lock in self.on.locks:
+            if lock.beyond is not None and lock.name in self.on.prepared:
+                residual, stiffness = self._elastic(lock, lock.name)
+                add("added_motion", "lock", "elastic lock", {lock.name: residual}, 2, stiffness=stiffness)
+
+    def _elastic(self, lock: Lock, name: str) -> tuple[float, float]:
+        # Residual of a lock's equation if its ends differ by its force over a stiffness with damping, and that stiffness.
+        beyond = lock.beyond
+        assert beyond is not None
+        prepared, sign = self.on.prepared[name], beyond.crossing[0][1]
+        force = self.on.force_row(beyond)
+        for body in self.on.unknown_masses(beyond):
+            force = dict(force)
+            for key, weight in self.on.body_row(body).items():
+                force[key] = force.get(key, 0.0) - self.on.model.body(body).mass * weight
+        mass = sum(self.on.model.body(body).mass for body in beyond.bodies) or 1.0
+        base = mass * (2.0 * np.pi * self.on.lowest) ** 2
+        row = self.on.motion_row(lock.element.weights, 2)
+        best = (np.inf, 0.0)
+        for ratio in LOCK_RATIOS:
+            for relax in LOCK_TIMES:
+                stiffness = base * ratio
+                # d = force / (k + j w c), so its second derivative is -w^2 of that.
+                give = self.on.spectra.omega**2 / (stiffness * (1.0 + 1j * self.on.spectra.omega * relax)) / sign
+                changed: dict[tuple[str, int], complex | ComplexArray] = dict(row)
+                for key, weight in force.items():
+                    changed[key] = changed.get(key, 0.0) + give * weight
+                matrix = self.on.spectra.matrix([changed])
+                total = np.real(np.einsum("fi,fij,fj->", matrix[:, 0].conj(), prepared.power, matrix[:, 0], optimize=True))
+                best = min(best, (float(total), float(stiffness)))
+        return best
+
+    def _sensors(self, add: _Add, before: Mapping[str, float]) -> None:
+        orders = self.on.combos.orders
+        channels = [c for c in self.on.model.channels if c in orders or (c, -1) in self.on.spectra.index]
+        for channel in channels:
+            inside = {
+                name: item
+                for name, item in self.on.prepared.items()
+                if any(key[0] == channel for row in item.rows for key in row)
+            }
+            slid = {name: pair for name, pair in self.on.sliding.items() if self._uses(name, channel)}
+            # A fault of a channel breaks all equations that contain it.
+            seen = [before[name] for name in inside] or [before[name] for name in slid]
+            if all(value < HOLDS for value in seen):
+                continue
+            sources = [c for c in orders if c != channel and c in self.on.model.channels] if channel in orders else []
+            faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", DELAYS / self.on.rate, None)]
+            if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
+                faults = faults[1:]
+            faults += [("crosstalk", SHARES, source) for source in sources]
+            for what, values, source in faults:
+                best, value, after = -np.inf, 0.0, {}
+                grid, step = values, float(values[1] - values[0])
+                for _ in range(ROUNDS + 1):
+                    for trial in grid:
+                        correction = self.on.correction(what, channel, float(trial), source)
+                        found = {name: item.solve(correction=correction).residual for name, item in inside.items()}
+                        score = sum(np.log10(max(before[name], 1.0) / max(r, 1.0)) for name, r in found.items())
+                        if score > best:
+                            best, value, after = score, float(trial), found
+                    if not inside:
+                        break
+                    grid, step = np.linspace(value - step, value + step, FINER), step / 4.0
+                if inside and not values[0] < value < values[-1]:
+                    continue  # at the end of the grid it is no optimum
+                after = dict(after)
+                for name in slid:
+                    sliding, base = self.on.sliding[name]
+                    signals = [self._faulty(name, what, channel, source, base)]
+                    after[name], factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
+                    if not inside:
+                        # The record is true (1 + error), so the true signal is less by the error.
+                        value = 1.0 / (1.0 + factor) if what == "gain" else factor
+                if after:
+                    add("sensor", channel, what, after, 1, source or "", value=value)
+
+    def _uses(self, name: str, channel: str) -> bool:
+        balance = self.on.balance_of(name)
+        rows: list[Row] = [self.on.force_row(balance)]
+        rows += [self.on.motion_row(element.weights, 0) for element, _ in balance.crossing]
+        return any(key[0] == channel for row in rows for key in row)
+
+    def _faulty(self, name: str, what: str, channel: str, source: str | None, base: SlidingFit) -> dict[int, FloatArray]:
+        # The derivative of a sliding equation with respect to a fault of a channel, as a signal of each run.
+        balance = self.on.balance_of(name)
+        element, sign = next((e, s) for e, s in balance.crossing if e.contact is not None)
+        way = np.sign(sign)
+        found = {}
+        rows: list[tuple[Row, float]] = [(self.on.force_row(balance), way)]
+        rows += [
+            (self.on.motion_row(element.weights, 0), -float(base.values[0])),
+            (self.on.motion_row(element.weights, 1), -float(base.values[1])),
+        ]
+        for record, signals in zip(self.on.records, self.on.signals, strict=True):
+            if not any(run.run == record.index for run in self.on.sliding[name][0].runs):
+                continue
+            total = np.zeros(len(next(iter(signals.values()))))
+            for row, factor in rows:
+                for (other, order), weight in row.items():
+                    if other != channel:
+                        continue
+                    values = signals[source, order] if source is not None and order >= 0 else signals[other, order]
+                    if what == "delay":
+                        values = np.gradient(values, 1.0 / self.on.rate)
+                    total += factor * float(np.real(weight)) * values  # type: ignore[arg-type]
+            found[record.index] = low_passed(total, self.on.rate, self.on.edge)
+        return found
+
+
+def score_of(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+    """How much an explanation reduces the residuals of the equations.
+
+    Minus log10 of the share of the excess residuals, summed over equations, that remains, and `MINOR` times the sum over
+    equations of log10 of the ratio by which it reduces their residuals: a cause must explain what is largest, since small
+    imperfections of a rig may have many causes; of two that do, the one that also repairs small residuals is better.
+    """
+    whole = sum(max(value, 1.0) - 1.0 for value in before.values())
+    if whole <= 0.0:
+        return 0.0
+    left = sum(max(after.get(name, value), 1.0) - 1.0 for name, value in before.items())
+    ratios = sum(np.log10(max(before[name], 1.0) / max(value, 1.0)) for name, value in after.items())
+    return float(-np.log10(max(left / whole, NEGLIGIBLE)) + MINOR * ratios)
+
+
+def _joint(scans: Mapping[str, FloatArray], scaled: Collection[str], least: float) -> tuple[dict[str, float], float, int]:
+    """Residuals with one coefficient common to several equations, that coefficient, and the best filter.
+
+    Parameters
+    ----------
+    scans
+        Parabolas over the coefficient by equation, shape (filters, 3).
+    scaled
+        Equations that determine it.
+    least
+        Values at or below it are impossible.
+    """
+    best: tuple[float, dict[str, float], float, int] = (np.inf, {}, 0.0, 0)
+    givers = [name for name in scans if name in scaled]
+    for k in range(len(next(iter(scans.values()))) if givers else 0):
+        for giver in givers:
+            _, slope, bend = scans[giver][k]
+            value = -slope / max(2.0 * bend, 1e-300)
+            if value <= least:
+                continue
+            residuals = {name: float(scan[k] @ (1.0, value, value**2)) for name, scan in scans.items()}
+            total = float(sum(np.log10(max(r, 1.0)) for r in residuals.values()))
+            if total < best[0]:
+                best = total, residuals, float(value), k
+    return best[1:]
+
+
+def ranking(equations: Equations) -> Ranking:
+    """Every kind of cause at every place, ranked by the residuals that it removes."""
+    return Regressions(equations).ranked()
+
+
+class _Add(Protocol):
+    # The callback that lists an explanation.
+    def __call__(
+        self, kind: str, place: str, what: str, after: Mapping[str, float], charge: float, source: str = "", **values: float
+    ) -> None: ...

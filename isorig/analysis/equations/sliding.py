@@ -1,0 +1,404 @@
+"""Equations with dry friction, in the time domain, while the contact slides.
+
+The force of the element follows from its equation without any unknown, or with linear ones. Its deflection is integrated, so its
+slow part (integrated noise, a rest position off centre) is unknown: in blocks of some periods a cubic B-spline is added to it and
+eliminated block by block, linearized about the current fit (Gauss-Newton). Every second block is held out from the coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
+
+#: Distance of the knots of the slow part, and length of a block, in periods of the rig's lowest mode. Chosen: with five periods a
+#: knot, the spline cannot follow the motion itself.
+KNOT_PERIODS, BLOCK_KNOTS = 5.0, 10
+#: Number of blocks of a run where the deflection has no unknown part.
+BLOCKS = 8
+#: Samples next to a reversal that are left out: the converter's filter spreads the step of the friction over them. A low-pass
+#: spreads it over this share of its period, also next to samples that stick.
+REVERSAL, SPREAD = 5, 0.6
+#: Velocity below which a contact counts as not sliding, as a share of the largest rms velocity of the runs. Chosen: integrated
+#: noise and the sampling filter blur the moment of a reversal.
+SLOW = 0.1
+#: Largest number of samples in use: neighbours repeat each other.
+MOST_SAMPLES = 60_000
+#: Samples of a block below which it is not used.
+FEWEST = 50
+#: Relative accuracy of the force, rms (see `spectral.ACCURACY`).
+ACCURACY = 0.004
+#: Largest correction of the slow part in one step, as a share of the largest deflection, and damping of its steps as a share of
+#: the spring's own curvature. Chosen: undamped, a spring with gaps diverges in single blocks.
+CLIP, DAMPED = 0.1, 1e-3
+#: Added to a block's mean square residual, relative to what is allowed, before its logarithm.
+FLOOR = 0.05
+#: Residual of a block in multiples of the median (or of what is allowed) above which its slow part may be wrong.
+SOUND = 3.0
+#: Factor of a step that is taken back, and the smallest such factor.
+BACK, LEAST = 0.3, 0.05
+#: Residual of a block, relative to that of the base equation, above which its weight decreases.
+WORSE = 1.5
+
+#: Columns of an equation for samples of a run: deflection (m), velocity (m/s), the run, the samples' indices; shape (n, columns).
+Columns = Callable[[FloatArray, FloatArray, "SlidingRun", IntArray], FloatArray]
+
+
+@dataclass(kw_only=True)
+class SlidingRun:
+    """The equation's signals in one run, each shape (n,).
+
+    Parameters
+    ----------
+    run
+        Index of the run.
+    force
+        The element's force as far as known, N.
+    deflection, velocity
+        Of the element, without the slow part, m and m/s.
+    fixed
+        Columns that do not depend on the element's motion: other elements, unknown masses; shape (n, columns).
+    time
+        Seconds since the campaign's start.
+    usable
+        Samples that may be used.
+    slow, slow_velocity
+        The slow part of the deflection, m, and its derivative.
+    memory
+        Signals computed once, by name.
+    """
+
+    run: int
+    force: FloatArray
+    deflection: FloatArray
+    velocity: FloatArray
+    fixed: FloatArray
+    time: FloatArray
+    usable: BoolArray
+    slow: FloatArray
+    slow_velocity: FloatArray
+    memory: dict[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(kw_only=True)
+class _Block:
+    run: SlidingRun
+    first: int
+    held_out: bool
+    spline: FloatArray
+    used: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    base: float = np.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Reduced:
+    # A block's normal equations without its slow part: the last row and column are the residual's.
+    block: _Block
+    normal: FloatArray
+    back: FloatArray
+    count: int
+    power: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlidingFit:
+    """A fit of the equation.
+
+    Parameters
+    ----------
+    values
+        Coefficients of the columns.
+    geometric, arithmetic
+        Mean square residual of the held-out blocks, N^2: geometric and arithmetic mean over blocks.
+    sound
+        Indices of the active blocks whose residual is not far above the median: in a few the slow part may be wrong.
+    """
+
+    values: FloatArray
+    geometric: float
+    arithmetic: float
+    sound: tuple[int, ...]
+
+
+class Sliding:
+    """An equation with dry friction.
+
+    Parameters
+    ----------
+    runs
+        Its signals.
+    rate
+        Hz.
+    period
+        Of the rig's lowest mode, s.
+    integrated
+        Whether the deflection was integrated, so that its slow part is unknown.
+    stiffness
+        First value of the element's stiffness, N/m.
+    noise
+        Standard deviation of the force's noise, N.
+    parts
+        Mean square of the channels' parts in the force, N^2: each is accurate to `ACCURACY`.
+    edge
+        Corner frequency in Hz of the low-pass that the force went through; infinite for none.
+    """
+
+    def __init__(
+        self, runs: Sequence[SlidingRun], rate: float, period: float, *, integrated: bool, stiffness: float, noise: float,
+        parts: float, edge: float,
+    ) -> None:  # fmt: skip
+        self.runs, self.rate, self.integrated, self.noise, self.parts = tuple(runs), rate, integrated, noise, parts
+        self.reach = REVERSAL if np.isinf(edge) else max(REVERSAL, round(SPREAD * rate / edge))
+        self.spread = 0 if np.isinf(edge) else self.reach
+        shortest = min(len(run.force) for run in runs)
+        self.knot = max(round(KNOT_PERIODS * period * rate), 8)
+        knots = BLOCK_KNOTS if integrated else 1
+        if not integrated:
+            self.knot = max(shortest // BLOCKS, 8)
+        elif BLOCK_KNOTS * self.knot > shortest // 2:
+            knots = max(shortest // 2 // self.knot, 1)
+            self.knot = min(self.knot, shortest // 2)
+        self.length = knots * self.knot
+        place = np.arange(self.length) / self.knot
+        self._first = np.minimum(place.astype(int), knots - 1)
+        x = place - self._first
+        self._value = np.stack([(1 - x) ** 3, 3 * x**3 - 6 * x**2 + 4, -3 * x**3 + 3 * x**2 + 3 * x + 1, x**3], 1) / 6.0
+        slope = np.stack([-3 * (1 - x) ** 2, 9 * x**2 - 12 * x, -9 * x**2 + 6 * x + 3, 3 * x**2], 1) / 6.0
+        self._slope = slope * rate / self.knot
+        self.knots = knots + 3
+        self.blocks = [
+            _Block(run=run, first=k * self.length, held_out=bool(k % 2), spline=np.zeros(self.knots))
+            for run in self.runs
+            for k in range(max(len(run.force) // self.length, 0))
+        ]
+        if len(self.blocks) > 1 and not any(block.held_out for block in self.blocks):
+            for block in self.blocks[1::2]:
+                block.held_out = True
+        self.swing = max((float(np.abs(run.deflection).max()) for run in self.runs if len(run.deflection)), default=1e-3)
+        self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
+        self.stiffness, self.damping = stiffness, 0.0
+        self.count = self.select()
+
+    def select(self) -> int:
+        """Choose the samples that slide; returns their number."""
+        masks = {}
+        for run in self.runs:
+            velocity = run.velocity + run.slow_velocity
+            slow = np.abs(velocity) <= SLOW * self.speed
+            if self.spread:
+                around = np.convolve(slow, np.ones(2 * self.spread + 1), mode="same")
+                slow = around > 0.5
+            use = run.usable & ~slow
+            turned = np.flatnonzero((velocity[1:] > 0) != (velocity[:-1] > 0))
+            for offset in range(1 - self.reach, self.reach + 1):
+                use[np.clip(turned + offset, 0, len(use) - 1)] = False
+            masks[run.run] = use
+        total = sum(int(mask.sum()) for mask in masks.values())
+        every = max(1, total // MOST_SAMPLES)
+        for block in self.blocks:
+            inside = masks[block.run.run][block.first : block.first + self.length]
+            block.used = np.flatnonzero(inside)[::every]
+        # Held-out samples outside the range of the others would be extrapolated.
+        seen = [self._deflection(block) for block in self.blocks if not block.held_out and len(block.used) >= FEWEST]
+        if seen and sum(map(len, seen)) > FEWEST:
+            low, high = np.quantile(np.concatenate(seen), [0.0003, 0.9997])
+            for block in self.blocks:
+                if block.held_out and len(block.used):
+                    d = self._deflection(block)
+                    block.used = block.used[(d >= low) & (d <= high)]
+        self.active = [block for block in self.blocks if len(block.used) >= FEWEST]
+        if self.active:
+            d = np.concatenate([self._deflection(block) for block in self.active])
+            v = np.concatenate([self._velocity(block) for block in self.active])
+            margin = 0.05 * float(np.ptp(d))
+            low, high = np.quantile(d, [0.0005, 0.9995])
+            self.range = float(low) - margin, float(high) + margin
+            self.fastest = 1.05 * float(np.quantile(np.abs(v), 0.9995))
+            self.power = float(np.mean(np.concatenate([block.run.force[block.first + block.used] for block in self.active]) ** 2))
+        return sum(len(block.used) for block in self.active)
+
+    @property
+    def usable(self) -> bool:
+        """Whether enough blocks slide for a fit and a check of it."""
+        return any(b.held_out for b in self.active) and any(not b.held_out for b in self.active)
+
+    @property
+    def allowed(self) -> float:
+        """Mean square residual that noise and the accuracy of the force allow, N^2."""
+        return self.noise**2 + ACCURACY**2 * max(self.power, self.parts)
+
+    def residual(self, fitted: SlidingFit, before: SlidingFit | None = None) -> float:
+        """Residual power over what is allowed; one if the equation holds.
+
+        Rare events show in the arithmetic mean only, single bad blocks too: of both ratios to a fit before, the better counts.
+        """
+        of_blocks = fitted.geometric / self.allowed
+        if before is None:
+            return 1.0 + of_blocks
+        improved = (
+            (1.0 + before.geometric / self.allowed) * (self.allowed + fitted.arithmetic) / (self.allowed + before.arithmetic)
+        )
+        return min(1.0 + of_blocks, improved)
+
+    def state(self) -> list[tuple[FloatArray, ...]]:
+        """The slow parts, for `restore`."""
+        return [(run.slow.copy(), run.slow_velocity.copy()) for run in self.runs] + [(b.spline.copy(),) for b in self.blocks]
+
+    def restore(self, state: Sequence[tuple[FloatArray, ...]]) -> None:
+        """Set the slow parts."""
+        for run, (slow, velocity) in zip(self.runs, state, strict=False):
+            run.slow[:], run.slow_velocity[:] = slow, velocity
+        for block, (spline,) in zip(self.blocks, state[len(self.runs) :], strict=True):
+            block.spline = spline.copy()
+
+    def fit(
+        self, columns: Columns, values: FloatArray, rounds: int, penalty: FloatArray | None = None, *, damped: bool = True
+    ) -> SlidingFit:
+        """Fit coefficients and slow parts by Gauss-Newton steps; the best iterate counts.
+
+        Parameters
+        ----------
+        columns
+            The columns of the equation.
+        values
+            First coefficients.
+        rounds
+            Largest number of steps.
+        penalty
+            Quadratic form of the coefficients, in N^2.
+        damped
+            Whether steps of the slow part are damped.
+        """
+        best: tuple[float, FloatArray, list[tuple[FloatArray, ...]], list[_Reduced]] | None = None
+        scale = 1.0
+        if not self.integrated:
+            rounds = 1
+        for again in range(rounds + 1):
+            reduced = [self._reduced(block, columns, values, damped) for block in self.active]
+            fitted = [item for item in reduced if not item.block.held_out]
+            cost = float(np.mean([np.log(max(item.power, 0.0) / self.allowed + FLOOR) for item in fitted]))
+            if best is None or cost < best[0]:
+                if best is not None:
+                    scale = min(1.0, 2.0 * scale)
+                best = (cost, values, self.state(), reduced)
+            else:
+                if cost < best[0] + 1e-3 or scale < LEAST:
+                    break
+                self.restore(best[2])
+                values, reduced = best[1], best[3]
+                fitted = [item for item in reduced if not item.block.held_out]
+                scale *= BACK
+            if again == rounds:
+                break
+            normal = np.sum([item.normal * min(1.0, WORSE * item.block.base / (item.power + 1e-300)) for item in fitted], axis=0)
+            change = self._step(normal, values, penalty)
+            values = values + scale * change
+            self._move(reduced, change, scale)
+        assert best is not None
+        self.restore(best[2])
+        tested = [item for item in best[3] if item.block.held_out]
+        power = np.array([item.power for item in tested])
+        count = np.array([item.count for item in tested])
+        geometric = float(np.exp(np.mean(np.log(np.maximum(power, 0.0) + FLOOR * self.allowed))))
+        powers = np.array([item.power for item in best[3]])
+        sound = np.flatnonzero(powers <= SOUND * max(float(np.median(powers)), self.allowed))
+        return SlidingFit(
+            values=best[1],
+            geometric=geometric,
+            arithmetic=float((power * count).sum() / count.sum()),
+            sound=tuple(sound.tolist()),
+        )
+
+    def settle(self, columns: Columns, values: FloatArray) -> SlidingFit:
+        """Fit the base equation, choosing the sliding samples again as the slow part becomes known."""
+        found = self.fit(columns, values, 2, damped=False)
+        for _ in range(2):
+            self.stiffness, self.damping = float(found.values[0]), max(float(found.values[1]), 0.0)
+            self.count = self.select()
+            if not self.usable:
+                return found
+            found = self.fit(columns, found.values, 1, damped=False)
+        for item in (self._reduced(block, columns, found.values, False) for block in self.active):
+            item.block.base = item.power
+        return found
+
+    def _deflection(self, block: _Block) -> FloatArray:
+        place = block.first + block.used
+        return np.asarray((block.run.deflection + block.run.slow)[place])
+
+    def _velocity(self, block: _Block) -> FloatArray:
+        place = block.first + block.used
+        return np.asarray((block.run.velocity + block.run.slow_velocity)[place])
+
+    def _reduced(self, block: _Block, columns: Columns, values: FloatArray, damped: bool) -> _Reduced:
+        place = block.first + block.used
+        d, v = self._deflection(block), self._velocity(block)
+        matrix = columns(d, v, block.run, place)
+        left = block.run.force[place] - matrix @ values
+        whole = np.column_stack([matrix, left])
+        normal: FloatArray = np.asarray(whole.T @ whole, dtype=np.float64)
+        count = len(place)
+        back = np.zeros((self.knots, whole.shape[1]))
+        if self.integrated:
+            step = 1e-4 * self.swing
+            slope = (columns(d + step, v, block.run, place) - matrix) @ values / step
+            basis = np.zeros((count, self.knots))
+            rows, first = np.arange(count), self._first[block.used]
+            for k in range(4):
+                basis[rows, first + k] = slope * self._value[block.used, k] + self.damping * self._slope[block.used, k]
+            gram = basis.T @ basis
+            scale = max(abs(self.stiffness), 1e-12) ** 2
+            if damped:
+                plain = np.zeros((count, self.knots))
+                plain[rows[:, None], first[:, None] + np.arange(4)] = self._value[block.used]
+                gram += DAMPED * scale * (plain.T @ plain)
+            gram[np.diag_indices(self.knots)] += 1e-6 * scale
+            cross = basis.T @ whole
+            back = np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
+            normal = np.asarray(normal - cross.T @ back, dtype=np.float64)
+        return _Reduced(block=block, normal=normal, back=back, count=count, power=float(normal[-1, -1]) / count)
+
+    def _step(self, normal: FloatArray, values: FloatArray, penalty: FloatArray | None) -> FloatArray:
+        p = len(values)
+        matrix, side = normal[:p, :p].copy(), normal[:p, -1].copy()
+        if penalty is not None:
+            matrix += penalty
+            side -= penalty @ values
+        size = np.sqrt(np.abs(np.diag(matrix))) + 1e-300
+        matrix = matrix / size[:, None] / size + 1e-9 * np.eye(p)
+        return np.asarray(np.linalg.lstsq(matrix, side / size, rcond=1e-13)[0] / size)
+
+    def _move(self, reduced: Sequence[_Reduced], change: FloatArray, scale: float) -> None:
+        if not self.integrated:
+            return
+        most = CLIP * self.swing
+        for item in reduced:
+            block = item.block
+            block.spline = block.spline + np.clip(scale * (item.back[:, -1] - item.back[:, :-1] @ change), -most, most)
+            inside = slice(block.first, block.first + self.length)
+            parts = block.spline[self._first[:, None] + np.arange(4)]
+            block.run.slow[inside] = (self._value * parts).sum(axis=1)
+            block.run.slow_velocity[inside] = (self._slope * parts).sum(axis=1)
+
+
+def spline_columns(values: FloatArray, low: float, high: float, intervals: int) -> FloatArray:
+    """Uniform cubic B-splines over [low, high], shape (n, intervals + 3); values outside count as the ends."""
+    step = (high - low) / intervals
+    place = np.clip((values - low) / step, 0.0, intervals - 1e-9)
+    first = place.astype(int)
+    x = place - first
+    parts = np.stack([(1 - x) ** 3, 3 * x**3 - 6 * x**2 + 4, -3 * x**3 + 3 * x**2 + 3 * x + 1, x**3], 1) / 6.0
+    found = np.zeros((len(values), intervals + 3))
+    rows = np.arange(len(values))
+    for k in range(4):
+        found[rows, first + k] = parts[:, k]
+    return found
+
+
+def bending(count: int) -> FloatArray:
+    """Second differences of neighbouring coefficients as a quadratic form, shape (count, count)."""
+    second = np.diff(np.eye(count), 2, axis=0)
+    return np.asarray(second.T @ second)

@@ -1,0 +1,304 @@
+"""Equations without dry friction, in the frequency domain: residuals over noise, and what brings them down.
+
+The signals are the channels of each run as displacement, velocity and acceleration, in Hann segments. An equation is a row of
+signals with unknown real coefficients: its residual power over what noise and the accuracy of the terms allow is one if the
+equation holds. Noise enters all terms: its own matrix is subtracted before coefficients are solved for (errors in variables).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+
+#: Relative accuracy of each channel's part in each term of an equation, rms. Chosen: calibrations of sensors agree to half a per
+#: cent, so the elongation of a stiff link, a small difference of two large motions, is known only to half a per cent of these.
+ACCURACY = 0.005
+#: Distance of neighbouring frequency bins in use, as a share of the frequency: denser ones repeat each other.
+SPACING = 1.0 / 120.0
+#: Rounds of solving for the coefficients and weighting by them, and the factor from the given values within which weights use
+#: them. Chosen: coefficients of a wrong equation may be anything, and weights from them would hide the fault.
+ROUNDS, TRUSTED = 3, 2.0
+
+#: A row of an equation: coefficients of signals, each a number or one value per frequency bin.
+Row = Mapping[tuple[str, int], "complex | ComplexArray"]
+#: Maps a row in terms of true signals to one in terms of recorded signals.
+Correction = Callable[[ComplexArray], ComplexArray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSpectra:
+    """Spectra of the signals of a run.
+
+    Parameters
+    ----------
+    run
+        Index of the run.
+    segments
+        Shape (signals, segments, bins).
+    power
+        Cross-spectral matrices averaged over segments, shape (bins, signals, signals).
+    """
+
+    run: int
+    segments: ComplexArray
+    power: ComplexArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """An equation solved for its coefficients.
+
+    Parameters
+    ----------
+    residual
+        Its weighted residual power: about one if it holds.
+    values
+        The coefficients, shape (unknown,).
+    """
+
+    residual: float
+    values: FloatArray
+
+
+class Prepared:
+    """An equation with its weights, from its own terms, summed over runs.
+
+    Parameters
+    ----------
+    spectra
+        Where its signals are.
+    rows
+        The known row first, then the unknown ones: known = sum of value * unknown.
+    runs
+        The runs in which it holds.
+    start
+        First values of the coefficients, for the weights.
+    """
+
+    def __init__(
+        self, spectra: Spectra, rows: Sequence[Row], runs: Sequence[int], start: FloatArray, rounds: int = ROUNDS
+    ) -> None:
+        self.spectra, self.rows, self.runs = spectra, tuple(rows), tuple(runs)
+        matrix = spectra.matrix(rows)
+        chosen = [item for item in spectra.runs if item.run in self.runs]
+        grams = [np.real(_gram(matrix, item.power)) for item in chosen]
+        noise = np.real(_gram(matrix, spectra.noise))
+        parts = [spectra.parts(matrix, item.power) for item in chosen]
+        given = np.asarray(start, dtype=float)
+        values = given
+        for again in range(rounds + 1):
+            row = np.concatenate([[1.0], -np.clip(values, given / TRUSTED, given * TRUSTED)])
+            own = np.einsum("p,fpq,q->f", row, noise, row)
+            weights = [spectra.octaves / np.maximum(own + ACCURACY**2 * (part @ row**2), 1e-300) for part in parts]
+            if not len(values) or again == rounds:
+                break
+            total = sum(np.einsum("f,fpq->pq", w, gram - noise) for w, gram in zip(weights, grams, strict=True))
+            assert not isinstance(total, int)
+            values = _scaled(total[1:, 1:], total[1:, 0])
+        self.weights = dict(zip((item.run for item in chosen), weights, strict=True))
+        count = len(chosen)
+        self.size = sum(item.segments.shape[1] for item in chosen) * len(spectra.bins)
+        self.power = sum((w[:, None, None] * item.power for w, item in zip(weights, chosen, strict=True))) / count
+        self.noise = sum(weights)[:, None, None] * spectra.noise / count
+        self.solved = self.solve()
+        self.count = count
+
+    def solve(self, more: Sequence[Row] = (), correction: ComplexArray | None = None) -> Solved:
+        """Solve with more unknown rows, or with corrected signals.
+
+        Parameters
+        ----------
+        more
+            Further unknown rows.
+        correction
+            True signals in terms of the recorded ones, shape (bins, signals, signals).
+        """
+        matrix = self.spectra.matrix([*self.rows, *more])
+        if correction is not None:
+            matrix = matrix @ correction
+        gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in (self.power, self.noise))
+        return _solve(gram, noise)
+
+    def scan(self, row: Row, gains: ComplexArray) -> FloatArray:
+        """Residual as a function of the coefficient c of one more row, filtered with each of these gains.
+
+        Parameters
+        ----------
+        row
+            The further row.
+        gains
+            Shape (filters, bins).
+
+        Returns
+        -------
+        FloatArray
+            Coefficients of the parabolas p0 + p1 c + p2 c^2 that remain with the other unknowns solved for, shape (filters, 3).
+        """
+        matrix = self.spectra.matrix([*self.rows, row])
+        gram, noise = _gram(matrix, self.power), _gram(matrix, self.noise)
+        totals = [np.real(part).sum(axis=0) for part in (gram, noise)]
+        found = []
+        for gain in gains:
+            both = []
+            for part, total in zip((gram, noise), totals, strict=True):
+                other = total.copy()
+                cross = np.real(part[:, :, -1] * gain[:, None]).sum(axis=0)
+                other[:, -1] = other[-1, :] = cross
+                other[-1, -1] = float((np.real(part[:, -1, -1]) * np.abs(gain) ** 2).sum())
+                both.append(other)
+            found.append(_parabola(*both))
+        return np.array(found)
+
+    def shaped(self, columns: Mapping[int, ComplexArray], penalty: FloatArray | None = None, held_out: bool = True) -> Solved:
+        """Residual with further unknown columns that are no linear functions of the signals.
+
+        The columns' coefficients are determined from every second segment and the residual from the others.
+
+        Parameters
+        ----------
+        columns
+            Their spectra by run, shape (columns, segments, bins).
+        penalty
+            Quadratic form of the columns' coefficients, for residuals in multiples of what is allowed; None for none.
+        """
+        p = len(self.rows)
+        matrix = self.spectra.matrix(self.rows)
+        grams = []
+        for item in self.spectra.runs:
+            if item.run not in columns or item.run not in self.weights:
+                continue
+            w = np.sqrt(self.weights[item.run] / item.segments.shape[1])
+            own = np.einsum("fpi,isf->psf", matrix, item.segments, optimize=True)
+            both = np.concatenate([own, columns[item.run]]) * w
+            for part in range(2):
+                half = both[:, part::2].reshape(len(both), -1)
+                grams.append((part, np.real(half.conj() @ half.T)))
+        fit = sum(gram for part, gram in grams if part == 0 or not held_out)
+        test = sum(gram for part, gram in grams if part == 1 or not held_out)
+        assert not isinstance(fit, int)
+        assert not isinstance(test, int)
+        noise = np.real(_gram(matrix, self.noise)).sum(axis=0) * self.count
+        normal = fit.copy()
+        share = 0.5 if held_out else 1.0
+        normal[:p, :p] -= share * noise
+        if penalty is not None:
+            normal[p:, p:] += self.count / self.size * penalty
+        values = _scaled(normal[1:, 1:], normal[1:, 0])
+        row = np.concatenate([[1.0], -values])
+        return Solved(residual=float(row @ test @ row) / share / self.count, values=values)
+
+
+class Spectra:
+    """The spectra of all signals of all runs at chosen frequency bins.
+
+    Parameters
+    ----------
+    rate
+        Hz.
+    length
+        Samples of a segment.
+    low, high
+        Band in Hz.
+    names
+        The signals: channel and order of the derivative.
+    noise
+        Standard deviation of each signal's sensor noise at order of its channel, by channel; `orders` has that order.
+    orders
+        The measured derivative of each channel.
+    """
+
+    def __init__(
+        self, rate: float, length: int, low: float, high: float, names: Sequence[tuple[str, int]], noise: Mapping[str, float],
+        orders: Mapping[str, int],
+    ) -> None:  # fmt: skip
+        self.rate, self.length, self.names = rate, length, tuple(names)
+        self.index = {name: k for k, name in enumerate(self.names)}
+        self.window = np.hanning(length)
+        frequency = np.fft.rfftfreq(length, 1.0 / rate)
+        kept: list[int] = []
+        for k, f in enumerate(frequency):
+            if low <= f <= high and (not kept or f - frequency[kept[-1]] >= SPACING * f - 1e-9):
+                kept.append(k)
+        self.bins = np.array(kept)
+        self.frequency = frequency[self.bins]
+        self.omega = 2.0 * np.pi * self.frequency
+        self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
+        power = float((self.window**2).sum())
+        columns = []
+        for channel in dict.fromkeys(channel for channel, _ in self.names):
+            column = np.zeros((len(self.bins), len(self.names)), dtype=complex)
+            for (other, order), k in self.index.items():
+                if other == channel:
+                    column[:, k] = (1j * self.omega) ** (order - orders.get(channel, order))
+            columns.append(noise.get(channel, 0.0) * np.sqrt(power) * column)
+        stacked = np.stack(columns)
+        self.noise: ComplexArray = np.einsum("cfi,cfj->fij", stacked.conj(), stacked)
+        self.runs: list[RunSpectra] = []
+
+    def add(self, run: int, signals: Mapping[tuple[str, int], FloatArray]) -> None:
+        """Add a run: its signals, each shape (n,)."""
+        segments = np.stack([self.segments(signals[name]) for name in self.names])
+        count = segments.shape[1]
+        if count:
+            power = np.einsum("isf,jsf->fij", segments.conj(), segments, optimize=True) / count
+            self.runs.append(RunSpectra(run=run, segments=segments, power=power))
+
+    def segments(self, values: FloatArray) -> ComplexArray:
+        """Spectra of a signal's segments at the chosen bins, shape (segments, bins)."""
+        step = self.length // 2
+        starts = np.arange(step // 2, len(values) - self.length + 1, step)
+        if len(starts) == 0:
+            starts = np.arange(0, max(len(values) - self.length, 0) + 1, self.length)
+        if len(values) < self.length:
+            return np.zeros((0, len(self.bins)), dtype=complex)
+        view = np.lib.stride_tricks.sliding_window_view(values, self.length)[starts]
+        return np.fft.rfft(view * self.window, axis=1)[:, self.bins]
+
+    def parts(self, matrix: ComplexArray, power: ComplexArray) -> FloatArray:
+        """Power of each row's parts, summed over channels, shape (bins, rows)."""
+        found = np.zeros(matrix.shape[:2])
+        for channel in dict.fromkeys(channel for channel, _ in self.names):
+            own = [k for (name, _), k in self.index.items() if name == channel]
+            part = matrix[:, :, own]
+            found += np.real(np.einsum("fpi,fij,fpj->fp", part.conj(), power[:, own][:, :, own], part, optimize=True))
+        return found
+
+    def matrix(self, rows: Sequence[Row]) -> ComplexArray:
+        """Rows as coefficients of all signals, shape (bins, rows, signals)."""
+        found = np.zeros((len(self.bins), len(rows), len(self.names)), dtype=complex)
+        for i, row in enumerate(rows):
+            for name, value in row.items():
+                found[:, i, self.index[name]] += value
+        return found
+
+
+def _gram(matrix: ComplexArray, power: ComplexArray) -> ComplexArray:
+    return np.asarray(matrix.conj() @ power @ matrix.transpose(0, 2, 1))
+
+
+def _scaled(matrix: FloatArray, side: FloatArray) -> FloatArray:
+    # Least squares with columns of unit size.
+    size = 1.0 / np.sqrt(np.abs(np.diag(matrix)) + 1e-300)
+    return np.asarray(size * np.linalg.lstsq(matrix * size[:, None] * size, side * size, rcond=1e-10)[0])
+
+
+def _solve(gram: FloatArray, noise: FloatArray) -> Solved:
+    clean = gram - noise
+    values = _scaled(clean[1:, 1:], clean[1:, 0]) if len(gram) > 1 else np.zeros(0)
+    row = np.concatenate([[1.0], -values])
+    return Solved(residual=float(row @ gram @ row), values=values)
+
+
+def _parabola(gram: FloatArray, noise: FloatArray) -> FloatArray:
+    # Residual over the last coefficient, with the others solved for.
+    clean = gram - noise
+    inner = clean[1:-1, 1:-1]
+    here = _scaled(inner, clean[1:-1, 0]) if len(inner) else np.zeros(0)
+    there = _scaled(inner, clean[1:-1, -1]) if len(inner) else np.zeros(0)
+    first = np.concatenate([[1.0], -here, [0.0]])
+    slope = np.concatenate([[0.0], there, [-1.0]])
+    return np.array([first @ gram @ first, 2.0 * (first @ gram @ slope), slope @ gram @ slope])

@@ -1,0 +1,532 @@
+"""The equations of a campaign: the signals of all runs, each equation solved without any further cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.equations.balances import Balance, Element, Lock, balances, elements, locks
+from isorig.analysis.equations.columns import Course, Shape, direction_of
+from isorig.analysis.equations.hidden import estimable, estimated
+from isorig.analysis.equations.known import law_columns, law_forces, law_of, true_records
+from isorig.analysis.equations.motion import (
+    Combinations,
+    derivatives,
+    estimate_of,
+    low_passed,
+    resolution,
+    usable_stop,
+)
+from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun
+from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.spectra.motion import signal_edge
+
+#: Periods of the lowest mode in a segment, and its shortest length in samples.
+SEGMENT_PERIODS, SHORTEST = 20.0, 256
+#: Lowest frequency of spectra, and below which integrals have no content, in multiples of the lowest mode: in spectra, and for
+#: the deflection of sliding contacts.
+LOWEST, CUT, SLIDING_CUT = 0.3, 0.1, 0.02
+#: Periods in a run of the lowest frequency that an integral contains: what is slower is unknown and grows with its period.
+FEWEST_PERIODS = 3.0
+#: Share of the signal's edge at which a record of displacements is cut before its second derivative.
+EDGE = 1.0
+#: Seconds at both ends of a run that are left out, in periods of the lowest mode.
+ENDS = 2.5
+#: rms velocity of an element in a run, as a share of the largest, below which its contact sticks for the whole run.
+STUCK = 0.06
+#: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
+HOLDS = 2.0
+#: Gauss-Newton steps of a shape in a sliding equation.
+SHAPE_ROUNDS = 15
+
+
+@dataclass(kw_only=True)
+class Record:
+    """A run: its samples by channel, the seconds since the campaign's start, and whether its drive is broad-band."""
+
+    index: int
+    configuration: str
+    broad: bool
+    start: float
+    channels: dict[str, FloatArray]
+
+
+class Equations:
+    """The equations of a campaign.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    model
+        The rig with its given or fitted values.
+    noise
+        Standard deviation of each channel's sensor noise, by channel.
+    """
+
+    def __init__(self, campaign: Campaign, model: RigModel, noise: Mapping[str, float]) -> None:
+        self.hidden = estimable(model)
+        self.model, self.combos = model, Combinations(model, self.hidden)
+        self.balances = balances(model, self.combos)
+        self.locks = locks(model, self.balances, self.combos)
+        self.usable = min(run.usable for run in campaign.runs)
+        self.rate = max((run.sample_rate for run in campaign.runs), default=1.0)
+        self.records = [
+            Record(
+                index=k, configuration=run.configuration, broad=run.excitation in BROAD, start=campaign.seconds_since_start(run),
+                channels=true_records(model, _read(run, model), run.sample_rate),
+            )
+            for k, run in enumerate(campaign.runs)
+            if run.sample_rate == self.rate
+        ]  # fmt: skip
+        self.noise = {
+            name: max([noise.get(name, 0.0), *(resolution(r.channels[name]) for r in self.records)]) for name in model.channels
+        }
+        longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
+        self.lowest = lowest_frequency(model, longest / self.rate)
+        self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
+        length = 2 ** round(np.log2(max(SEGMENT_PERIODS / self.lowest * self.rate, SHORTEST)))
+        while length > SHORTEST and length > longest // 2:
+            length //= 2
+        self.length = min(length, longest)
+        # Displacements carry no signal in the second derivative above some frequency: there equations are cut.
+        self.edge = np.inf
+        for channel, order in self.combos.orders.items():
+            if order < 2 and channel in model.channels:
+                edges = [signal_edge(r.channels[channel]) for r in self.records if len(r.channels[channel]) > SHORTEST]
+                used = [e for e in edges if e < 1.0]
+                if used:
+                    self.edge = min(self.edge, EDGE * max(used) * self.rate / 2.0)
+        self.contacts = {b.name: b for b in self.balances if b.rubs}
+        self._prepare()
+
+    def _prepare(self) -> None:
+        names: list[tuple[str, int]] = []
+        orders = self.combos.orders
+        for channel in self.model.channels:
+            names += [(channel, order) for order in range(3)] if channel in orders else [(channel, -1)]
+        names += [(estimate_of(body), order) for body in self.hidden for order in range(3)]
+        names += [(law_of(element, k), -1) for element in elements(self.model) for k in range(law_columns(element))]
+        high = min(self.usable, self.edge)
+        self.spectra = Spectra(self.rate, self.length, LOWEST * self.lowest, high, names, self.noise, orders)
+        self.signals: list[dict[tuple[str, int], FloatArray]] = [self._signals_of(record) for record in self.records]
+        for record, signals in zip(self.records, self.signals, strict=True):
+            self.spectra.add(record.index, signals)
+        self.prepared: dict[str, Prepared] = {}
+        self.sliding: dict[str, tuple[Sliding, SlidingFit]] = {}
+        self._in_time: dict[tuple[str, str], tuple[Sliding, SlidingFit] | None] = {}
+        self._slid: dict[tuple[int, str], tuple[SlidingFit, list[tuple[FloatArray, ...]]]] = {}
+        for balance in self.balances:
+            if balance.rubs:
+                self._slide(balance)
+            else:
+                runs = [r.index for r in self.records if r.configuration in balance.configurations]
+                if any(item.run in runs for item in self.spectra.runs):
+                    rows, start = self.rows(balance)
+                    self.prepared[balance.name] = Prepared(self.spectra, rows, runs, start)
+        for lock in self.locks:
+            runs = [r.index for r in self.records if r.configuration == lock.configuration]
+            if any(item.run in runs for item in self.spectra.runs):
+                self.prepared[lock.name] = Prepared(self.spectra, [self.motion_row(lock.element.weights, 2)], runs, np.zeros(0))
+        self.stuck = self._stuck()
+
+    def _signals_of(self, record: Record) -> dict[tuple[str, int], FloatArray]:
+        # Each channel as displacement, velocity and acceleration; estimated bodies; the forces of laws.
+        orders = self.combos.orders
+        signals: dict[tuple[str, int], FloatArray] = {}
+        for channel, values in record.channels.items():
+            if channel in orders:
+                found = derivatives(values, orders[channel], self.rate, CUT * self.lowest, np.inf)
+                signals |= {(channel, order): part for order, part in found.orders.items()}
+            else:
+                signals[channel, -1] = values
+        if self.hidden:
+            seen = [body.name for body in self.model.bodies if body.name not in self.hidden]
+            motions = {body: self.combined(signals, self.body_row(body)) for body in seen}
+            for body, values in estimated(self.model, self.hidden, motions, record.channels, self.rate).items():
+                found = derivatives(values, 2, self.rate, CUT * self.lowest, np.inf)
+                signals |= {(estimate_of(body), order): part for order, part in found.orders.items()}
+        for element in elements(self.model):
+            if law_columns(element) and self.combos.of(element.weights, 0) is not None:
+                d, v = (self.combined(signals, self.motion_row(element.weights, order)) for order in (0, 1))
+                time = record.start + np.arange(len(d)) / self.rate
+                for k, part in enumerate(law_forces(element, d, v, time, self.rate).T):
+                    signals[law_of(element, k), -1] = part
+            else:
+                signals |= {(law_of(element, k), -1): np.zeros(len(values)) for k in range(law_columns(element))}
+        return signals
+
+    def motion_row(self, weights: FloatArray, order: int) -> Row:
+        """A combination of coordinates as a row of signals."""
+        combo = self.combos.of(weights, order)
+        assert combo is not None
+        return {(channel, order): weight for channel, weight in combo.items()}
+
+    def body_row(self, body: str, order: int = 2) -> Row:
+        """A body's motion as a row."""
+        weights = np.zeros(len(self.model.bodies))
+        weights[[b.name for b in self.model.bodies].index(body)] = 1.0
+        return self.motion_row(weights, order)
+
+    def force_row(self, balance: Balance) -> Row:
+        """The known part of an equation: drives and measured forces minus the inertia of given masses."""
+        row: dict[tuple[str, int], complex | ComplexArray] = {}
+        for drive in self.model.drives:
+            if drive.channel in balance.pushes:
+                key = (drive.channel, -1)
+                row[key] = row.get(key, 0.0) + balance.pushes[drive.channel] * drive.factor
+        for channel, sign in balance.forces.items():
+            row[channel, -1] = row.get((channel, -1), 0.0) + sign
+        if not self.unknown_scale(balance):
+            for name, weight in self.inertia_row(balance).items():
+                row[name] = row.get(name, 0.0) - weight
+        return row
+
+    def inertia_row(self, balance: Balance) -> Row:
+        """The inertia of the given masses of a balance."""
+        row: dict[tuple[str, int], complex | ComplexArray] = {}
+        for body in balance.bodies:
+            if body not in self.unknown_masses(balance):
+                for name, weight in self.body_row(body).items():
+                    row[name] = row.get(name, 0.0) + self.model.body(body).mass * weight
+        return row
+
+    def unknown_masses(self, balance: Balance) -> tuple[str, ...]:
+        """The masses of a balance that are solved for: the free ones, unless nothing else sets the scale."""
+        free = [body for body in balance.bodies if f"bodies.{body}.mass" in self.model.free and body not in self.hidden]
+        if len(free) == len(balance.bodies) and not balance.pushes and not balance.forces and free:
+            free.remove(max(free, key=lambda name: self.model.body(name).mass))
+        return tuple(free)
+
+    def unknown_scale(self, balance: Balance) -> bool:
+        """Whether the drive's factor is to be found from the given masses; the equation is then scaled to the drive."""
+        drive = self.model.drive
+        given = len(self.unknown_masses(balance)) < len(balance.bodies)
+        return "drive.factor" in self.model.free and drive.channel in balance.pushes and given
+
+    def scales(self, balance: Balance) -> bool:
+        """Whether a single mass of a balance shows: something else is known of its size."""
+        others = len(balance.bodies) - len(self.unknown_masses(balance))
+        forced = bool(balance.pushes or balance.forces)
+        return (forced and not self.unknown_scale(balance)) or others > 1
+
+    def unknown_rows(self, balance: Balance) -> list[tuple[str, Row, float]]:
+        """Masses that are solved for, alone or as a scale of all given ones: path (empty for the scale), row and given value."""
+        found: list[tuple[str, Row, float]] = []
+        for body in self.unknown_masses(balance):
+            found.append((f"bodies.{body}.mass", self.body_row(body), self.model.body(body).mass))
+        if self.unknown_scale(balance):
+            found.append(("", self.inertia_row(balance), 1.0))
+        return found
+
+    def rows(self, balance: Balance) -> tuple[list[Row], FloatArray]:
+        """The rows of an equation without friction, and its coefficients as given: the known row first."""
+        rows: list[Row] = [self.force_row(balance)]
+        start: list[float] = []
+        for _, row, value in self.unknown_rows(balance):
+            rows.append(row)
+            start.append(value)
+        for element, sign in balance.crossing:
+            if element.link is None:
+                continue
+            for order, value in ((1, element.link.damping), (0, element.link.stiffness)):
+                rows.append({name: sign * weight for name, weight in self.motion_row(element.weights, order).items()})
+                start.append(value)
+            for k in range(law_columns(element)):
+                rows.append({(law_of(element, k), -1): sign})
+                start.append(1.0)
+        return rows, np.array(start)
+
+    def combined(self, signals: Mapping[tuple[str, int], FloatArray], row: Row) -> FloatArray:
+        """A row with real coefficients as a signal, shape (n,)."""
+        n = len(next(iter(signals.values())))
+        found = np.zeros(n)
+        for name, weight in row.items():
+            found += float(np.real(weight)) * signals[name]  # type: ignore[arg-type]
+        return found
+
+    def _slide(self, balance: Balance) -> None:
+        found = self.in_time(balance, self.primary(balance))
+        if found is not None:
+            self.sliding[balance.name] = found
+
+    def in_time(self, balance: Balance, element: Element) -> tuple[Sliding, SlidingFit] | None:
+        """An equation in the time domain, with the motion of one of its elements; None if there are too few samples."""
+        key = balance.name, element.name
+        if key not in self._in_time:
+            sign = next(s for e, s in balance.crossing if e.name == element.name)
+            runs, noise = self._sliding_runs(balance, element, sign, self.records, self.signals)
+            self._in_time[key] = None
+            if runs:
+                stiffness = element.link.stiffness if element.link is not None else 0.0
+                sliding = Sliding(
+                    runs, self.rate, 1.0 / self.lowest, integrated=self.integrated(element), stiffness=abs(sign) * stiffness,
+                    noise=noise, parts=self._parts(balance), edge=self.edge,
+                )  # fmt: skip
+                if sliding.usable:
+                    self._in_time[key] = sliding, self._settled(sliding, element, sign)
+        return self._in_time[key]
+
+    def integrated(self, element: Element) -> bool:
+        """Whether an element's deflection is an integral, so that its slow part is unknown."""
+        return all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
+
+    def _settled(self, sliding: Sliding, element: Element, sign: float) -> SlidingFit:
+        laws = law_columns(element)
+        start = np.zeros(3 + laws + sliding.runs[0].fixed.shape[1])
+        start[3 : 3 + laws] = abs(sign)
+        if element.link is not None:
+            start[0], start[1] = abs(sign) * element.link.stiffness, abs(sign) * element.link.damping
+        return sliding.settle(self.base_columns(element), start)
+
+    def base_columns(self, element: Element) -> Columns:
+        """Spring, damper and dry friction of an element, its laws, and the columns that do not depend on its motion."""
+        laws = law_columns(element)
+        friction = element.contact.law if element.contact is not None else None
+        shaped = friction is not None and not friction.remembers and not isinstance(friction, Coulomb)
+
+        def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
+            rubbing: FloatArray = np.sign(v)
+            if shaped and friction is not None:
+                rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), 0.0)
+            parts = [d, v, rubbing]
+            if laws:
+                parts.append(law_forces(element, d, v, run.time[place], self.rate, run, place))
+            return np.column_stack([*parts, run.fixed[place]])
+
+        return columns
+
+    def _sliding_runs(
+        self, balance: Balance, element: Element, sign: float, records: Sequence[Record],
+        all_signals: Sequence[Mapping[tuple[str, int], FloatArray]],
+    ) -> tuple[list[SlidingRun], float]:  # fmt: skip
+        runs: list[SlidingRun] = []
+        way = np.sign(sign)
+        noise = 0.0
+        edge = self.edge
+        for record, signals in zip(records, all_signals, strict=True):
+            if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < self.length:
+                continue
+            force = way * self.combined(signals, self.force_row(balance))
+            d, v = self.elongation(record, signals, element)
+            fixed = [way * self.combined(signals, row) for _, row, _ in self.unknown_rows(balance)]
+            for other, other_sign in balance.crossing:
+                if other.name == element.name:
+                    continue
+                od, ov = self.elongation(record, signals, other)
+                if other.link is not None:
+                    fixed += [way * other_sign * od, way * other_sign * ov]
+                if other.contact is not None:
+                    fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
+            columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
+            n = len(force)
+            usable = np.zeros(n, dtype=bool)
+            margin = min(round(ENDS / self.lowest * self.rate), n // 10)
+            usable[margin : n - margin] = True
+            if np.isfinite(edge):
+                force, columns = low_passed(force, self.rate, edge), low_passed(columns, self.rate, edge)
+            runs.append(
+                SlidingRun(
+                    run=record.index, force=force, deflection=d, velocity=v, fixed=columns,
+                    time=record.start + np.arange(n) / self.rate, usable=usable, slow=np.zeros(n), slow_velocity=np.zeros(n),
+                )
+            )  # fmt: skip
+            noise = max(noise, self._force_noise(balance, n, edge))
+        return runs, noise
+
+    def _parts(self, balance: Balance) -> float:
+        # Largest mean square of the channels' parts in an equation's known force, N^2.
+        found = 0.0
+        for record, signals in zip(self.records, self.signals, strict=True):
+            if record.configuration in balance.configurations:
+                parts: dict[str, FloatArray] = {}
+                for name, weight in self.force_row(balance).items():
+                    part = float(np.real(weight)) * signals[name]  # type: ignore[arg-type]
+                    parts[name[0]] = parts.get(name[0], 0.0) + low_passed(part, self.rate, self.edge)
+                found = max(found, sum(float(np.mean(part**2)) for part in parts.values()))
+        return found
+
+    def elongation(
+        self, record: Record, signals: Mapping[tuple[str, int], FloatArray], element: Element
+    ) -> tuple[FloatArray, FloatArray]:
+        """Deflection and velocity of an element in a run: integrals reach lower frequencies than in spectra."""
+        combo = self.combos.of(element.weights, 0)
+        assert combo is not None
+        orders = self.combos.orders
+        n = len(next(iter(signals.values())))
+        d, v = np.zeros(n), np.zeros(n)
+        for channel, weight in combo.items():
+            order = orders[channel]
+            low = max(SLIDING_CUT * self.lowest, FEWEST_PERIODS * self.rate / n)
+            found = derivatives(signals[channel, order], order, self.rate, low, self.edge)
+            d += weight * found.orders[0]
+            v += weight * found.orders[1]
+        if 0 in (orders[channel] for channel in combo):
+            d = low_passed(d, self.rate, self.edge)
+        return d, v
+
+    def _force_noise(self, balance: Balance, n: int, edge: float) -> float:
+        # Standard deviation of the noise of an equation's known part, from noise through the same processing.
+        generator = np.random.default_rng(5)
+        total = 0.0
+        for (channel, order), weight in self.force_row(balance).items():
+            level = self.noise.get(channel, 0.0) * abs(complex(weight))
+            if level == 0.0:
+                continue
+            values = generator.normal(0.0, 1.0, min(n, 8192))
+            if order >= 0:
+                own = self.combos.orders[channel]
+                values = derivatives(values, own, self.rate, CUT * self.lowest, np.inf).orders[order]
+            total += level**2 * float(np.mean(low_passed(values, self.rate, edge) ** 2))
+        return float(np.sqrt(total))
+
+    def _stuck(self) -> dict[str, Lock]:
+        # Contacts that stick for whole runs: there their ends move alike.
+        found: dict[str, Lock] = {}
+        for balance in self.balances:
+            for element, _ in balance.crossing:
+                if element.contact is None or self.combos.of(element.weights, 2) is None:
+                    continue
+                speed = {
+                    r.index: float(np.std(self.combined(s, self.motion_row(element.weights, 1))))
+                    for r, s in zip(self.records, self.signals, strict=True)
+                    if r.configuration in balance.configurations
+                }
+                most = max(speed.values(), default=0.0)
+                still = [run for run, value in speed.items() if value < STUCK * most]
+                if still and any(item.run in still for item in self.spectra.runs) and len(balance.crossing) == 1:
+                    lock = Lock(element=element, configuration=balance.configurations[0], beyond=balance)
+                    name = f"stuck {element.name}"
+                    self.prepared[name] = Prepared(self.spectra, [self.motion_row(element.weights, 2)], still, np.zeros(0))
+                    found[name] = lock
+        return found
+
+    def residuals(self) -> dict[str, float]:
+        """Residual of each equation over noise."""
+        found = {name: item.solved.residual for name, item in self.prepared.items()}
+        return found | {name: sliding.residual(fit) for name, (sliding, fit) in self.sliding.items()}
+
+    def elements(self) -> list[Element]:
+        """The elements whose forces occur in the equations."""
+        found: dict[str, Element] = {}
+        for balance in self.balances:
+            for element, _ in balance.crossing:
+                found.setdefault(element.name, element)
+        return list(found.values())
+
+    def balance_of(self, name: str) -> Balance:
+        return next(balance for balance in self.balances if balance.name == name)
+
+    def primary(self, balance: Balance) -> Element:
+        """The element of a sliding equation whose contact slides."""
+        return next(e for e, _ in balance.crossing if e.contact is not None)
+
+    def slid(self, element: Element, sliding: Sliding, base: SlidingFit, shape: Shape, own: float) -> SlidingFit:
+        """Fit of a sliding equation with a shape, from its base fit; the slow parts are as before afterwards."""
+        key = id(sliding), shape.name
+        if key not in self._slid:
+            state = sliding.state()
+            self._slid[key] = self._with_shape(element, sliding, base, shape, own), sliding.state()
+            sliding.restore(state)
+        return self._slid[key][0]
+
+    def slow_parts(self, sliding: Sliding, shape: Shape) -> list[tuple[FloatArray, ...]]:
+        """The slow parts of a fit by `slid`."""
+        return self._slid[id(sliding), shape.name][1]
+
+    def _with_shape(self, element: Element, sliding: Sliding, base: SlidingFit, shape: Shape, own: float) -> SlidingFit:
+        plain = self.base_columns(element)
+
+        def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
+            course = Course(
+                deflection=d, velocity=v, time=run.time[place], whole=run.deflection, place=place, rate=self.rate,
+                low=sliding.range[0], high=sliding.range[1], fastest=sliding.fastest, speed=sliding.speed, swing=sliding.swing,
+                own=own, end=self.end, memory=run.memory,
+            )  # fmt: skip
+            return np.column_stack([plain(d, v, run, place), shape.columns(course)])
+
+        few = sliding.active[0]
+        at = few.first + few.used[:2]
+        before = len(base.values)
+        count = columns(np.zeros(2), np.ones(2) * sliding.speed, few.run, at).shape[1] - before
+        values = np.concatenate([base.values, np.zeros(count)])
+        return sliding.fit(columns, values, SHAPE_ROUNDS, shape.penalty(count, before, sliding.power, sliding.allowed))
+
+    def _course(self, run: int, element: Element, balance: Balance) -> Course:
+        # The motion of an element for a spectral equation: the whole run.
+        k = next(k for k, record in enumerate(self.records) if record.index == run)
+        signals = self.signals[k]
+        d, v = (self.combined(signals, self.motion_row(element.weights, order)) for order in (0, 1))
+        scale = self._scale(element, balance)
+        return Course(
+            deflection=d, velocity=v, time=self.records[k].start + np.arange(len(d)) / self.rate, whole=d,
+            place=np.arange(len(d), dtype=np.int64), rate=self.rate,
+            low=-1.05 * scale[0], high=1.05 * scale[0], fastest=1.05 * scale[1],
+            speed=scale[2], swing=scale[0], own=self.own_frequency(element, balance), end=self.end, memory={},
+        )  # fmt: skip
+
+    def _scale(self, element: Element, balance: Balance) -> tuple[float, float, float]:
+        swing = fastest = speed = 0.0
+        for record, signals in zip(self.records, self.signals, strict=True):
+            if record.configuration in balance.configurations:
+                d, v = (self.combined(signals, self.motion_row(element.weights, order)) for order in (0, 1))
+                inside = slice(len(d) // 20, len(d) - len(d) // 20)
+                swing, fastest = max(swing, float(np.abs(d[inside]).max())), max(fastest, float(np.abs(v[inside]).max()))
+                speed = max(speed, float(np.std(v[inside])))
+        return max(swing, 1e-12), max(fastest, 1e-12), max(speed, 1e-12)
+
+    def own_frequency(self, element: Element, balance: Balance) -> float:
+        """Frequency of an element's stiffness with the mass that it holds, Hz."""
+        mass = sum(self.model.body(body).mass for body in balance.bodies)
+        stiffness = element.link.stiffness if element.link is not None else 0.0
+        return max(float(np.sqrt(stiffness / mass)) / (2.0 * np.pi) if mass > 0.0 else 0.0, self.lowest)
+
+    def shaped(self, balance: Balance, element: Element, shape: Shape) -> Solved:
+        """An equation without friction solved with a shape at one of its elements."""
+        prepared = self.prepared[balance.name]
+        columns = {}
+        for run in prepared.runs:
+            course = self._course(run, element, balance)
+            if not any(item.run == run for item in self.spectra.runs):
+                continue
+            parts = shape.columns(course)
+            columns[run] = np.stack([self.spectra.segments(part) for part in parts.T])
+        count = len(next(iter(columns.values())))
+        penalty = None
+        if shape.smooth:
+            power = max(float(np.mean(self.combined(self.signals[k], prepared.rows[0]) ** 2)) for k in range(len(self.records)))
+            penalty = shape.penalty(count, 0, power, 1.0)
+        return prepared.shaped(columns, penalty)
+
+    def correction(self, what: str, channel: str, value: float, source: str | None) -> ComplexArray:
+        """True signals in terms of recorded ones for a fault of a channel, shape (bins, signals, signals)."""
+        spectra = self.spectra
+        n = len(spectra.names)
+        found = np.zeros((len(spectra.bins), n, n), dtype=complex)
+        found[:, range(n), range(n)] = 1.0
+        for (name, order), k in spectra.index.items():
+            if name != channel:
+                continue
+            if what == "gain":
+                found[:, k, k] = 1.0 / value
+            elif what == "delay":
+                found[:, k, k] = np.exp(1j * spectra.omega * value)
+            elif source is not None:
+                found[:, k, spectra.index[source, order]] = -value
+        return found
+
+
+def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
+    return {name: run.channel(name).read(0, usable_stop(run)) for name in model.channels}
+
+
+def lowest_frequency(model: RigModel, longest: float) -> float:
+    """Frequency in Hz of the rig's lowest mode; of a rig without one, forty periods in its longest run of `longest` seconds."""
+    found = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
+    return max(min(found), 4.0 / max(longest, 1e-9)) if found else 40.0 / max(longest, 1e-9)

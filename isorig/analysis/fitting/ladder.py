@@ -1,0 +1,466 @@
+"""The fits of a diagnosis: the baseline, successive elimination of candidates, and the final fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.division import Divide, refined
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.score import score, worst
+from isorig.analysis.fitting.screen import Progress, ScreenedCandidate, shortened
+from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
+from isorig.analysis.fitting.start import equation_start
+from isorig.analysis.fitting.trials import Trial, expected, prepare
+from isorig.analysis.model.rig_model import RigModel
+
+#: A fit sees the first seconds of each run, then more; steps that it may take at each, and the relative fall of the cost
+#: below which they end early.
+HORIZONS = (0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
+STEPS = (8, 5, 5, 5, 5, 8)
+CLOSE = 1e-2
+#: Seconds of each run up to which the baseline is fitted from all starting points: the first moments may prefer a wrong one.
+UNDECIDED = 1.0
+#: Distance of a fitted parameter from its given value, in e-folds, beyond which the fit is repeated from the given value. Chosen:
+#: masses and stiffnesses of a description are rarely wrong by a factor of four.
+FAR = 1.5
+#: Tether for parameters that a short part of the runs does not determine.
+TETHER = 1.0
+#: Seconds of each run that a free shape's fit sees on its way to the whole, and its tether then.
+UNROLLED, HOLDS = (16.0, 30.0), 3.0
+#: A longer stretch on which the model's misfit is below this multiple of that on the shorter one is left out: nothing has drifted
+#: apart there. Chosen: drift of a waveform multiplies the misfit by ten and more.
+UNCHANGED = 2.0
+#: Steps of a fit on all that fits may see.
+LAST_STEPS = 4
+#: Seconds of each run for the first short fits, and the share of a model's misfit that must appear in them.
+SCREENS = (4.0, 10.0)
+SHOWN = 0.3
+#: Ratio of misfits above which a fit is far worse.
+FAR_WORSE = 2.0
+#: A curve with a misfit above this, in allowed errors, is tried with more points, as long as that reduces it by this share.
+FLAT, REFINES = 1.2, 0.15
+#: Number of leading curves tried with more points on a rung.
+REFINED = 3
+#: Number of candidates in the elimination, in addition to the best of each family.
+RACING = 6
+#: Families that can make bodies stick.
+STICKING = ("friction", "memory")
+#: Factor for the number of steps of a free shape on its first rung, where it starts flat and the model is far from the data.
+SHAPE_STEPS = 2
+#: A free shape whose misfit increases by this factor from one rung to the next has diverged: it restarts flat.
+LOST = 10.0
+#: A candidate whose misfit exceeds the best's by this factor is eliminated.
+BEHIND = 6.0
+#: Maximum number of candidates on the last rung and on the one before: these two take most of the time, and for a rig with small
+#: imperfections no candidate falls far behind. Chosen: 1.5 and 2.5 times the number of final fits.
+CROWD = {1: 6, 2: 10}
+#: Misfit of a refitted model, in allowed errors, above which a rung distinguishes candidates; and the share by which one must
+#: reduce it.
+TELLING, PROMISING = 2.0, 0.1
+#: Share of the refitted model's misfit that the best candidate must remove before a rung eliminates those that remove little.
+#: Chosen: on a short stretch, a cause may imitate the small imperfections of a rig whose main effect does not show yet.
+DECISIVE = 0.5
+#: A fit whose misfit over a run's first moments exceeds this multiple of its allowance is biased by a missing effect.
+BENT = 10.0
+
+#: Ratio of misfits at the starting points above which one is far from the data, and the maximum number of those that are fitted.
+LEAVES, TRIED = 100.0, 12
+
+Running = list[tuple[Candidate, Fit]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Race:
+    """Result of an elimination.
+
+    Parameters
+    ----------
+    ranked
+        Candidates with their fits on the last rung, best first; if the time limit ended the elimination, on the longest
+        completed one.
+    telling
+        The rungs, by index, from the first that distinguished candidates, with the remaining candidates' fits there, best first;
+        empty if no rung did.
+    """
+
+    ranked: Running
+    telling: tuple[tuple[int, Running], ...]
+
+
+def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
+    """The rig's free parameters fitted to all runs on the finest grid, and these runs."""
+    trials = prepare(campaign, model)
+    fine = tuple(refined(trial) for trial in trials)
+    rough = baseline_fit(guesses_of(model, trials).starts, trials)
+    return finished(rough, fine), fine
+
+
+def fit_again(campaign: Campaign, model: RigModel, free: Sequence[Free], later: float = 0.0) -> tuple[Fit, tuple[Trial, ...]]:
+    """A fitted model's parameters `free` fitted again to all runs from their values, and these runs on the finest grid.
+
+    `later` is the time in seconds from the model's zero to the campaign's first sample.
+    """
+    fine = tuple(replace(refined(trial), start_time=trial.start_time + later) for trial in prepare(campaign, model))
+    return fit(model, free, Problem(fine, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3), fine
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guesses:
+    """The rig before any fit on simulation error.
+
+    Parameters
+    ----------
+    likely
+        From the data, the most trusted first: the fit of the runs that the rig explains one by one (if there are some, among
+        several configurations or excitations), and the equations of motion, with their own values of damping where there is dry
+        friction and with the given ones.
+    given
+        The rig as given.
+    """
+
+    likely: tuple[RigModel, ...]
+    given: RigModel
+
+    @property
+    def starts(self) -> tuple[RigModel, ...]:
+        """Starting points of a fit, the most trusted first: the likely ones, the same with the given friction, and the given."""
+        dry = _given(self.given, [path for path in self.given.free if path.endswith("friction_force")])
+        return (*self.likely, *(guess.replace(dry) for guess in self.likely if dry), self.given)
+
+
+def _given(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
+    return {path: model.get(path) for path in paths}
+
+
+def guesses_of(model: RigModel, trials: Sequence[Trial]) -> Guesses:
+    """The starting points for the fits of a rig."""
+    solved = equation_start(model, trials)
+    # The equations of motion take part of the dry friction for damping.
+    rubbing = {f"links.{link.name}.damping" for link in model.links for c in model.contacts if (link.a, link.b) == (c.a, c.b)}
+    damped = _given(model, [path for path in model.free if path in rubbing])
+    explained = _explained_alone(solved, trials)
+    found = (explained, solved, solved.replace(damped) if damped else None)
+    return Guesses(likely=tuple(guess for guess in found if guess is not None), given=model)
+
+
+def _explained_alone(start: RigModel, trials: Sequence[Trial]) -> RigModel | None:
+    # Moves from rest stick and slip: their first moments give the error of all runs together local minima that a random run alone
+    # does not have. Of each configuration and excitation the first run is fitted.
+    first = {(trial.run.configuration, trial.run.excitation): trial for trial in reversed(trials)}
+    if len(first) < 2:
+        return None
+    free = base_parameters(start)
+    fits = [(trial, _early(start, free, [trial])) for trial in first.values()]
+    alone = [(trial, done) for trial, done in fits if done is not None and done.cost < TELLING]
+    if len(alone) < 2:
+        return alone[0][1].model if alone else None
+    together = _early(start, free, [trial for trial, _ in alone])
+    return together.model if together is not None and together.cost < TELLING else None
+
+
+def _early(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit | None:
+    # A fit of the first moments of runs; None from a starting point whose motion grows without bound.
+    first, *longer = ladder(trials)
+    done = tried(start, free, first)
+    for rung in longer:
+        if done is None or rung.seconds > UNDECIDED:
+            break
+        done = tried(done.model, free, rung)
+    return done
+
+
+def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
+    """The rig's own free parameters fitted to all runs, from the best of several starting points, the most trusted first.
+
+    The last starting point has the rig's given values.
+    """
+    first, *longer = ladder(trials)
+    free = base_parameters(starts[0])
+    # Values from the equations of motion are usually close: then nothing diverges.
+    quick = tried(starts[0], free, (first, *longer)[-1])
+    if quick is not None and quick.cost < TELLING:
+        return finished(quick, trials)
+    fits = [done for start in starts if (done := tried(start, free, first))]
+    for shorter, rung in pairwise((first, *longer)):
+        kept = fits if shorter.seconds < UNDECIDED else [_trusted(fits, starts[0].name)]
+        fits = [done for each in kept if (done := tried(each.model, free, rung))]
+    return finished(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials)
+
+
+def _trusted(fits: Sequence[Fit], name: str) -> Fit:
+    # Of equally good fits the first has the most trusted starting point: a wrong model can be fitted with arbitrary values.
+    if not fits:
+        raise FitError(f"the model {name!r} cannot be simulated at its starting values; correct its parameters")
+    least = min(done.cost for done in fits)
+    return next(done for done in fits if done.cost <= FAR_WORSE * least)
+
+
+def _returned(done: Fit, given: RigModel, rung: Rung) -> Fit:
+    # A parameter that went far from its given value, to where the data hardly depend on it, cannot return: a large stiffness is
+    # rigid whatever its value. It starts again from the given value, and stays if that fits better.
+    for free in done.free:
+        far = free.log and abs(free.encode(done.model.get(free.path)) - free.encode(given.get(free.path))) > FAR
+        if far and (again := tried(done.model.replace({free.path: given.get(free.path)}), done.free, rung)):
+            done = min(done, again, key=lambda fit: fit.cost)
+    return done
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rung:
+    """Data of a stage of a fit, its maximum number of steps, and its seconds of each run."""
+
+    problem: Problem
+    steps: int
+    seconds: float
+
+
+def ladder(trials: Sequence[Trial], shows: float = 0.0) -> tuple[Rung, ...]:
+    """Problems from a run's first moments to its first ten seconds, without those that use less than `shows` seconds.
+
+    The error of waveforms has many local minima: once two motions have diverged by half a period, no gradient leads back.
+    Starting from a known rest, they have not diverged yet, so a fit that uses more data only after it agrees with less converges
+    from distant starting values.
+    """
+    if any(trial.motion for trial in trials):  # judged by the drive at each moment: nothing diverges
+        shows = max(shows, HORIZONS[-1])
+    rungs = [rung for rung in zip(HORIZONS, STEPS, strict=True) if rung[0] >= shows] or [(shows, STEPS[-1])]
+    return tuple(Rung(problem=Problem(shortened(trials, seconds)), steps=steps, seconds=seconds) for seconds, steps in rungs)
+
+
+def horizon(model: RigModel, trials: Sequence[Trial]) -> float:
+    """Seconds of each run, from the start, after which a model's misfit is as visible as in the whole."""
+    *short, whole = (*SCREENS, np.inf)
+    size = _largest(model, Problem(shortened(trials, whole)))
+    return next((s for s in short if _largest(model, Problem(shortened(trials, s))) > SHOWN * size), whole)
+
+
+def _largest(model: RigModel, problem: Problem) -> float:
+    # Mean square weighted residual of the worst trial.
+    parts = np.split(problem.residuals([model])[0], np.cumsum(problem.sizes)[:-1])
+    return max(float(np.mean(part**2)) for part in parts)
+
+
+def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
+    """A fit completed on all fit data, at all frequencies.
+
+    A drive limited to a low band may excite a resonance above it nonetheless, where friction changes at once.
+    """
+    whole = [replace(trial, ceiling=trial.sample_rate / 2.0) for trial in trials]
+    return fit(rough.model, rough.free, Problem(whole, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
+
+
+def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
+    """A free shape's fit continued to the whole runs, over increasing lengths if the motion diverges on them.
+
+    Each length may reach points of the curve that no shorter one did, and from a distant solution no gradient leads back.
+    """
+    done = rough
+    longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
+    runs = Problem(trials)
+    for seconds in (s for s in UNROLLED if s < longest):
+        if _misfit(done.model, runs) < UNCHANGED * done.cost:
+            break
+        problem = Problem(shortened(trials, seconds))
+        done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
+    problem = Problem(trials, share=SIMULATION_LIMIT)
+    return fit(done.model, done.free, problem, iterations=LAST_STEPS, tolerance=1e-3, tether=HOLDS)
+
+
+def _misfit(model: RigModel, problem: Problem) -> float:
+    # Mean square weighted residual; NaN, which compares false, if the model cannot be simulated.
+    return float(np.mean(problem.residuals([model])[0] ** 2))
+
+
+def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit | None:
+    """A fit on a rung, or None from a starting point whose motion grows without bound."""
+    try:
+        return fit(start, free, rung.problem, iterations=rung.steps, tolerance=CLOSE, tether=TETHER)
+    except FitError:
+        return None
+
+
+def widened(done: Fit) -> Fit:
+    """A fit whose uncertainties include the differences between runs."""
+    return replace(done, covariance=done.covariance + disagreement(done))
+
+
+def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
+    """The model as it was before a step, refitted from the parameters after the step."""
+    values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
+    try:
+        return finished(replace(current, model=current.model.replace(values)), trials)
+    except FitError:
+        return current
+
+
+def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float, draw: int) -> float:
+    """Largest ratio of error to allowed error for simulated data of the model itself.
+
+    The fitted model is simulated with the data's noise on responses and drive, refitted, and judged like data. Each `draw` has
+    other noise.
+    """
+    generator = np.random.default_rng([17, draw])
+
+    def twin(trial: Trial) -> Trial:
+        fine = refined(trial)
+        clean = expected(done.model, fine)
+        noise = generator.normal(0.0, 1.0, clean.shape) * trial.noise[:, None]
+        drive = trial.excitation.recorded + generator.normal(0.0, drive_noise, trial.samples)
+        excitation = trial.excitation.with_drive(drive)
+        return replace(trial, measured=clean + noise, excitation=excitation)
+
+    twins = divide([twin(trial) for trial in trials])
+    again = finished(done, twins.fits)
+    return worst(score(again.model, twins.judged), floors)
+
+
+def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    """The best short fits, and the best of each family, so that no kind is lost because of a rough first step.
+
+    Friction and similar causes count place by place: while a body sticks, no small step shows the effect of a larger force.
+    """
+
+    def kind(item: ScreenedCandidate) -> tuple[str, str]:
+        candidate = item.candidate
+        return candidate.family, candidate.location if candidate.family in STICKING else ""
+
+    chosen = list(screened[:RACING])
+    for item in screened[RACING:]:
+        if all(kind(item) != kind(other) for other in chosen):
+            chosen.append(item)
+    return chosen
+
+
+Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
+
+
+def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guesses: Sequence[RigModel], rung: Rung) -> Starts:
+    """Starting points of candidates for the elimination: from the current fit.
+
+    The most promising, and all friction, also start from the rig's likely values before any fit (`guesses`) if the current fit is
+    so far off that the missing effect has biased all its parameters.
+    """
+    entered = [(item.candidate, model) for item in screened for model in item.models]
+    starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
+    if _misfit(current.model, rung.problem) > BENT:
+        unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
+        for c, model in ((item.candidate, model) for item in unsure for model in item.models):
+            free = c.parameters(current.model, current.free)
+            for guess in guesses:
+                unbent = _given(guess, [f.path for f in free if f not in c.free and f.path in guess.free])
+                with suppress(ModelError):  # values that exclude the candidate's own
+                    starts.append((c, free, model.replace(unbent)))
+    return starts
+
+
+def race(
+    starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress, promising: float = PROMISING
+) -> Race:  # fmt: skip
+    """Fits of candidates on the ladder, best first; those with much larger errors are eliminated on each rung.
+
+    The current model is refitted on each rung. A rung on which it then agrees with the data does not distinguish candidates and
+    is skipped; so is one on which it nearly agrees and does not drift apart on the next (`UNCHANGED`), and one on which no
+    candidate fits better than it, except the last. On the last rung and on those where one candidate removes much, candidates
+    that remove less than the share `promising` of the refitted model's misfit are eliminated.
+    """
+
+    costs: dict[int, float] = {}
+
+    def climb(candidate: Candidate, free: Sequence[Free], start: RigModel, rung: Rung, least: float) -> Fit | None:
+        progress(f"fitting {candidate.cause} ({candidate.location})")
+        longer = replace(rung, steps=SHAPE_STEPS * rung.steps) if least > BENT else rung
+        flat = candidate.shape is not None and start in candidate.starts
+        done = tried(start, free, longer if flat else rung)
+        if candidate.shape is not None and not flat and (done is None or done.cost > LOST * costs.get(id(candidate), np.inf)):
+            others = [again for begin in candidate.starts if (again := tried(begin, free, longer))]
+            return min((fit for fit in (done, *others) if fit), key=lambda fit: fit.cost, default=None)
+        return done
+
+    running: Running = []
+    telling: list[tuple[int, Running]] = []
+    bare = [_bare_cost(current, rungs[0])]
+    for place, rung in enumerate(rungs):
+        last = rung is rungs[-1]
+        if not last:
+            bare.append(_bare_cost(current, rungs[place + 1]))
+        least = bare[place]
+        if not last and (least < TELLING or (least < BENT and place + 2 < len(rungs) and bare[place + 1] < UNCHANGED * least)):
+            continue
+        try:
+            climbed = [
+                (c, done) for c, free, start in starts if (done := climb(c, free, start, rung, least)) and c.plausible(done.model)
+            ]
+        except OutOfTimeError:
+            break
+        climbed.sort(key=lambda pair: pair[1].cost)
+        # Of several starting points the best continues.
+        first = [p for k, p in enumerate(climbed) if all(p[0] is not other for other, _ in climbed[:k])]
+        for k, (candidate, done) in enumerate(first[:REFINED]):
+            if candidate.shape is not None and FLAT < done.cost < FAR_WORSE * climbed[0][1].cost:
+                first[k] = _refined(candidate, done, rung)
+        first.sort(key=lambda pair: pair[1].cost)
+        decisive = last or (bool(first) and first[0][1].cost < (1.0 - DECISIVE) * least)
+        bound = (1.0 - promising if decisive else 1.0 + PROMISING) * least
+        better = [pair for pair in first if least < TELLING or pair[1].cost < bound]
+        if telling or (decisive and better):
+            telling.append((place, better or first))
+        if not better and not last:
+            continue
+        running = [p for k, p in enumerate(better) if k < 2 or p[1].cost < BEHIND * better[0][1].cost]
+        running = running[: CROWD.get(len(rungs) - 1 - place, len(running))]
+        starts = [(candidate, done.free, done.model) for candidate, done in running]
+        costs = {id(candidate): done.cost for candidate, done in running}
+    ranked = [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]
+    return Race(ranked=ranked, telling=tuple(telling))
+
+
+def verified(starts: Starts, rung: Rung, progress: Progress) -> Race:
+    """Fits of candidates whose starting points are already close, on one rung, best first.
+
+    Those whose simulation leaves the data from the start are only tried if no other stays with them.
+    """
+    begun = sorted(((_misfit(model, rung.problem), k) for k, (_, _, model) in enumerate(starts)), key=lambda item: item[0])
+    near = [k for cost, k in begun if np.isfinite(cost) and cost <= LEAVES * begun[0][0]][:TRIED]
+    climbed: Running = []
+    for candidate, free, model in (starts[k] for k in near):
+        progress(f"fitting {candidate.cause} ({candidate.location})")
+        done = tried(model, free, rung)
+        if done is not None and candidate.plausible(done.model):
+            climbed.append((candidate, done))
+    climbed.sort(key=lambda pair: pair[1].cost)
+    ranked = [
+        pair
+        for k, pair in enumerate(climbed)
+        if all((pair[0].key, pair[0].shape) != (other.key, other.shape) for other, _ in climbed[:k])
+    ]
+    return Race(ranked=ranked, telling=())
+
+
+def stays(run: Race, current: Fit, rung: Rung) -> bool:
+    """Whether the best fit stays with the data on a rung: its misfit is well below that of the current model refitted there."""
+    return bool(run.ranked) and run.ranked[0][1].cost < max((1.0 - DECISIVE) * _bare_cost(current, rung), TELLING)
+
+
+def _bare_cost(current: Fit, rung: Rung) -> float:
+    # Misfit of the current model refitted on a rung.
+    done = tried(current.model, current.free, rung)
+    return done.cost if done else np.inf
+
+
+def _refined(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
+    # More points as long as they improve the fit.
+    while (denser := candidate.refined(rough.model)) is not None:
+        kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
+        done = tried(denser.starts[0], (*kept, *denser.free), rung)
+        if done is None or done.cost > (1.0 - REFINES) * rough.cost:
+            break
+        candidate, rough = denser, done
+    return candidate, rough

@@ -1,0 +1,332 @@
+"""Implausible records and fitted values: inverted, exchanged, wrong by a unit conversion factor or a decade, or at a bound.
+
+A force in N read as kN makes masses a thousand times too large, an acceleration in g read as m/s^2 makes them 9.8 times too
+large, and the model may still agree with the data. So the records are compared with the given rig before any fit
+(`wrong_scale`, `swapped`), and every fit with the given values.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from math import exp, inf, log, pi
+from statistics import median
+from typing import Literal
+
+from isorig.analysis.campaign import Quantity
+from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.swapped import swapped_channels
+from isorig.analysis.fitting.trials import Trial, simulated, true_motion
+from isorig.analysis.fitting.wrong_scale import WrongScale, wrong_scale
+from isorig.analysis.model.parameter_units import unit_of
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.units import GIVEN, mistaken
+
+#: A given mass, stiffness or factor that was weighed, read from a data sheet or estimated with care is not wrong by this ratio.
+DECADE = 10.0
+#: A ratio is a unit conversion factor if it is within this share of it: given values are seldom more accurate.
+NEAR = 0.2
+#: Ratios of masses and stiffnesses within this factor of their median are one ratio: their common scale is wrong.
+ALIKE = 1.5
+#: A value this close to a bound, as a share, is at the bound.
+END = 1e-3
+#: Ratios of units that are commonly confused (BIPM, The International System of Units, 9th ed.).
+UNIT_FACTORS = {
+    9.80665: "g and m/s^2, or kgf and N", 25.4: "inch and mm", 180.0 / pi: "degrees and radians",
+    1000.0: "N and kN, mm and m, or mV and V", 1e6: "um and m",
+}  # fmt: skip
+#: A ratio of levels is that of two units if it is within this factor of it: an unmodelled cause changes levels.
+ROUGHLY = 2.0
+#: Ratio of the levels of a run that starts from a given position above which its unit is wrong.
+RELEASED = 5.0
+#: Parameters compared with given values; dampings and frictions are seldom known.
+_KNOWN = re.compile(r"bodies\.(?P<body>\w+)\.mass|links\.(?P<link>\w+)\.stiffness|drive\.(?P<drive>factor)|.*\.chain\.gain")
+_FRICTION = re.compile(r"contacts\.\w+\.law\.friction_force")
+
+
+#: Mean square weighted residual up to which a fit explains the records; ratios to given values up to which fitted ones are
+#: close, and up to which they are plausible if no unit factor is near. Chosen: a residual of three times what is allowed; below
+#: the smallest unit factor; half a decade, as starting values of fits may differ.
+EXPLAINS, CLOSE_BY, FAR_BY = 10.0, 1.6, 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A value that contradicts the units of the data, the description or the fit.
+
+    Parameters
+    ----------
+    parameter
+        Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
+    kind
+        "swapped": two channels are exchanged; "sign": inverted; "unit": different by a unit conversion factor; "decade":
+        different by another factor, of three or more for records and ten or more for fitted values; "limit": at a bound.
+    ratio
+        Fitted divided by given, or recorded by predicted; for a given value or a sample rate that the records contradict, given
+        divided by likely; for a limit the value divided by it, for swapped channels 1, for inverted ones -1.
+    text
+        One sentence.
+    """
+
+    parameter: str
+    kind: Literal["swapped", "sign", "unit", "decade", "limit"]
+    ratio: float
+    text: str
+
+
+def doubts(given: RigModel, fits: Sequence[Fit], trials: Sequence[Trial] = ()) -> tuple[Doubt, ...]:
+    """Implausible fitted values and levels of the records, the most significant first.
+
+    Parameters
+    ----------
+    given
+        The rig with known values and starting values.
+    fits
+        Fits of it, or of models that extend it; each parameter is reported once.
+    trials
+        The runs: the levels of their channels are compared with those of the given rig with the same drive.
+    """
+    # A model that explains the records with values close to the given ones needs no search for a wrong scale.
+    settled = any(explains_as_given(given, fitted) for fitted in fits)
+    if not settled and (records := doubts_of_records(given, trials)):
+        # What the fits get wrong follows from it.
+        return records
+    found: dict[str, Doubt] = {}
+    for fitted in fits:
+        for doubt in (*_of_units(given, fitted), *_at_limits(fitted)):
+            if not any(path in other.split("+") for other in found for path in doubt.parameter.split("+")):
+                found[doubt.parameter] = doubt
+    order = ("unit", "decade", "limit")
+    return tuple(sorted(found.values(), key=lambda doubt: order.index(doubt.kind)))
+
+
+def explains_as_given(given: RigModel, fitted: Fit) -> bool:
+    """Whether a fit explains the records with values that no wrong scale could imitate.
+
+    A mass that is known sets the scale of all records; free values may differ from the given ones, but by no unit factor.
+    """
+    others = [free.path for free in fitted.free if free.path not in given.free]
+    weighed = any(f"bodies.{body.name}.mass" not in given.free for body in given.bodies if body.name not in given.imposed)
+    if not weighed or fitted.cost > EXPLAINS or any(path.endswith((".gain", ".mass", ".factor")) for path in others):
+        return False
+    sized = [path for path in given.free if path.endswith((".mass", ".stiffness", ".factor"))]
+    return all(_is_near(fitted.values.get(path, given.get(path)), given.get(path)) for path in sized)
+
+
+def _is_near(value: float, given: float) -> bool:
+    if not (value > 0.0 and given > 0.0):
+        return False
+    ratio = value / given
+    return abs(log(ratio)) < log(CLOSE_BY) or (abs(log(ratio)) < log(FAR_BY) and unit_factor(ratio) is None)
+
+
+def doubts_of_records(given: RigModel, trials: Sequence[Trial]) -> tuple[Doubt, ...]:
+    """Records, given values or a sample rate that contradict each other, before any fit.
+
+    Parameters
+    ----------
+    given
+        The rig with known values and starting values.
+    trials
+        The runs.
+    """
+    found, together = wrong_scale(given, trials)
+    if not together:
+        # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
+        swapped = tuple(_of_swaps(given, trials))
+        if swapped:
+            return swapped
+    return tuple(_released(given, trials)) if found is None else (_of_scale(given, found),)
+
+
+def unit_factor(ratio: float) -> tuple[float, str] | None:
+    """The unit conversion factor close to a ratio, or to its inverse, and the units; None if there is none."""
+    size = exp(abs(log(ratio)))
+    factor = min(UNIT_FACTORS, key=lambda each: abs(log(size / each)))
+    return (factor, UNIT_FACTORS[factor]) if abs(log(size / factor)) <= log(1.0 + NEAR) else None
+
+
+def _of_swaps(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
+    for (one, other), runs in swapped_channels(given, trials).items():
+        several = f"runs {', '.join(map(repr, runs))}" if len(runs) > 1 else f"run {runs[0]!r}"
+        yield Doubt(
+            parameter=f"channels.{one}/{other}", kind="swapped", ratio=1.0,
+            text=f"In {several} {one} and {other} seem swapped, their ratio over frequency is the inverse of the given rig's: "
+            "check the cables or rename the channels.",
+        )  # fmt: skip
+
+
+def _of_scale(given: RigModel, found: WrongScale) -> Doubt:
+    names, drive = " and ".join(found.names), given.drive.channel
+    if found.kind == "rate":
+        return Doubt(
+            parameter="sample_rate", kind="decade", ratio=found.ratio,
+            text=f"The resonances are recorded at about {found.ratio:.3g} times the frequencies of the given rig, and no unit "
+            "explains this: check the sample rate in the mapping or of the instrument.",
+        )  # fmt: skip
+    if found.kind == "sign":
+        if len(found.names) == len(given.sensors):
+            return Doubt(
+                parameter=f"drive.{drive}", kind="sign", ratio=-1.0,
+                text=f"All responses have the opposite sign of what the given rig predicts: check the direction of {drive}, and "
+                "the signs in the description's pushes and arms.",
+            )  # fmt: skip
+        return Doubt(
+            parameter="+".join(f"sensors.{name}" for name in found.names), kind="sign", ratio=-1.0,
+            text=f"{names} has the opposite sign of what the given rig predicts: check the direction of its sensor, and correct "
+            "it with a negative sensitivity in the mapping.",
+        )  # fmt: skip
+    if found.kind in ("stiffness", "mass"):
+        kind, key = ("links", "stiffness") if found.kind == "stiffness" else ("bodies", "mass")
+        paths = [f"{kind}.{name}.{key}" for name in found.names]
+        si = unit_of(paths[0], given)
+        other = min(GIVEN[si], key=lambda each: abs(log(found.ratio * GIVEN[si][each])))
+        text = f"The given {key} of {names} is" if len(paths) == 1 else f"The given values of {key} of {names} are"
+        return Doubt(
+            parameter="+".join(paths), kind="unit", ratio=found.ratio,
+            text=f"{text} about {found.ratio:.3g} times what the records show, the factor between {other} and {si}: give "
+            f"{'it' if len(paths) == 1 else 'them'} in {si} in the description.",
+        )  # fmt: skip
+    paths, channels = _suspects(given, found)
+    near = [text for channel, ratio in channels.items() for text in _near(_quantity(given, channel), channel, ratio)]
+    between = f", as if {' or '.join(near)}" if near else ", which no confusion of units explains"
+    advice = "unit" if near else "unit, the sensitivity and the amplifier's range"
+    subject = "All responses are" if found.kind == "responses" and len(found.names) > 1 else f"{names} is"
+    if found.kind == "drive":
+        subject = f"The drive {names} is"
+    every = "all responses" if len(found.names) > 1 else names
+    said = {
+        "sensor": f", and the others are not: check the {advice} of {names}.",
+        "drive": f": check the {advice} of {names}.",
+        "responses": f": check the {advice} of the drive channel {drive}, and of {every}.",
+    }[found.kind]  # fmt: skip
+    relative = "the responses require" if found.kind == "drive" else "the given rig predicts for the recorded drive"
+    return Doubt(
+        parameter="+".join(paths), kind="unit" if near else "decade", ratio=found.ratio,
+        text=f"{subject} about {found.ratio:.3g} times as large as {relative}{between}{said}",
+    )  # fmt: skip
+
+
+def _suspects(given: RigModel, found: WrongScale) -> tuple[list[str], dict[str, float]]:
+    # Paths of the channels, and the ratio of recorded to true value of each that would explain the finding.
+    if found.kind == "drive":
+        return [f"drive.{name}" for name in found.names], dict.fromkeys(found.names, found.ratio)
+    if found.kind == "sensor":
+        return [f"sensors.{name}" for name in found.names], dict.fromkeys(found.names, found.ratio)
+    # Either the drive is wrong, or all responses are, which needs one quantity.
+    alike = len({sensor.quantity for sensor in given.sensors}) == 1
+    drive = given.drive.channel
+    return [f"drive.{drive}"], {drive: 1.0 / found.ratio, **({found.names[0]: found.ratio} if alike else {})}
+
+
+def _quantity(given: RigModel, channel: str) -> Quantity:
+    return next((drive.quantity for drive in given.drives if drive.channel == channel), None) or given.sensor(channel).quantity
+
+
+def _near(quantity: Quantity, channel: str, ratio: float) -> list[str]:
+    # The confusion of units closest to a ratio of recorded to true value.
+    pairs = mistaken(quantity)
+    if not pairs:
+        return []
+    best = min(pairs, key=lambda pair: abs(log(ratio / pairs[pair])))
+    return [f"{channel} were in {best}"] if abs(log(ratio / pairs[best])) <= log(ROUGHLY) else []
+
+
+def _released(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
+    # A run without a drive starts from a given position: levels in wrong units differ by more than any cause changes them.
+    ratios: dict[str, list[float]] = {}
+    for trial in trials:
+        if trial.motion is None and not trial.excitation.recorded.any():
+            with suppress(SimulationError):
+                shown = simulated(given, trial, true_motion(given, trial)).std(axis=1)
+                measured = trial.measured.std(axis=1)
+                for name, ours, theirs in zip(trial.channels, shown, measured, strict=True):
+                    if 0.0 < ours < inf and theirs > 0.0:
+                        ratios.setdefault(name, []).append(float(theirs / ours))
+    for name, each in ratios.items():
+        ratio = median(each)
+        if abs(log(ratio)) >= log(RELEASED):
+            yield _of_scale(given, WrongScale(kind="sensor", names=(name,), ratio=ratio))
+
+
+def _of_units(given: RigModel, fitted: Fit) -> Iterable[Doubt]:
+    ratios = {path: ratio for path in fitted.values if (ratio := _ratio(given, fitted, path)) is not None}
+    scaled = {path: ratio for path, ratio in ratios.items() if path.startswith(("bodies.", "links."))}
+    odd = {path: ratio for path, ratio in ratios.items() if _is_odd(path, ratio)}
+    middle = median(log(ratio) for ratio in scaled.values()) if scaled else 0.0
+    alike = {path: ratio for path, ratio in scaled.items() if abs(log(ratio) - middle) <= log(ALIKE)}
+    if len(alike) > 1 and len(alike) == len(scaled) and alike.keys() & odd.keys():
+        ratio = exp(middle)
+        near = unit_factor(ratio)
+        values = ", ".join(_value(given, fitted, path) for path in alike)
+        yield Doubt(
+            parameter="+".join(alike), kind="unit" if near else "decade", ratio=ratio,
+            text=f"All fitted masses and stiffnesses are about {ratio:.3g} times the given ones ({values})"
+            f"{_between(near)}: check the unit of the drive channel {given.drive.channel}, and of all responses.",
+        )  # fmt: skip
+        odd = {path: ratio for path, ratio in odd.items() if path not in alike}
+    for path, ratio in odd.items():
+        near = unit_factor(ratio)
+        yield Doubt(
+            parameter=path, kind="unit" if near else "decade", ratio=ratio,
+            text=f"{_named(path)} is fitted as {fitted.values[path]:.4g}, {ratio:.3g} times the given {given.get(path):.4g}"
+            f"{_between(near)}: check the units of the channels, and the given value.",
+        )  # fmt: skip
+
+
+def _is_odd(path: str, ratio: float) -> bool:
+    size = exp(abs(log(ratio)))
+    if _FRICTION.fullmatch(path):
+        return size >= DECADE / (1.0 + NEAR) and unit_factor(ratio) is not None
+    return size >= DECADE or unit_factor(ratio) is not None
+
+
+def _ratio(given: RigModel, fitted: Fit, path: str) -> float | None:
+    if not _KNOWN.fullmatch(path) and not _FRICTION.fullmatch(path):
+        return None
+    try:
+        before, after = given.get(path), fitted.values[path]
+    except (ModelError, KeyError, AttributeError):
+        return None
+    return after / before if before > 0.0 and after > 0.0 else None
+
+
+def _at_limits(fitted: Fit) -> Iterable[Doubt]:
+    for free in fitted.free:
+        value = fitted.values[free.path]
+        limit = _limit(free, value)
+        if limit is not None:
+            yield Doubt(
+                parameter=free.path, kind="limit", ratio=value / limit,
+                text=f"{_named(free.path)} ended at its bound, {limit:.4g}, which is "
+                "implausible; check units and given values.",
+            )  # fmt: skip
+
+
+def _limit(free: Free, value: float) -> float | None:
+    # The bound at which a value is. A damping or a friction at its lower bound is just absent.
+    if free.follows or not free.log:
+        return None
+    if 0.0 < free.high < inf and value >= free.high * (1.0 - END):
+        return free.high
+    vanishes = not re.fullmatch(r"bodies\.\w+\.mass|links\.\w+\.stiffness|drive\.factor", free.path)
+    return free.low if not vanishes and free.low > 0.0 and value <= free.low * (1.0 + END) else None
+
+
+def _between(near: tuple[float, str] | None) -> str:
+    return "" if near is None else f", near the factor {near[0]:.4g} between {near[1]}"
+
+
+def _value(given: RigModel, fitted: Fit, path: str) -> str:
+    name = path.split(".")[1] if path.count(".") > 1 else path
+    return f"{name} {fitted.values[path]:.4g} for {given.get(path):.4g}"
+
+
+def _named(path: str) -> str:
+    # bodies.block.mass is the mass of 'block'.
+    parts = path.split(".")
+    words = parts[-1].replace("_", " ")
+    return f"The {words} of {parts[1]!r}" if len(parts) > 2 else f"The {parts[0]}'s {words}"

@@ -1,0 +1,230 @@
+"""Scores on held-out data: errors, their noise floor, and paired comparison by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.fitting.excess import ADEQUATE, MOST_ERROR, excess, is_adequate
+from isorig.analysis.fitting.solve import QUIET
+from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parallel import side_by_side
+from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.inverse import required_drive
+
+#: Number of time blocks of each held-out record.
+BLOCKS = 8
+#: Share of the campaign's excess error that a draw of blocks must show to count for the share removed. Chosen: without it that
+#: share is a ratio of two roundings.
+SHOWS = 0.05
+#: Number of runs above which whole runs are resampled: blocks of one run are not independent.
+RUNS = 5
+#: Draws of the drive's noise, and the ratio of two draws' powers above which more than two are needed.
+DRAWS, SENSITIVE = 8, 1.3
+#: A block's error is at least this share of the allowed error: below it two models do not differ.
+LEAST_BLOCK = 1e-4
+#: Share of a record's rms that counts as noise in comparisons block by block. Chosen: just below `SIMULATION_LIMIT`, so that
+#: blocks with only the simulation's own error do not decide.
+BLOCK_NOISE = 0.003
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of a model on held-out data.
+
+    Parameters
+    ----------
+    error
+        rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels).
+    blocks
+        Mean square error of each block of held-out data divided by the noise's, shape (runs, channels, blocks).
+    power
+        The same divided by the mean square of the whole record there, shape (runs, channels, blocks).
+    """
+
+    error: FloatArray
+    blocks: FloatArray
+    power: FloatArray
+
+    @property
+    def figure(self) -> float:
+        """The campaign's error: the median over runs and channels."""
+        return float(np.median(self.error))
+
+
+def held_out(trial: Trial) -> slice:
+    """The held-out samples of a trial, without the edge of the record."""
+    return slice(trial.fitted, trial.samples)
+
+
+def signal_powers(trials: Sequence[Trial]) -> FloatArray:
+    """Mean square of the held-out record of each run and channel, at least that of `QUIET` of the channel's largest run.
+
+    A body that friction holds for a whole run has no signal to compare an error with. Shape (runs, channels).
+    """
+    powers = np.stack([np.mean(trial.measured[:, held_out(trial)] ** 2, axis=1) for trial in trials])
+    return np.asarray(np.maximum(powers, np.maximum(QUIET**2 * powers.max(axis=0), 1e-60)))
+
+
+def score(model: RigModel, trials: Sequence[Trial]) -> Score:
+    """Free-run simulation of every run from its first sample, compared on held-out data."""
+
+    def one(job: tuple[Trial, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        trial, signal = job
+        part = held_out(trial)
+        try:
+            predicted = expected(model, trial)[:, part]
+        except (SimulationError, ModelError):
+            predicted = np.full((len(trial.channels), trial.samples - trial.fitted), 1e6)
+        measured = trial.measured[:, part]
+        error = predicted - measured
+        relative = np.sqrt(np.mean(error**2, axis=1) / signal)
+        floor = trial.usable_noise**2 + BLOCK_NOISE**2 * signal
+        blocks = np.stack([np.mean(b**2, axis=1) for b in np.array_split(error, BLOCKS, axis=1)], axis=1)
+        power = blocks / signal[:, None]
+        # Without motion, e.g. an encoder at rest, a block without error does not distinguish two models.
+        return relative, np.maximum(blocks / np.maximum(floor, 1e-30)[:, None], LEAST_BLOCK), power
+
+    results = side_by_side(one, list(zip(trials, signal_powers(trials), strict=True)))
+    return Score(*(np.stack([r[k] for r in results]) for k in range(3)))
+
+
+def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
+    """The error of a perfect model in each run and channel, shape (runs, channels).
+
+    The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
+    its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive, and the largest of more draws is
+    used.
+    """
+    generator = np.random.default_rng(7)
+
+    def through(trial: Trial, noises: Sequence[FloatArray]) -> FloatArray:
+        part = held_out(trial)
+        if trial.motion is not None and trial.shaken is not None:
+            off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
+            return np.asarray(np.mean(off[part] ** 2)).reshape(1, 1)
+        excitation = trial.excitation
+        shaken = (excitation.with_drive(excitation.recorded + noise) for noise in noises)
+        clean, *others = (
+            simulate(model, e, configuration=trial.run.configuration, start_time=trial.start_time).channels
+            for e in (excitation, *shaken)
+        )
+        return np.array([[np.mean((clean[n] - other[n])[part] ** 2) for n in trial.channels] for other in others])
+
+    def one(job: tuple[Trial, FloatArray, FloatArray]) -> FloatArray:
+        trial, noises, signal = job
+        power = through(trial, list(noises[:2]))
+        if np.any(power.max(axis=0) > SENSITIVE * power.min(axis=0)):
+            power = np.concatenate([power, through(trial, list(noises[2:]))])
+        return np.asarray(np.sqrt((trial.usable_noise**2 + power.max(axis=0)) / signal))
+
+    noises = [generator.normal(0.0, drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
+    return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))))
+
+
+def confidence(best: Score, rivals: Sequence[Score], *, draws: int = 400) -> float:
+    """Share of resampled held-out blocks in which the best beats every rival (mean log error over blocks)."""
+    if not rivals:
+        return 1.0
+    generator = np.random.default_rng(11)
+    own = np.log(best.blocks).reshape(-1, BLOCKS).mean(axis=0)
+    others = np.stack([np.log(r.blocks).reshape(-1, BLOCKS).mean(axis=0) for r in rivals])
+    margin = others - own
+    picks = generator.integers(0, BLOCKS, (draws, BLOCKS))
+    return float(np.mean(margin[:, picks].mean(axis=2).min(axis=0) > 0.0))
+
+
+def units(score_: Score) -> FloatArray:
+    """Square errors by independent unit: runs if there are enough of them, otherwise blocks of time, shape (units,)."""
+    power = np.minimum(score_.power, MOST_ERROR**2)
+    return np.asarray(power.mean(axis=(1, 2)) if len(power) >= RUNS else power.mean(axis=(0, 1)))
+
+
+def margin_in_errors(best: Score, rival: Score) -> float:
+    """Difference between rival and best in standard errors of the paired blocks."""
+    difference = (np.log(rival.blocks) - np.log(best.blocks)).reshape(-1, BLOCKS).mean(axis=0)
+    spread = float(difference.std(ddof=1) / np.sqrt(BLOCKS))
+    return float(difference.mean() / max(spread, 1e-12))
+
+
+def worst(score_: Score, floors: FloatArray) -> float:
+    """The largest ratio of error to allowed error, over runs and channels."""
+    return float(np.max(score_.error / floors))
+
+
+def adequate(score_: Score, floors: FloatArray, enough: float = ADEQUATE) -> bool:
+    """Whether every run and channel is explained to the allowed error."""
+    return is_adequate(score_.error, floors, enough)
+
+
+def share_interval(
+    first: Score, before: Score, after: Score, floors: FloatArray, *, draws: int = 400
+) -> tuple[float, float, float]:
+    """Share of the first model's excess removed from one model to another: (value, low, high).
+
+    The 95 % interval is from resampled units, see `units`.
+    """
+    generator = np.random.default_rng(19)
+    by_run = len(before.error) >= RUNS
+
+    def drawn(score_: Score, picks: IntArray) -> FloatArray:
+        if by_run:
+            return score_.error[picks]
+        return np.asarray(np.sqrt(score_.power[:, :, picks].mean(axis=2)))
+
+    count = len(before.error) if by_run else BLOCKS
+
+    def share(picks: IntArray) -> float:
+        allowed = floors[picks] if by_run else floors
+        whole, one, other = (excess(drawn(model, picks), allowed) for model in (first, before, after))
+        return (one - other) / whole if whole > 0.0 else 0.0
+
+    values = [share(generator.integers(0, count, count)) for _ in range(draws)]
+    low, high = np.quantile(values, (0.025, 0.975))
+    return share(np.arange(count)), float(low), float(high)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Improvement:
+    """Improvement by an extension on held-out data, each with the 95 % interval of resampled blocks.
+
+    Parameters
+    ----------
+    before, after
+        The campaign's error without and with it: (low, high).
+    removed, removed_interval
+        Share of the error's excess above the floor that it removed.
+    """
+
+    before: tuple[float, float]
+    after: tuple[float, float]
+    removed: float
+    removed_interval: tuple[float, float]
+
+
+def improvement(before: Score, after: Score, floor: float, *, draws: int = 400) -> Improvement:
+    """The improvement with its interval: held-out blocks are resampled, the same for both models (bootstrap, Efron 1979)."""
+    generator = np.random.default_rng(13)
+    picks = generator.integers(0, BLOCKS, (draws, BLOCKS))
+
+    def figures(score_: Score) -> FloatArray:
+        share = score_.blocks[:, :, picks].mean(axis=3) / np.maximum(score_.blocks.mean(axis=2), 1e-300)[:, :, None]
+        return np.asarray(np.median(score_.error[:, :, None] * np.sqrt(share), axis=(0, 1)))
+
+    def interval(values: FloatArray) -> tuple[float, float]:
+        low, high = np.quantile(values, (0.025, 0.975))
+        return float(low), float(high)
+
+    one, other = figures(before), figures(after)
+    # A draw without the misfit, if only a short part of the data shows it, says nothing about its removal.
+    shows = one - floor > SHOWS * (before.figure - floor)
+    removed = ((one - other) / np.maximum(one - floor, 1e-12))[shows if shows.any() else slice(None)]
+    return Improvement(
+        before=interval(one), after=interval(other), removed_interval=interval(removed),
+        removed=(before.figure - after.figure) / max(before.figure - floor, 1e-12),
+    )  # fmt: skip

@@ -1,0 +1,406 @@
+"""Fits a rig's parameters to a measurement, by the free-run simulation error.
+
+The model runs free from each run's first sample, with the recorded drive as its only input, and its waveforms are compared up to
+each run's ceiling frequency. Levenberg-Marquardt (Moré 1978) with finite differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from threading import Lock
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import FitError, ModelError, SimulationError
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_motion
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parallel import side_by_side
+
+#: Number of models whose motion a problem caches.
+CACHED = 3
+#: A parameter whose Jacobian column has at most this square has only rounding effects.
+FAINT = 1e-6
+#: Directions with less than this share of the information of the best-known one are ignored; and share of the information on a
+#: direction below which the other trials do not determine it.
+SINGULAR, ALONE = 1e-12, 0.01
+#: A channel's allowed error is at least this share of its largest rms in any run.
+QUIET = 1e-4
+#: Maximum change of a curve point in one step, in allowed deviations from its neighbours' mean.
+STRAYS = 20.0
+#: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used once more.
+FORETOLD = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Free:
+    """A free parameter of a fit.
+
+    Parameters
+    ----------
+    path
+        Dotted path in the model.
+    low, high
+        Bounds of the value.
+    log
+        Whether it is searched on a logarithmic scale (it is positive).
+    step
+        Finite difference: relative if `log`, absolute otherwise.
+    follows, give
+        For a point of a curve: its expected value from its neighbours, as (path, weight), and the deviation from it that costs as
+        much as one residual of 1. It holds the points without data.
+    """
+
+    path: str
+    low: float = 0.0
+    high: float = np.inf
+    log: bool = True
+    step: float = 1e-5
+    follows: tuple[tuple[str, float], ...] = ()
+    give: float = np.inf
+
+    def encode(self, value: float) -> float:
+        """The search coordinate of a value."""
+        return float(np.log(max(value, 1e-300))) if self.log else value
+
+    def decode(self, coordinate: float) -> float:
+        """The value of a search coordinate, within the bounds."""
+        value = float(np.exp(min(coordinate, 700.0))) if self.log else coordinate
+        return float(min(max(value, self.low), self.high))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """A fitted model.
+
+    Parameters
+    ----------
+    model
+        The rig with the fitted values.
+    free
+        The fitted parameters.
+    covariance
+        Of the values in the order of `free`, shape (k, k), from the residuals with their autocorrelation.
+    cost
+        Mean square of the weighted residuals (1 if noise and `SIGNAL_SHARE` explain all).
+    evaluations
+        Number of simulated campaigns.
+    jacobian, residual, sizes
+        At the last step: derivatives of the weighted residual, shape (size, k), the residual, shape (size,), and the number of
+        its entries for each trial.
+    """
+
+    model: RigModel
+    free: tuple[Free, ...]
+    covariance: FloatArray
+    cost: float
+    evaluations: int
+    jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    sizes: tuple[int, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted value by path."""
+        return {free.path: self.model.get(free.path) for free in self.free}
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation by path."""
+        # At a bound rounding may leave a variance below zero.
+        variances = np.maximum(np.diag(self.covariance), 0.0)
+        return dict(zip((free.path for free in self.free), np.sqrt(variances).tolist(), strict=True))
+
+
+class Waveform:
+    """Every frequency bin of a record, weighted by noise and the accuracy of the simulation.
+
+    An orthonormal transform of the residual in time, so least squares is equivalent, up to the trial's ceiling.
+    """
+
+    def __init__(self, trial: Trial, share: float, least: FloatArray) -> None:
+        n = trial.fitted
+        self._lines = int(min(trial.ceiling, trial.usable) / trial.sample_rate * n) + 1
+        measured = trial.measured[:, :n]
+        sigma = np.maximum(np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2), least)
+        self._weights = (np.sqrt(2.0 / n) / sigma)[:, None]
+        self._measured = measured
+        self.size = 2 * self._lines * len(measured)
+
+    def write_residual(self, predicted: FloatArray, out: FloatArray) -> None:
+        """Write the weighted residual of predicted channels to `out`, shape (size,)."""
+        error = np.fft.rfft(predicted - self._measured, axis=1)[:, : self._lines]
+        parts = out.reshape(2, *error.shape)
+        np.multiply(error.real, self._weights, out=parts[0])
+        np.multiply(error.imag, self._weights, out=parts[1])
+
+
+class Problem:
+    """The residuals of models over a set of trials, as one weighted vector.
+
+    Parameters
+    ----------
+    trials
+        The prepared runs.
+    share
+        Share of a channel's rms that counts as noise in the weights.
+    """
+
+    def __init__(self, trials: Sequence[Trial], *, share: float = SIGNAL_SHARE) -> None:
+        fitted = [trial for trial in trials if trial.fitted > 0]
+        if not fitted:
+            raise FitError("every run is held out, so there is nothing to fit; mark at least one run for fitting")
+        self.trials = tuple(fitted)
+        self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
+        # Models are simulated in several threads, and any of them may remove the oldest entry.
+        self._lock = Lock()
+        # A body held by friction may have a record without any noise.
+        sizes = np.max([trial.measured.std(axis=1) for trial in trials], axis=0)
+        least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
+        self._gauges = [Waveform(trial, share, least) for trial in self.trials]
+        self.sizes = tuple(gauge.size for gauge in self._gauges)
+        self.size = sum(self.sizes)
+
+    def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
+        # The bodies' true motion; models that differ in their sensors' faults only share it.
+        trial = self.trials[index]
+        sound = model.without_faults
+        key = (index, sound.encoded)
+        with self._lock:
+            motion = self._cache.get(key)
+        if motion is None:
+            motion = true_motion(sound, trial, trial.fitted)
+            with self._lock:
+                while len(self._cache) >= CACHED * len(self.trials):
+                    del self._cache[next(iter(self._cache))]
+                self._cache[key] = motion
+        return motion
+
+    def residuals(self, models: Sequence[RigModel]) -> FloatArray:
+        """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged."""
+
+        out = np.empty((len(models), self.size))
+        ends = np.cumsum(self.sizes)
+
+        def one(job: tuple[int, int]) -> None:
+            which, index = job
+            part = out[which, ends[index] - self.sizes[index] : ends[index]]
+            try:
+                predicted = expected(models[which], self.trials[index], self._motion(models[which], index))
+                self._gauges[index].write_residual(predicted, part)
+            except (SimulationError, ModelError):  # it grows without bound, or moves too fast for any step
+                part[:] = np.nan
+
+        side_by_side(one, [(which, index) for which in range(len(models)) for index in range(len(self.trials))])
+        return out
+
+
+def fit(
+    model: RigModel,
+    free: Sequence[Free],
+    problem: Problem,
+    *,
+    iterations: int = 12,
+    tolerance: float = 1e-4,
+    tether: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit the free parameters by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    model
+        The starting point.
+    free
+        The free parameters.
+    problem
+        The residuals.
+    iterations
+        Maximum number of Jacobians.
+    tolerance
+        The fit ends when a step reduces the cost by less than this share.
+    tether
+        Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, relative to residuals of 1:
+        so small that it holds only what the data do not determine.
+    progress
+        Called with one line of text for each step.
+
+    Raises
+    ------
+    FitError
+        The starting model cannot be simulated.
+    """
+    free = tuple(free)
+    theta = np.array([f.encode(model.get(f.path)) for f in free])
+
+    def build(coordinates: FloatArray) -> RigModel:
+        return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+
+    # Rows of the tethers and of the curves' smoothness, below those of the data: ties @ coordinates - ties_at.
+    hold = np.diag([_tethered(f, tether) for f in free])
+    bend, straight = _bending(model, free)
+    ties, ties_at = np.vstack([hold, bend]), np.concatenate([hold @ theta, -straight])
+
+    def misfit(coordinates: FloatArray) -> FloatArray:
+        try:
+            return np.asarray(problem.residuals([build(coordinates)])[0])
+        except ModelError:
+            return np.full(problem.size, np.nan)
+
+    def cost_of(seen: FloatArray, coordinates: FloatArray) -> float:
+        tied = ties @ coordinates - ties_at
+        return float(seen @ seen + tied @ tied)
+
+    residual = misfit(theta)
+    cost = cost_of(residual, theta)
+    if not np.isfinite(cost):
+        raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
+    evaluations, damping = 1, 1e-3
+    jacobian = np.zeros((len(residual), len(free)))
+    taken, fresh = 0, True
+    while taken < iterations or not fresh:
+        if fresh:
+            jacobian = jacobian_of(problem, build, theta, free, residual)
+            normal = jacobian.T @ jacobian + ties.T @ ties
+            evaluations += len(free)
+            taken += 1
+        gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
+        before = foretold = cost
+        for _ in range(6 if fresh else 1):
+            scale = np.diag(normal)
+            # Parameters that are not identifiable stay: their steps would be rounding, and would shorten all others.
+            live = np.flatnonzero(scale > FAINT)
+            step = np.zeros(len(free))
+            step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
+            trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + _limited(step, free), strict=True)])
+            candidate = misfit(trial)
+            evaluations += 1
+            new = cost_of(candidate, trial)
+            linear = cost_of(residual + jacobian @ (trial - theta), trial)
+            if np.isfinite(new) and new < cost:
+                theta, residual, cost, foretold = trial, candidate, new, linear
+                damping = max(damping / 9.0, 1e-9)
+                break
+            damping *= 8.0
+        if progress is not None:
+            progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
+        if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
+            break
+        fresh = not fresh or before - cost < FORETOLD * (before - foretold)
+    fitted = build(theta)
+    return Fit(
+        model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
+        evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
+    )  # fmt: skip
+
+
+def _tethered(free: Free, tether: float) -> float:
+    # Curve points without data follow their neighbours, not their start.
+    return 0.0 if free.follows else tether / (1.0 if free.log else 100.0 * free.step)
+
+
+def _bending(model: RigModel, free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
+    # Rows on the coordinates, and constants, for the deviations of curve points from their neighbours' expectation.
+    index = {f.path: k for k, f in enumerate(free)}
+    points = [f for f in free if f.follows]
+    rows, constants = np.zeros((len(points), len(free))), np.zeros(len(points))
+    for row, point in enumerate(points):
+        for path, weight in ((point.path, -1.0), *point.follows):
+            if path in index:
+                rows[row, index[path]] += weight / point.give
+            else:
+                constants[row] += weight * model.get(path) / point.give
+    return rows, constants
+
+
+def jacobian_of(
+    problem: Problem,
+    build: Callable[[FloatArray], RigModel],
+    theta: FloatArray,
+    free: Sequence[Free],
+    residual: FloatArray,
+) -> FloatArray:
+    """Forward differences of the residual, shape (size, parameters)."""
+    shifted = []
+    steps = np.array([parameter.step for parameter in free])
+    for i, parameter in enumerate(free):
+        moved = theta.copy()
+        moved[i] += parameter.step
+        try:
+            shifted.append(build(moved))
+        except ModelError:  # the step exceeded what physics allows; the other side is inside
+            moved[i] -= 2.0 * parameter.step
+            steps[i] = -parameter.step
+            try:
+                shifted.append(build(moved))
+            except ModelError:  # not allowed on both sides: unchanged
+                shifted.append(build(theta))
+    columns = problem.residuals(shifted)
+    columns -= residual
+    columns /= steps[:, None]
+    return np.asarray(np.nan_to_num(columns, copy=False).T)
+
+
+def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:
+    # No parameter on a logarithmic scale moves by more than a factor e^0.7 at once, no curve point by more than some of its
+    # allowed deviation: rarely reached points are hardly determined by the data.
+    worst = max((abs(s) / 0.7 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
+    most = np.array([STRAYS * f.give for f in free])
+    return np.clip(step / max(worst, 1.0), -most, most)
+
+
+def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, free: Sequence[Free]) -> FloatArray:
+    # White's (1980) sandwich: frequency bins are independent, so a coloured residual only has unequal variances.
+    if jacobian.shape[1] == 0:
+        return np.zeros((0, 0))
+    normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
+    meat = jacobian.T @ (jacobian * (residual**2)[:, None])
+    covariance = normal @ meat @ normal
+    slope = np.array([f.decode(c) if f.log else 1.0 for f, c in zip(free, theta, strict=True)])
+    return np.asarray(covariance * np.outer(slope, slope))
+
+
+def positive(path: str, value: float, *, span: float = 1e3) -> Free:
+    """A positive parameter that may move by a factor `span` in either direction from its starting value."""
+    return Free(path=path, low=value / span, high=value * span)
+
+
+def base_parameters(model: RigModel) -> tuple[Free, ...]:
+    """The parameters marked as free in the rig's description; an offset may have either sign."""
+    return tuple(_described(path, model.get(path)) for path in model.free)
+
+
+def _described(path: str, value: float) -> Free:
+    if path.endswith(".offset"):
+        return Free(path=path, low=-np.inf, log=False, step=1e-4)
+    # A starting value may have lost the friction altogether.
+    return positive(path, value, span=1e6 if path.endswith("friction_force") else 1e3)
+
+
+def disagreement(fitted: Fit) -> FloatArray:
+    """Covariance of the fitted values from the differences between runs: the jackknife over trials, shape (k, k).
+
+    Leaving one trial out moves the values by (A - A_g)^-1 J_g' r_g to first order, A = J'J and A_g the trial's share of it. A
+    model that is wrong asks for other values in every run, which residuals taken as noise do not tell (Efron and Stein 1981).
+    """
+    whole = fitted.jacobian.T @ fitted.jacobian
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    # Along the axes in which all trials together have the same information in every direction.
+    sizes, axes = np.linalg.eigh(whole / np.outer(scale, scale))
+    kept = sizes > SINGULAR * sizes[-1]
+    axes = axes[:, kept] / np.sqrt(sizes[kept])
+    moves = []
+    ends = np.cumsum(fitted.sizes)
+    for start, end in zip(ends - np.array(fitted.sizes), ends, strict=True):
+        own, residual = fitted.jacobian[start:end] / scale @ axes, fitted.residual[start:end]
+        shares, ways = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ own)
+        # Information from this trial only, with which no other can disagree.
+        inverse = np.where(shares > ALONE, 1.0 / np.maximum(shares, ALONE), 0.0)
+        moves.append(axes @ (ways @ (inverse * (ways.T @ (own.T @ residual)))) / scale)
+    count = len(moves)
+    if count < 2:
+        return np.zeros_like(whole)
+    steps = np.array(moves) - np.mean(moves, axis=0)
+    slope = np.array([fitted.model.get(f.path) if f.log else 1.0 for f in fitted.free])
+    return np.asarray((count - 1.0) / count * steps.T @ steps * np.outer(slope, slope))

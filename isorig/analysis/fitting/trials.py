@@ -1,0 +1,273 @@
+"""Runs prepared for fits: the drive interpolated once, the measured responses, their noise, and the held-out part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.analysis.simulate import Excitation, record, simulate
+from isorig.analysis.simulate.free_run import excitation_of, true_drives
+from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
+from isorig.analysis.simulate.sampling import FLAT, within
+from isorig.analysis.spectra.hum import hum
+from isorig.analysis.spectra.noise import noise_level
+
+#: Share of every run used for fits; the rest is held out.
+FIT_SHARE = 0.6
+#: Share of its rms above which a drive acts. A drive that fades in does not act before: a rig held by friction moves like one
+#: with a stiffer spring, which does not represent the rest of the run.
+ACTS = 1.0
+#: Minimum number of samples of a run before its first gap.
+SHORTEST = 256
+#: A drive whose rms is below this multiple of its channel's noise does not move the rig: such a run is at rest, and shows the
+#: sensors' noise only. Chosen: the level that `noise_levels` determines from half a spectrum is accurate to a few per cent.
+AT_REST = 1.5
+#: Errors below this share of a channel's rms do not justify a parameter: weights add it to the noise.
+SIGNAL_SHARE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One prepared run.
+
+    Parameters
+    ----------
+    run
+        The run it comes from.
+    start_time
+        Seconds since the start of the campaign.
+    excitation
+        The drive as recorded, interpolated.
+    channels
+        The responses' names, in the order of the model's sensors.
+    measured
+        Their records, shape (channels, n).
+    noise
+        Standard deviation of each channel's sensor noise up to half the sample rate, shape (channels,).
+    fitted
+        Number of leading samples for fits.
+    ceiling
+        Highest frequency in Hz of the residuals while a fit converges.
+    onset
+        First sample at which the drive acts: before it the rig is at rest.
+    motion
+        For a rig that no spring holds: the motion of its bodies. Such a trial is judged by its drive: `measured` is its channel,
+        decimated, and `shaken` the same motion with additional sensor noise.
+    usable
+        Highest frequency in Hz at which errors count.
+    """
+
+    run: Run
+    start_time: float
+    excitation: Excitation
+    channels: tuple[str, ...]
+    measured: FloatArray
+    noise: FloatArray
+    fitted: int
+    ceiling: float
+    onset: int = 0
+    motion: Motion | None = None
+    shaken: Motion | None = None
+    usable: float = np.inf
+
+    @property
+    def sample_rate(self) -> float:
+        """Sample rate of the compared signals, Hz."""
+        return self.excitation.sample_rate
+
+    @property
+    def usable_noise(self) -> FloatArray:
+        """Standard deviation of each channel's sensor noise up to the usable frequency, shape (channels,)."""
+        return np.asarray(self.noise * np.sqrt(min(2.0 * self.usable / self.sample_rate, 1.0)))
+
+    @property
+    def samples(self) -> int:
+        """Length of the record."""
+        return int(self.measured.shape[1])
+
+
+def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
+    """Predicted records of a rig's sensors in a trial, in a free run from its first sample, shape (channels, n).
+
+    Above the usable frequency a prediction has the record's own content: there the record depends on the converter's filter,
+    which is not known. The difference of both has passed one low-pass.
+
+    Parameters
+    ----------
+    model
+        The rig with the faults of its measurement chain. The phase of a hum is determined from the fit data.
+    trial
+        The run.
+    motion
+        The true values of drive and sensors if known already; simulated if None.
+
+    Raises
+    ------
+    SimulationError
+        The motion grows without bound.
+    """
+    if trial.motion is not None:
+        return required_drive(model, trial.motion)[None, : trial.samples if motion is None else trial.fitted]
+    predicted = simulated(model, trial, true_motion(model, trial, trial.samples) if motion is None else motion)
+    if trial.usable >= trial.sample_rate / 2.0:
+        return predicted
+    measured = trial.measured[:, : predicted.shape[1]]
+    return np.asarray(measured + within(predicted - measured, trial.usable, trial.sample_rate))
+
+
+def simulated(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray]) -> FloatArray:
+    """Records of a rig's sensors at all frequencies, from the true values of drive and sensors, shape (channels, n)."""
+    recorded = record(model, motion, trial.sample_rate)
+    predicted = np.stack([recorded[name] for name in trial.channels])
+    for row, name in enumerate(trial.channels):
+        mains = model.sensor(name).chain.mains_frequency
+        if mains is not None and trial.fitted > 0:
+            n = min(trial.fitted, predicted.shape[1])
+            left = trial.measured[row, :n] - predicted[row, :n]
+            predicted[row] += hum(left, trial.sample_rate, mains, predicted.shape[1])
+    return predicted
+
+
+def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> dict[str, FloatArray]:
+    """The true values of drive and sensors in a trial by channel, each shape (samples,); none of a trial judged by its drive."""
+    if trial.motion is not None:
+        return {}
+    response = simulate(
+        model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
+    )
+    drives = {name: values[:samples] for name, values in true_drives(model, trial.excitation).items()}
+    return {**drives, **response.channels}
+
+
+def noise_levels(campaign: Campaign, drives: Sequence[str] = ()) -> dict[str, float]:
+    """Standard deviation of each channel's sensor noise, in the channel's unit: the lowest `noise_level` of any run.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    drives
+        The channels of the drives: what is coherent with them in other channels, or with others in them, is not noise.
+    """
+    levels: dict[str, float] = {}
+    for run in campaign.runs:
+        for name in run.channels:
+            related = [other for other in run.sensors if (other in drives) != (name in drives)] if drives else []
+            level = noise_level(run, name, related)
+            if level is not None:
+                levels[name] = min(level, levels.get(name, np.inf))
+    return levels
+
+
+def drive_noise(campaign: Campaign, channel: str) -> float:
+    """Standard deviation of the drive channel's sensor noise, in its unit.
+
+    The spectrum of a drive with steps has no quiet part, but between its steps only noise changes: the level is that of
+    `noise_levels`, or the white noise level from the median difference of neighbouring samples if that is smaller (0.6745 times
+    the standard deviation is the median magnitude of a normal variable).
+    """
+    levels = [noise_levels(campaign, (channel,)).get(channel, np.inf)]
+    for run in campaign.runs:
+        if channel in run.channels and len(run) > 1:
+            levels.append(float(np.median(np.abs(np.diff(run.read(channel))))) / (0.6745 * np.sqrt(2.0)))
+    level = min(levels)
+    return level if np.isfinite(level) else 0.0
+
+
+def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tuple[Trial, ...]:
+    """Prepare the campaign's runs for fits of this rig; a run at rest is used for the noise only.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    model
+        The rig: its drive and sensors determine the required channels.
+    oversample
+        Simulation steps per sample for a drive up to half the sample rate; a drive limited to a low band gets fewer.
+
+    Raises
+    ------
+    DataError
+        A required channel is missing or no run remains.
+    """
+    noise = noise_levels(campaign, [drive.channel for drive in model.drives])
+    trials = []
+    for run in campaign.runs:
+        if run.configuration not in model.configurations:
+            raise DataError(
+                f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
+                f"{', '.join(model.configurations)}; add it to the rig's description"
+            )
+        # The state after a gap is unknown.
+        stop = min((gap.first_tick for gap in run.gaps), default=len(run))
+        if stop < SHORTEST:
+            continue
+        if floats(model):
+            trials.append(_by_drive(campaign, model, run, stop, noise))
+            continue
+        drive = run.channel(model.drive.channel).read(0, stop)
+        setup = model.configurations[run.configuration]
+        still = all(rests(run.channel(d.channel).read(0, stop), noise.get(d.channel, 0.0)) for d in model.drives)
+        if still and not (setup.initial_position or setup.initial_velocity):
+            continue
+        names = tuple(sensor.channel for sensor in model.sensors)
+        measured = np.stack([run.channel(name).read(0, stop) for name in names])
+        low = run.band is not None and run.band[1] <= run.sample_rate / 20.0
+        trials.append(
+            Trial(
+                run=run,
+                start_time=campaign.seconds_since_start(run),
+                excitation=excitation_of(model, run, oversample=max(2, oversample // 4) if low else oversample, stop=stop),
+                channels=names,
+                measured=measured,
+                noise=np.array([noise.get(name, 0.0) for name in names]),
+                fitted=0 if run.use == "holdout" else round(stop * FIT_SHARE),
+                ceiling=min(run.sample_rate / 2.0, 4.0 * run.band[1] if low and run.band else run.sample_rate / 2.0),
+                onset=onset_of(drive),
+                usable=min(run.usable, FLAT * run.sample_rate),
+            )
+        )
+    if not trials:
+        raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
+    return tuple(trials)
+
+
+def rests(drive: FloatArray, noise: float) -> bool:
+    """Whether a record of the drive, shape (n,), contains only the noise of its channel: the rig was at rest."""
+    return bool(np.std(drive) <= AT_REST * noise)
+
+
+def onset_of(drive: FloatArray) -> int:
+    """First sample of a record that exceeds `ACTS` of its rms relative to its value at the start."""
+    away = np.abs(drive - drive[0])
+    return int(np.argmax(away > ACTS * np.sqrt(np.mean(away**2)))) if away.any() else 0
+
+
+def _by_drive(campaign: Campaign, model: RigModel, run: Run, stop: int, noise: Mapping[str, float]) -> Trial:
+    sensors = {sensor.body: sensor for sensor in model.sensors}
+    other = next((s for s in model.sensors if MOTION[s.quantity] != 0 or s.relative_to != GROUND), None)
+    if other is not None or len(sensors) != len(model.bodies):
+        raise DataError(
+            f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
+            "that takes the absolute position of every body, so measure those or add the spring to the description"
+        )
+    generator = np.random.default_rng(5)
+    positions = {body: run.channel(sensor.channel).read(0, stop) for body, sensor in sensors.items()}
+    shaken = {
+        body: values + generator.normal(0.0, noise.get(sensors[body].channel, 0.0), stop) for body, values in positions.items()
+    }
+    force = decimated(run.channel(model.drive.channel).read(0, stop))
+    rate = run.sample_rate / DECIMATION
+    return Trial(
+        run=run, start_time=campaign.seconds_since_start(run), excitation=Excitation.prepare(force, rate, oversample=1),
+        channels=(model.drive.channel,), measured=force[None, :],
+        noise=np.array([noise.get(model.drive.channel, 0.0) / np.sqrt(DECIMATION)]),
+        fitted=0 if run.use == "holdout" else round(len(force) * FIT_SHARE), ceiling=rate / 2.0,
+        motion=motion_from(positions, run.sample_rate), shaken=motion_from(shaken, run.sample_rate),
+    )  # fmt: skip

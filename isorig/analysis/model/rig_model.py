@@ -1,0 +1,604 @@
+"""A lumped rig as data: bodies, links, contacts, a drive, sensors and configurations.
+
+The one-, two- and three-mass rigs of the thesis and the wire bonder are instances of `RigModel`, not classes; see `built_in`. A
+coordinate is a body's displacement along the axis (m), or an angle (rad) if a body's `mass` is a moment of inertia; `arms` are
+lever arms by which an element acts on further coordinates, for example for a rocking motor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Literal, NoReturn
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import MOTION, ROTARY, FloatArray, Quantity
+from isorig.analysis.errors import ModelError
+from isorig.analysis.laws import FrictionLaw, LinkLaw
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.refusals import explained
+from isorig.analysis.views import call
+from isorig.analysis.wording import did_you_mean
+
+GROUND = "ground"
+
+
+class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of the parts of a rig."""
+
+
+class Body(Part, frozen=True, kw_only=True):
+    """A coordinate with its mass in kg; for a rotation an angle in rad with its moment of inertia in kg m^2."""
+
+    name: str
+    mass: float
+    motion: Literal["straight", "rotation"] = "straight"
+
+
+class Link(Part, frozen=True, kw_only=True):
+    """A spring (N/m) and damper (N s/m) from body `a` to body `b` or to "ground".
+
+    `arms` adds factor * coordinate to the elongation x_a - x_b (m per rad for a rotation); `laws` add their forces.
+    """
+
+    name: str
+    a: str
+    b: str = GROUND
+    stiffness: float = 0.0
+    damping: float = 0.0
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+    laws: tuple[LinkLaw, ...] = ()
+
+
+class Contact(Part, frozen=True, kw_only=True):
+    """A friction law between body `a` and body `b` or "ground", acting on the velocity of a relative to b."""
+
+    name: str
+    a: str
+    law: FrictionLaw
+    b: str = GROUND
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+
+
+class Chain(Part, frozen=True, kw_only=True):
+    """Faults of a channel's measurement chain. A chain without faults has the defaults.
+
+    recorded(t) = clip(gain * true(t - delay) + offset + sum of fraction * true of another channel + hum, limit); the hum has
+    `mains_frequency` (Hz; None for no hum) and its multiples, with any phase. A sensor's `bend` is a static curve added to its
+    record, as pairs of (true value, added value), linear beyond its ends; its `taps` are a short filter, the weights of `gain` *
+    true at samples around the present one (an odd number, later ones first), applied before the bend.
+    """
+
+    gain: float = 1.0
+    delay: float = 0.0
+    offset: float = 0.0
+    limit: float | None = None
+    crosstalk: dict[str, float] = msgspec.field(default_factory=dict)
+    mains_frequency: float | None = None
+    bend: tuple[tuple[float, float], ...] = ()
+    taps: tuple[float, ...] = ()
+
+
+class Drive(Part, frozen=True, kw_only=True):
+    """What drives: a force on bodies, or the motion of one body.
+
+    The force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight. For a head of mass m whose
+    acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}. With `imposes` the channel is the motion of that
+    body, whatever force it takes: a shaken base, the ground, an actuator under displacement control.
+    """
+
+    channel: str
+    factor: float = 1.0
+    pushes: dict[str, float] = msgspec.field(default_factory=dict)
+    imposes: str | None = None
+    quantity: Quantity = "acceleration"
+    chain: Chain = Chain()
+
+
+class Sensor(Part, frozen=True, kw_only=True):
+    """A channel that records a body's motion, absolute or relative to another body, with `arms` as in a link; or a force.
+
+    `force_in` names the force: "links.NAME" passes from a to b through the link, its laws and the contacts between the same two
+    ends; "contacts.NAME" is the friction with which it resists a; "drive.CHANNEL" is what it takes to impose that drive's motion.
+    """
+
+    channel: str
+    body: str = ""
+    force_in: str | None = None
+    quantity: Quantity = "acceleration"
+    relative_to: str = GROUND
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+    chain: Chain = Chain()
+
+
+class Configuration(Part, frozen=True, kw_only=True):
+    """A configuration of the rig: the links in `rigid` are blocked, unless the lock is elastic.
+
+    `lock_stiffness` (N/m) and `lock_damping` (N s/m) replace each rigid link by a spring; None is a perfect lock.
+    `initial_position` (m) and `initial_velocity` (m/s) of bodies are the state at the start of a run, by default at rest at zero:
+    for example a mass that is pulled and released.
+    """
+
+    rigid: tuple[str, ...] = ()
+    lock_stiffness: float | None = None
+    lock_damping: float = 0.0
+    initial_position: dict[str, float] = msgspec.field(default_factory=dict)
+    initial_velocity: dict[str, float] = msgspec.field(default_factory=dict)
+
+
+class Usual(Part, frozen=True, kw_only=True):
+    """The usual measurement of the rig: defaults for commands with a synthetic drive.
+
+    Parameters
+    ----------
+    excitation
+        Kind of drive.
+    level
+        rms of noise and multisines, peak of all others, in the SI unit of the drive channel; None if not given.
+    band
+        Lowest and highest frequency of the drive, Hz.
+    seconds
+        Length of a run.
+    sample_rate
+        Hz.
+
+    Raises
+    ------
+    ModelError
+        A number is not allowed.
+    """
+
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"] = "random"
+    level: float | None = None
+    band: tuple[float, float] | None = None
+    seconds: float = 30.0
+    sample_rate: float = 1024.0
+
+    def __post_init__(self) -> None:
+        for key in ("level", "seconds", "sample_rate"):
+            value = getattr(self, key)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise ModelError(f"usual.{key} is {value:g}; give a finite value above zero, or leave it out")
+        if self.band is not None and not 0.0 < self.band[0] < self.band[1] <= self.sample_rate / 2.0:
+            raise ModelError(
+                f"usual.band is {list(self.band)}; give [lowest, highest] in Hz, from above 0 to at most half of "
+                f"usual.sample_rate, which is {self.sample_rate / 2.0:g}"
+            )
+
+
+class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cached properties
+    """A whole rig.
+
+    Parameters
+    ----------
+    name
+        Name of the rig.
+    bodies, links, contacts, drive, sensors, configurations
+        Its parts. Names are unique within a kind.
+    more_drives
+        Further simultaneous drives.
+    free_free
+        Whether bodies may be unconnected to the ground.
+    free
+        Paths of the parameters that a fit may change, e.g. "bodies.table.mass", "links.isolation.stiffness",
+        "contacts.isolation.law.friction_force".
+    note
+        Free text.
+    limits
+        Limits for proposed runs.
+    usual
+        Its usual measurement.
+
+    Raises
+    ------
+    ModelError
+        A part contradicts physics, or names a body that does not exist.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> rig = iso.wire_bonder()
+    >>> rig.get("bodies.motor.mass")
+    16.4
+    >>> rig.replace({"bodies.motor.mass": 20.0}).get("bodies.motor.mass")
+    20.0
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    drive: Drive
+    links: tuple[Link, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    configurations: dict[str, Configuration] = msgspec.field(default_factory=lambda: {"unlocked": Configuration()})
+    free: tuple[str, ...] = ()
+    note: str = ""
+    limits: Limits = Limits()
+    usual: Usual = Usual()
+    more_drives: tuple[Drive, ...] = ()
+    free_free: bool = False
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def __repr__(self) -> str:
+        bodies, sensors = (", ".join(names) for names in ([b.name for b in self.bodies], [s.channel for s in self.sensors]))
+        return f"Rig({self.name!r}, bodies {bodies}; drive {self.drive.channel}; sensors {sensors}; {len(self.free)} free)"
+
+    def state_space(self, configuration: str | None = None) -> Any:
+        """The linear part in a configuration (the first if None) as an `isorig.analysis.simulate.state_space.StateSpace`."""
+        return call(self, "state_space", configuration)
+
+    def plot(self) -> Any:
+        """Its sketch, for a notebook."""
+        return call(self, "plot")
+
+    def _repr_html_(self) -> str:
+        return str(call(self, "html"))
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """All drives, the first one first."""
+        return (self.drive, *self.more_drives)
+
+    @property
+    def usual_ratio(self) -> tuple[str, str, tuple[str, ...]]:
+        """Response, reference and configurations that are compared by default: the last sensor over the first drive, in the first
+        two configurations (or the only one). For the wire bonder heatblock over head, unlocked relative to locked."""
+        reference = self.drive.channel
+        response = next((sensor.channel for sensor in reversed(self.sensors) if sensor.channel != reference), reference)
+        return response, reference, tuple(self.configurations)[:2]
+
+    def sensed_contacts(self, configuration: str) -> tuple[tuple[Contact, str, str], ...]:
+        """Contacts that may slide in a configuration, each with the channels that record the motion of its two bodies alike."""
+        found = []
+        setup = self.configurations[configuration]
+        locked = [] if setup.lock_stiffness is not None else [{self.link(name).a, self.link(name).b} for name in setup.rigid]
+        for contact in self.contacts:
+            ends = {
+                body: {s.quantity: s.channel for s in self.sensors if (s.body, s.relative_to) == (body, GROUND) and not s.arms}
+                for body in (contact.a, contact.b)
+            }
+            alike = [quantity for quantity in ends[contact.a] if quantity in ends[contact.b]]
+            if alike and not contact.arms and {contact.a, contact.b} not in locked:
+                found.append((contact, ends[contact.a][alike[0]], ends[contact.b][alike[0]]))
+        return tuple(found)
+
+    @property
+    def imposed(self) -> tuple[str, ...]:
+        """The bodies whose motion is imposed."""
+        return tuple(drive.imposes for drive in self.drives if drive.imposes is not None)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that a run of this rig has: its drives, then its sensors."""
+        return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
+
+    @cached_property
+    def moving_parts(self) -> bytes:
+        """All that determines the motion, as a key for caches: not the sensors and the faults of channels."""
+        drives = [(drive.pushes, drive.factor, drive.imposes) for drive in self.drives]
+        parts = (self.bodies, self.links, self.contacts, self.configurations, drives)
+        return msgspec.msgpack.encode(parts, enc_hook=float)
+
+    @cached_property
+    def without_faults(self) -> RigModel:
+        """The rig with perfect sensors and without free parameters: it moves alike, and so do all that differ in these only."""
+        sound = tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in self.sensors)
+        return msgspec.structs.replace(self, sensors=sound, free=())
+
+    @cached_property
+    def encoded(self) -> bytes:
+        """The model as JSON."""
+        return msgspec.json.encode(self)
+
+    def body(self, name: str) -> Body:
+        """The body with that name."""
+        return next((b for b in self.bodies if b.name == name), None) or _missing(self.bodies, name, "body")
+
+    def link(self, name: str) -> Link:
+        """The link with that name."""
+        return next((b for b in self.links if b.name == name), None) or _missing(self.links, name, "link")
+
+    def contact(self, name: str) -> Contact:
+        """The contact with that name."""
+        return next((b for b in self.contacts if b.name == name), None) or _missing(self.contacts, name, "contact")
+
+    def sensor(self, channel: str) -> Sensor:
+        """The sensor with that channel."""
+        for sensor in self.sensors:
+            if sensor.channel == channel:
+                return sensor
+        names = [sensor.channel for sensor in self.sensors]
+        raise ModelError(f"no sensor records {channel!r}{did_you_mean(channel, names)}; the rig has {names}")
+
+    def get(self, path: str) -> float:
+        """Value of the parameter at a dotted path, e.g. "links.isolation.stiffness"."""
+        item: Any = self
+        for step in path.split("."):
+            item = _step(item, step, path)
+        if isinstance(item, bool) or not isinstance(item, int | float):
+            raise ModelError(f"{path!r} is not a number of this rig; give the path of a parameter")
+        return float(item)
+
+    def replace(self, values: Mapping[str, float]) -> RigModel:
+        """The same rig with new values of the parameters at these dotted paths."""
+        tree = to_tree(self)
+        for path, value in values.items():
+            self.get(path)
+            *way, last = path.split(".")
+            node: Any = tree
+            for step in way:
+                node = _tree_step(node, step)
+            node[int(last) if isinstance(node, list) else last] = float(value)
+        return from_tree(tree)
+
+
+def to_tree(model: RigModel) -> dict[str, Any]:
+    """The model as plain dicts, lists and numbers, ready for JSON."""
+    tree: dict[str, Any] = msgspec.json.decode(model.encoded)
+    return tree
+
+
+def from_tree(tree: Mapping[str, Any]) -> RigModel:
+    """A model from plain dicts and lists.
+
+    Raises
+    ------
+    ModelError
+        With the key, the value found and what is allowed.
+    """
+    try:
+        return msgspec.convert(tree, RigModel)
+    except msgspec.ValidationError as error:
+        parts = (Body, Link, Contact, Chain, Drive, Sensor, Configuration, Usual, Limits, RigModel)
+        raise ModelError(explained(str(error), tree, [key for part in parts for key in part.__struct_fields__])) from None
+    except RecursionError:
+        raise ModelError("the rig's description is nested too deeply; write its parts as flat tables") from None
+
+
+def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
+    names = [part.name for part in parts]
+    raise ModelError(f"the rig has no {kind} {name!r}{did_you_mean(name, names)}, only {names}; name one of these")
+
+
+def _key(part: Any) -> str:
+    return str(part["channel"] if "channel" in part else part["name"])
+
+
+def _step(item: Any, step: str, path: str) -> Any:
+    if isinstance(item, tuple):
+        for part in item:
+            if getattr(part, "name", getattr(part, "channel", None)) == step:
+                return part
+        if step.isdigit() and int(step) < len(item):
+            return item[int(step)]
+    elif isinstance(item, dict):
+        if step in item:
+            return item[step]
+    elif hasattr(item, "__struct_fields__") and step in item.__struct_fields__:
+        return getattr(item, step)
+    raise ModelError(f"the rig has no parameter {path!r} ({step!r} is not there); give an existing path")
+
+
+def _tree_step(node: Any, step: str) -> Any:
+    if isinstance(node, list):
+        for part in node:
+            if ("name" in part or "channel" in part) and _key(part) == step:
+                return part
+        return node[int(step)]
+    return node[step]
+
+
+def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> FloatArray:
+    """Weights of the coordinates in x_a - x_b plus arms, shape (bodies,)."""
+    index = {body.name: i for i, body in enumerate(model.bodies)}
+    weights = np.zeros(len(index))
+    if a != GROUND:
+        weights[index[a]] += 1.0
+    if b != GROUND:
+        weights[index[b]] -= 1.0
+    for name, factor in arms.items():
+        weights[index[name]] += factor
+    return weights
+
+
+def single_drive(model: RigModel, what: str) -> None:
+    """Raise ModelError where a rig has several drives, an imposed motion, a measured force or an initial state.
+
+    `what` is the sentence's subject, e.g. "a scan of parameters".
+    """
+    found = [
+        ("several drives", bool(model.more_drives)),
+        ("an imposed motion", bool(model.imposed)),
+        ("a sensor of a force", any(sensor.force_in is not None for sensor in model.sensors)),
+        (
+            "an initial position or velocity",
+            any(setup.initial_position or setup.initial_velocity for setup in model.configurations.values()),
+        ),
+    ]
+    for name, there in found:
+        if there:
+            raise ModelError(
+                f"{what} does not simulate {name}, which the rig {model.name!r} has; use rig simulate or rig diagnose"
+            )
+
+
+def matrices(model: RigModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mass, damping and stiffness matrices of the unconstrained linear part, each shape (bodies, bodies)."""
+    n = len(model.bodies)
+    mass = np.diag([body.mass for body in model.bodies])
+    damping, stiffness = np.zeros((n, n)), np.zeros((n, n))
+    for link in model.links:
+        w = direction(model, link.a, link.b, link.arms)
+        stiffness += link.stiffness * np.outer(w, w)
+        damping += link.damping * np.outer(w, w)
+    return mass, damping, stiffness
+
+
+def check(model: RigModel) -> None:
+    """Raise ModelError if the parts contradict each other or physics."""
+    names = [body.name for body in model.bodies]
+    _unique(names, "body")
+    _unique([link.name for link in model.links], "link")
+    _unique([contact.name for contact in model.contacts], "contact")
+    _unique(list(model.channels), "channel")
+    joined = [link.name for link in model.links] + [contact.name for contact in model.contacts]
+    for text in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
+        if not text.isprintable():
+            raise ModelError(f"the rig has the name {text!r}, which cannot be displayed; rename it")
+    if not names:
+        raise ModelError("the rig has no bodies; give at least one")
+    if GROUND in names:
+        raise ModelError('a body has the name "ground", which is reserved for the fixed reference; rename it')
+    for body in model.bodies:
+        if not (0.0 < body.mass < float("inf")):
+            raise ModelError(f"body {body.name!r} has mass {body.mass:g}; give a finite mass above zero")
+    for link in model.links:
+        for key in ("stiffness", "damping"):
+            value = getattr(link, key)
+            if not (0.0 <= value < float("inf")):
+                raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
+    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
+    for part in joints:
+        _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
+        if part.a == part.b:
+            raise ModelError(
+                f"{type(part).__name__.lower()} {part.name!r} connects {part.a!r} to itself; give two different ends"
+            )
+    if not model.free_free:
+        _grounded(names, joints, model.imposed)
+    for sensor in model.sensors:
+        _seen(model, sensor)
+        if sensor.force_in is None:
+            _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
+    for drive in model.drives:
+        _driven(model, names, drive)
+    _finite(model)
+    links = [link.name for link in model.links]
+    for name, configuration in model.configurations.items():
+        for rigid in configuration.rigid:
+            if rigid not in links:
+                raise ModelError(f"configuration {name!r} blocks link {rigid!r}, which does not exist; the rig has {links}")
+        starts = (*configuration.initial_position, *configuration.initial_velocity)
+        _known(names, starts, f"the initial state of configuration {name!r}")
+        if fixed := [body for body in starts if body in model.imposed]:
+            raise ModelError(
+                f"configuration {name!r} gives an initial state of {fixed[0]!r}, whose motion is imposed; leave that out"
+            )
+    for path in model.free:
+        model.get(path)
+    for name in model.limits.stroke:
+        if name not in links:
+            raise ModelError(f"limits.stroke names link {name!r}, which does not exist; the rig has {links}")
+
+
+def _seen(model: RigModel, sensor: Sensor) -> None:
+    here = f"sensor {sensor.channel!r}"
+    if sensor.force_in is not None:
+        forces = [f"links.{link.name}" for link in model.links] + [f"contacts.{contact.name}" for contact in model.contacts]
+        forces += [f"drive.{drive.channel}" for drive in model.drives if drive.imposes is not None]
+        if sensor.force_in not in forces:
+            raise ModelError(f"{here} records the force in {sensor.force_in!r}, which does not exist; the rig has {forces}")
+        if sensor.quantity not in ("force", "torque") or sensor.body or sensor.arms:
+            raise ModelError(
+                f'{here} records a force: give it force_in and quantity = "force" (or "torque"), no body and no arms'
+            )
+        return
+    if not sensor.body:
+        raise ModelError(f"{here} names no body; give the body whose motion it records, or force_in for a force")
+    if sensor.quantity not in MOTION:
+        raise ModelError(
+            f"{here} records a {sensor.quantity}, which is not a motion of a body; give one of {', '.join(MOTION)}, or for a "
+            "force force_in in place of body"
+        )
+    body = next((body for body in model.bodies if body.name == sensor.body), None)
+    if sensor.quantity in ROTARY and not sensor.arms and body is not None and body.motion == "straight":
+        raise ModelError(
+            f"{here} records an {sensor.quantity} of body {body.name!r}, which moves straight; "
+            'give that body motion = "rotation", or correct the quantity'
+        )
+
+
+def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
+    here = "the drive" if drive is model.drive else f"the drive {drive.channel!r}"
+    _known(names, tuple(drive.pushes), here)
+    if drive.imposes is None:
+        if not drive.pushes:
+            raise ModelError(f"{here} pushes nothing; give pushes with a body, or imposes for a motion that is imposed")
+        return
+    if drive.imposes not in names:
+        raise ModelError(f"{here} imposes the motion of body {drive.imposes!r}, which does not exist; the rig has {names}")
+    if drive.pushes or drive.factor != 1.0:
+        raise ModelError(f"{here} imposes a motion and has pushes or a factor as well; leave those out")
+    if drive.quantity not in MOTION:
+        raise ModelError(f"{here} imposes a motion, but its quantity is {drive.quantity}; give one of {', '.join(MOTION)}")
+    if model.imposed.count(drive.imposes) > 1:
+        raise ModelError(f"two drives impose the motion of body {drive.imposes!r}; leave one out")
+
+
+def _finite(model: RigModel) -> None:
+    numbers: dict[str, float] = {}
+    for drive in model.drives:
+        here = "drive" if drive is model.drive else f"more_drives.{drive.channel}"
+        numbers |= {f"{here}.factor": drive.factor, f"{here}.chain.gain": drive.chain.gain}
+        numbers |= {f"{here}.pushes.{name}": weight for name, weight in drive.pushes.items()}
+    for name, setup in model.configurations.items():
+        numbers[f"configurations.{name}.lock_stiffness"] = setup.lock_stiffness or 0.0
+        numbers[f"configurations.{name}.lock_damping"] = setup.lock_damping
+        for key in ("initial_position", "initial_velocity"):
+            values = getattr(setup, key)
+            numbers |= {f"configurations.{name}.{key}.{body}": value for body, value in values.items()}
+    for called, arms in [
+        *((part.name, part.arms) for part in model.links),
+        *((part.name, part.arms) for part in model.contacts),
+        *((sensor.channel, sensor.arms) for sensor in model.sensors),
+    ]:
+        for name, arm in arms.items():
+            numbers[f"the arm {name!r} of {called!r}"] = arm
+    for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
+        numbers |= {"a chain's gain": chain.gain, "a chain's delay": chain.delay, "a chain's offset": chain.offset}
+        numbers |= {"a chain's bend": sum(map(sum, chain.bend)), "a chain's taps": sum(chain.taps)}
+        if len(chain.taps) % 2 == 0 and chain.taps:
+            raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
+        if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
+            raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
+    if any(drive.chain.bend or drive.chain.taps for drive in model.drives):
+        raise ModelError("the drive's chain has a bend or taps, which only a sensor's may have; remove them")
+    for key, value in numbers.items():
+        if not np.isfinite(value):
+            raise ModelError(f"{key} is {value:g}; give a finite number")
+    if any(drive.chain.gain == 0.0 for drive in model.drives):
+        raise ModelError("drive.chain.gain is 0, so the drive's true value cannot be known; give the gain of its channel")
+
+
+def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Sequence[str]) -> None:
+    joined = [{part.a, part.b, *part.arms} for part in joints]
+    held = {GROUND, *imposed}
+    while grown := [ends for ends in joined if ends & held and not ends <= held]:
+        held |= set().union(*grown)
+    for name in names:
+        if name not in held:
+            raise ModelError(
+                f"body {name!r} floats: no link or contact joins it to the ground, directly or through others; "
+                'add a link or contact, to "ground" at the last, or write free_free = true for a rig that floats'
+            )
+
+
+def _unique(names: list[str], kind: str) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ModelError(f"the {kind} name {name!r} occurs {names.count(name)} times; give each a unique name")
+
+
+def _known(names: list[str], used: tuple[str, ...], where: str) -> None:
+    for name in used:
+        if name != GROUND and name not in names:
+            raise ModelError(f"{where} names body {name!r}, which does not exist{did_you_mean(name, names)}; the rig has {names}")
+
+
+# msgspec compiles the decoder of a type at first use, which crashes if two threads do so at once: done here, by one thread.
+msgspec.json.Decoder(RigModel)

@@ -1,0 +1,317 @@
+"""Parameter table of a rig: a joint fit of all runs with friction in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.fitting.deviations import awakened, given_moves, grid_shift, line_moves, polished, untraced
+from isorig.analysis.fitting.drive_noise import DriveNoise, drive_noise_effect, without_bias
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.ladder import fit_again, fit_baseline
+from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.related import related
+from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
+from isorig.analysis.fitting.solve import Fit, Free, disagreement
+from isorig.analysis.fitting.trials import Trial, drive_noise
+from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.parameter_units import physical_parameters, unit_of
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.spectra.quality import Fault, faults, without
+from isorig.analysis.views import Viewed
+from isorig.analysis.wording import of_signal
+
+BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
+#: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
+#: recordings with filters of 0.75 to 2.5 times the length of ours.
+UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+#: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
+#: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
+MOST_NOISE = 0.1
+#: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
+ANY_SIGN = "any sign"
+#: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
+SLOPE, ROUNDING = 1e-4, 1e-9
+#: The drive's factor: the head's mass.
+HEAD = "drive.factor"
+#: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
+CALIBRATION = "calibration_std"
+MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
+WEIGHED, ASSUMED = "weighed", "not in the recording: the thesis's value is assumed"
+NO_SLIDING = "not identifiable from these runs; record one in which the contact slides"
+NO_TRACE = "not identifiable from these runs; record one that excites it"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A row of the table; `value` is None if it is not identifiable, and `note` gives the reason."""
+
+    value: float | None
+    std: float | None
+    unit: str
+    method: str
+    note: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Characterization(Viewed):
+    """The table by name, its fit, the runs, and the held-out error with the noise floor.
+
+    For the wire bonder the table has its bodies' masses, frequencies and damping ratios; for another rig, and for an extended
+    model, the parameters by their paths, and the frequency and damping ratio of the modes of every measured configuration.
+    `faults` are faults in the records: runs with faulty channels are not used if their configuration has others. `head_mass` is
+    fitted if it is not given. `calibrated` states whether the recording gives the calibration uncertainty of its sensors. `noise`
+    is a sentence on noise that is not white or differs between runs, or empty.
+    """
+
+    table: dict[str, Entry]
+    head_mass: Entry | None
+    calibrated: bool
+    fit: Fit
+    trials: tuple[Trial, ...]
+    score: Score
+    floor: float
+    adequate: bool
+    noise: str = ""
+    faults: tuple[Fault, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+
+    def __repr__(self) -> str:
+        known = sum(entry.value is not None for entry in self.table.values())
+        return f"Characterization({known} of {len(self.table)} values, held-out error {of_signal(self.error)})"
+
+    @property
+    def error(self) -> float:
+        """Held-out error: the median over runs and channels."""
+        return self.score.figure
+
+
+def characterize(
+    campaign: Campaign,
+    model: RigModel,
+    *,
+    fitted: Sequence[Free] = (),
+    later: float = 0.0,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Characterization:
+    """Fit all free parameters to all runs at once, with standard uncertainties.
+
+    Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by
+    noise in the recorded drive (`drive_noise`). Standard uncertainties are the larger of those from the residuals frequency bin
+    by bin (`deviations`) and from draws of the noise in drive and responses, with a simulation with a smaller time step; if the
+    model misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. A misfit is an error
+    above the white noise of the sensors that is related to the drive or the motion (`related`), or above `MOST_NOISE`; other
+    errors are noise. If the recording gives the uncertainty of its sensors' calibration and of the weighed masses
+    (`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact. The head's mass is
+    fitted too if the recording does not give it.
+
+    Parameters
+    ----------
+    campaign
+        The measurement; needs locked and unlocked runs for all values.
+    model
+        The rig with starting values.
+    fitted
+        For a model that a diagnosis has extended: its fitted parameters. They are fitted again from their values in `model`, and
+        all of them are in the table. By default the parameters that the model marks as free are fitted.
+    later
+        Seconds from the zero of a drifting model to the campaign's first sample.
+    progress
+        Called with one line for each stage.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.characterize(iso.read("campaign.h5"), iso.wire_bonder())
+    >>> entry = found.table["motor_frequency"]
+    >>> print(f"{entry.value:.2f} {entry.unit}")
+    5.06 Hz
+    """
+    progress("checking for bad data")
+    wrong = faults(campaign, reference=model.drive.channel)
+    campaign = without(campaign, wrong, model.channels, from_rest=True)
+    bonder = is_wire_bonder(model)
+    given = dict(campaign.known)
+    if bonder and campaign.description is not None:
+        # Values that a description does not mark as free are given.
+        given |= {f"{body}_mass": model.body(body).mass for body, _ in BODIES}
+        given |= {"head_mass": model.drive.factor}
+    if bonder and "head_mass" not in given and not fitted:
+        model = msgspec.structs.replace(model, free=(*model.free, HEAD))
+    progress(f"fitting {len(fitted or model.free)} parameters to all runs")
+    rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
+    progress("computing the uncertainties")
+    done = polished(awakened(rough, fine), fine)
+    shaken = drive_noise_effect(done, fine)
+    done = without_bias(done, shaken)
+    judged = score(done.model, fine)
+    floors = noise_floor(done.model, fine, drive_noise(campaign, model.drive.channel))
+    explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
+    noise = ""
+    if not explained and judged.figure < MOST_NOISE and not related(done.model, fine):
+        ratio = float(np.max(judged.error / floors))
+        noise = (
+            f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
+            "nor the motion: it is taken as noise, with its spectrum and its level in each run."
+        )
+        floors, explained = np.maximum(floors, judged.error), True
+    # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
+    excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
+    misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
+    note = "" if misfit < 0.01 else f"the model leaves {of_signal(misfit)} unexplained; see rig diagnose"
+    known = _Known(done, fine, explained, misfit, note, _uncertain(campaign.known, done), shaken)
+    table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
+    return Characterization(
+        table=table, head_mass=_head(known, given) if bonder else None,
+        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=judged, floor=float(np.median(floors)),
+        adequate=explained, noise=noise, faults=wrong, doubts=doubts(model, (done,), fine),
+    )  # fmt: skip
+
+
+def is_wire_bonder(model: RigModel) -> bool:
+    """Whether a rig has the bodies and links of the wire bonder's table."""
+    bodies, links = {body.name for body in model.bodies}, {link.name for link in model.links}
+    return all(body in bodies and link in links for body, link in BODIES) and model.drive.quantity == "acceleration"
+
+
+def _bonder_table(known: _Known, given: Mapping[str, float]) -> dict[str, Entry]:
+    table: dict[str, Entry] = {}
+    for body, link in BODIES:
+        table |= _rows(known, body, link, given)
+    path = "contacts.isolation.law.friction_force"
+    if path in known.fitted.values:
+        table["friction_force"] = known.entry({path: 1.0}, known.fitted.values[path], "N", "friction")
+    else:
+        table["friction_force"] = Entry(value=None, std=None, unit="N", method="none", note="the model has no friction")
+    return table
+
+
+def _table(known: _Known) -> dict[str, Entry]:
+    """The parameters of any rig by their paths, and its modes."""
+    fitted = known.fitted
+    table = {
+        free.path: known.entry({free.path: 1.0}, fitted.model.get(free.path), unit_of(free.path, fitted.model), _kind(free))
+        for free in fitted.free
+    }
+    table |= {
+        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method="given", note="")
+        for path in physical_parameters(fitted.model)
+        if path not in table
+    }
+    configurations = dict.fromkeys(trial.run.configuration for trial in known.trials)
+    for configuration in configurations:
+        slopes = _mode_slopes(fitted, configuration)
+        for k, mode in enumerate(natural_modes(fitted.model, configuration)):
+            name = f"{configuration}.mode{k + 1}"
+            table[f"{name}.frequency"] = known.entry(slopes[k][0], mode.frequency, "Hz", "frequency")
+            table[f"{name}.damping"] = known.entry(slopes[k][1], mode.damping, "1", "damping")
+    return table
+
+
+def _kind(free: Free) -> str:
+    last = free.path.rsplit(".", maxsplit=1)[-1]
+    if not free.log:
+        return ANY_SIGN
+    return last if last in UNSEEN else "friction" if free.path.startswith("contacts.") else "damping"
+
+
+def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
+    # Non-zero derivatives of each mode's frequency and damping with respect to the fitted values, by central differences.
+    modes = natural_modes(fitted.model, configuration)
+    slopes: list[tuple[dict[str, float], dict[str, float]]] = [({}, {}) for _ in modes]
+    for path, value in fitted.values.items():
+        step = SLOPE * abs(value)
+        if not step or not path.startswith(("bodies.", "links.", "configurations.")):
+            continue
+        above, below = (natural_modes(fitted.model.replace({path: value + way * step}), configuration) for way in (1.0, -1.0))
+        if not len(above) == len(below) == len(modes):
+            continue
+        for k, (high, low) in enumerate(zip(above, below, strict=True)):
+            for which, change in enumerate((high.frequency - low.frequency, high.damping - low.damping)):
+                size = modes[k].frequency if which == 0 else modes[k].damping
+                if abs(change) > ROUNDING * size:
+                    slopes[k][which][path] = change / (2.0 * step)
+    return slopes
+
+
+class _Known:
+    """Uncertainties of quantities that depend on the fitted values."""
+
+    def __init__(
+        self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float],
+        shaken: DriveNoise,
+    ) -> None:  # fmt: skip
+        self.fitted, self.trials, self._misfit, self._note = fitted, trials, misfit, note
+        self._given, self._given_moves = given, given_moves(fitted, trials, given)
+        self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
+        self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
+        self._shaken = shaken.covariance
+        self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
+
+    def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
+        """The row of a quantity with derivatives `slopes` with respect to the values at those paths."""
+        if self._untraced & slopes.keys():
+            note = NO_SLIDING if kind == "friction" else NO_TRACE
+            return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
+        slope = np.array([slopes.get(path, 0.0) for path in self._order])
+        # A mass treated as known affects the fitted values, and directly a quantity whose formula contains it.
+        own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
+        variance = max(deviation(self._moves, slope) ** 2, float(slope @ self._shaken @ slope))
+        variance += (self._shift @ slope) ** 2 + slope @ self._runs @ slope
+        variance += float(((self._given_moves @ slope + own) ** 2).sum())
+        whole = float(np.sqrt(variance + (UNSEEN.get(kind, UNSEEN["damping"]) * value) ** 2))
+        if value and whole > 0.5 * abs(value) and kind != ANY_SIGN:
+            note = self._note or "the data do not determine it"
+            return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
+        if self._note:
+            whole = float(np.hypot(whole, self._misfit * value))
+        return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
+
+
+def _uncertain(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
+    # Uncertainties of the values treated as known, by path in the model.
+    model = fitted.model
+    there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
+    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}
+    if CALIBRATION in known:
+        paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
+        found |= dict.fromkeys(paths, known[CALIBRATION])
+    return {path: std for path, std in found.items() if std > 0.0}
+
+
+def _head(known: _Known, given: Mapping[str, float]) -> Entry:
+    mass = known.fitted.model.get(HEAD)
+    if HEAD in known.fitted.values:
+        return known.entry({HEAD: 1.0}, mass, "kg", "mass")
+    note = WEIGHED if "head_mass" in given else ASSUMED
+    return Entry(value=mass, std=given.get("head_mass_std", 0.0), unit="kg", method="given", note=note)
+
+
+def _rows(known: _Known, body: str, link: str, given: Mapping[str, float]) -> dict[str, Entry]:
+    fitted = known.fitted
+    mass, stiffness, damper = paths = (f"bodies.{body}.mass", f"links.{link}.stiffness", f"links.{link}.damping")
+    m, k, c = (fitted.model.get(path) for path in paths)
+    frequency, damping = sqrt(k / m) / (2 * pi), c / (2 * sqrt(k * m))
+    return {
+        f"{body}_mass": known.entry({mass: 1.0}, m, "kg", "mass")
+        if mass in fitted.values
+        else Entry(
+            value=m,
+            std=given.get(f"{body}_mass_std", 0.0),
+            unit="kg",
+            method="given",
+            note=WEIGHED if f"{body}_mass" in given else ASSUMED,
+        ),
+        f"{body}_frequency": known.entry(
+            {mass: -0.5 / m * frequency, stiffness: 0.5 / k * frequency}, frequency, "Hz", "frequency"
+        ),
+        f"{body}_damping": known.entry(
+            {mass: -0.5 / m * damping, stiffness: -0.5 / k * damping, damper: damping / c}, damping, "1", "damping"
+        ),
+    }

@@ -1,0 +1,172 @@
+"""The thresholds of a proposal, each with meaning, unit and source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# Distances between causes.
+
+#: Distances, in standard errors of a frequency bin, up to which a run cannot distinguish two causes and from which it will.
+#: Chosen: at 3 the rival's error is three times the allowed error, twice the adequacy threshold of a diagnosis; at 1 it is 1.4
+#: times, within that threshold.
+CANNOT, WILL = 1.0, 3.0
+#: Increase in probability below which a further run is not worthwhile. Chosen: about the weight of one of the catalogue's
+#: eighteen causes at one of three places.
+WORTH = 0.02
+#: Models drawn from the uncertainty of each remaining cause: number compared, and number that must stay within the limits.
+#: Chosen: the time of a comparison is proportional to the first; for the second, of seven draws in addition to the fitted model,
+#: the largest value of any parameter is 1.35 standard deviations above it on average.
+COMPARED, KEPT = 3, 8
+#: Maximum number of runs in a proposal. Chosen: a plan that a person can read; after three runs a diagnosis knows more than a
+#: prediction.
+MOST_RUNS = 3
+#: Number of pairs of causes whose predictions are shown. Chosen: one figure each.
+SHOWN = 3
+
+# Cost of a run.
+
+#: Cost of every run in addition to its duration, s: preparation, and the diagnosis after it. Chosen: the time of a diagnosis.
+OVERHEAD = 20.0
+#: Price of a change of the configuration if not given, s of measuring. Chosen: a lock is installed within a minute.
+LOCK_PRICE = 60.0
+
+# Predictions.
+
+#: Seconds of a run simulated to compare models. Chosen: six time constants of the slowest transient of the wire bonder, its table
+#: at 10.8 Hz with 1.5 % of critical damping. A sweep is simulated in full.
+HORIZON = 6.0
+#: Simulation steps per sample: the compared models share the discretization error.
+GRID = 2
+#: Standard deviation of the logarithm of a fitted value, or in hundreds of its finite differences, assumed as prior knowledge: a
+#: linear step is not trusted beyond it. Chosen: a factor of two, the logarithm of which is 0.69.
+TRUSTED = 0.7
+
+# Limits.
+
+#: Share of a limit that a simulated run may use: a real rig differs from every model. Chosen: the peak of a random drive's
+#: response differs by about a tenth between models that agree with the same data.
+USABLE = 0.9
+
+# Candidate runs.
+
+#: Seconds of a run that excites a band, of one with a short periodic signal (a sine, a move, a step), and of rest. Chosen: 20 s
+#: contain 20 averages of 1 s; the second kind shows its effect in the first periods; 5 s of rest contain 250 periods of the
+#: mains.
+BROAD, SHORT, REST = 20.0, 10.0, 5.0
+#: Length of a longer run, as a multiple of `BROAD`: its error bars are 0.7 times as wide.
+LONGER = 2.0
+#: Levels of a drive as shares of the highest allowed gain. Chosen: forces proportional to the square of the motion differ by 4
+#: and by 25 between them, relative to those proportional to it.
+LEVELS = (1.0, 0.5, 0.2)
+#: Band around a natural frequency, as shares of it; upper end of the low band relative to the lowest natural frequency; and
+#: maximum frequency of a drive below the lowest natural frequency, as a share of it. Chosen: the first contains a resonance with
+#: 10 % damping.
+ABOUT, LOW, BELOW = (0.75, 1.3), 4.0, 0.6
+#: Minimum ratio of a band's ends.
+WIDE = 1.2
+#: Period of a multisine, s: its frequencies are 0.25 Hz apart.
+PERIOD = 4.0
+#: Lowest frequency of a drive, Hz: a run must contain several periods. Highest, as a share of the sample rate: above it the
+#: instrument's own filter has an effect.
+LOWEST, HIGHEST = 0.2, 0.4
+#: Frequencies of a sine dwell, as shares of a natural frequency: below it the spring force dominates, at it the damping force.
+DWELLS = (0.6, 1.0)
+#: Square of a natural frequency divided by the largest one's, above which a spring holds the body: rounding errors are smaller.
+HELD = 1e-9
+
+# Runs for a parameter.
+
+#: Frequency resolution of a transfer function, Hz, and number of correlated neighbouring bins of a Hann window: its equivalent
+#: noise bandwidth (Harris 1978, table 1).
+RESOLUTION, ALIKE = 0.5, 1.5
+#: Bins with a smaller coherence are not used, because error bars do not describe them: about 15 averages of noise alone have 1/5
+#: of it.
+COHERENT = 0.3
+#: Shortest proposed run, s: two thirds of it are fitted, and transients decay in them.
+SHORTEST = 5.0
+#: Uncertainty after a run divided by that before it, above which the run is not worthwhile.
+NO_BETTER = 0.99
+
+# What would distinguish causes that no allowed run distinguishes.
+
+#: Factors for raising gains, tried in order; the first keeps the gains and lifts all other limits. Chosen: above three times the
+#: gain, another rig is needed.
+RAISED = (1.0, 1.5, 2.0, 3.0)
+#: Resolution of a displacement sensor across a link, m (inductive or capacitive), and height of a second accelerometer above the
+#: first, m.
+RESOLVES, HIGHER = 1e-6, 0.05
+#: Number of allowed candidates tried with another sensor: those that distinguish the causes best without it.
+TRIED = 3
+
+# Hypothetical causes.
+
+#: Frequencies of a hypothetical attached resonator, Hz. Chosen: two from the range used in the study of the diagnosis, 20 to 300
+#: Hz.
+HIDDEN_MODES = (30.0, 110.0)
+#: Mains frequency of a hypothetical hum, Hz, and its amplitude in the channel's unit: a third of the smallest in the study.
+MAINS, HUM = 50.0, 0.01
+#: Duration of a drift, seconds: the length of a session.
+SESSION = 720.0
+#: Replacement value for what does not move at all.
+TINY = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smallest:
+    """The smallest relevant size of each cause: a third of the smallest in the study of the diagnosis.
+
+    Parameters
+    ----------
+    spring
+        Deviation of a spring's force from linearity at the largest deflection, as a share.
+    softening_scale
+        Deflection at which a softening spring softens, as a share of the largest.
+    breakaway, stribeck_speed
+        Breakaway above sliding friction, as a share; velocity scale of its decrease as a share of the largest velocity.
+    presliding, play
+        Share of the largest deflection before friction slides; half the play.
+    asymmetry
+        Relative difference of friction from its mean in each direction.
+    stop, stop_stiffness
+        Deflection of a stop as a share of the largest, and its stiffness as a multiple of the spring's.
+    drag
+        Force of quadratic damping at the largest velocity divided by dry friction and viscous force there.
+    drift
+        Relative change of a stiffness over `SESSION`.
+    relaxation
+        Relaxation stiffness divided by the spring's.
+    resonator, arm
+        Mass of a hypothetical attached resonator as a share of its body's; arm of the drive about the centre of gravity, m.
+    mass, gain
+        Shares.
+    lock
+        Stiffness of a lock divided by the spring's.
+    delay
+        Samples.
+    clipping, crosstalk
+        Limit as a share of the largest record; share of the largest record that comes from another channel.
+    """
+
+    spring: float = 0.1
+    softening_scale: float = 0.25
+    breakaway: float = 0.17
+    stribeck_speed: float = 0.07
+    presliding: float = 0.01
+    play: float = 0.02
+    asymmetry: float = 0.08
+    stop: float = 0.75
+    stop_stiffness: float = 0.5
+    drag: float = 0.17
+    drift: float = 0.033
+    relaxation: float = 0.1
+    resonator: float = 0.007
+    arm: float = 0.0033
+    mass: float = 0.02
+    lock: float = 1200.0
+    gain: float = 0.017
+    delay: float = 0.27
+    clipping: float = 0.88
+    crosstalk: float = 0.01
+
+
+SMALLEST = Smallest()

@@ -1,0 +1,194 @@
+"""Conversion between samples and the fine grid: band-limited interpolation, differentiating decimation, delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import DataError
+from isorig.analysis.jit import fast_kernel
+
+#: Half the length of the filters, in samples.
+TAPS = 16
+#: Share of the sample rate up to which the filter of the simulation's samples is flat, and the width in which `within` falls off.
+FLAT, FALL = 0.42, 0.06
+#: Number of samples kept after the end of a shortened drive.
+AFTER = 256
+#: Linear interpolation between values attenuates a spectrum by sinc^2; this filter compensates it to fourth order in the step.
+STRAIGHTENED = np.array([-1.0, 14.0, -1.0]) / 12.0
+#: No compensation, for other kinds of interpolation.
+AS_IT_IS = np.ones(1)
+#: Central differences: of fourth order in the step, and of second order for use without a filter.
+SLOPE = np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12.0
+PLAIN = np.array([0.5, 0.0, -0.5])
+
+
+@lru_cache(maxsize=16)
+def _lowpass(factor: int, half: int) -> FloatArray:
+    from scipy.signal import firwin
+
+    return firwin(2 * half * factor + 1, 1.0 / factor, window=("kaiser", 8.0)) if factor > 1 else np.ones(1)
+
+
+def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -> FloatArray:
+    """Band-limited interpolation by an integer factor, shape (n * factor,); by default compensated for linear interpolation."""
+    from scipy.signal import upfirdn
+
+    if factor == 1:
+        return x
+    h = np.convolve(_lowpass(factor, TAPS) * factor, joined)
+    y = upfirdn(h, x, up=factor)
+    lead = TAPS * factor + len(joined) // 2
+    return y[lead : lead + len(x) * factor]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """A drive prepared once for many simulations.
+
+    Parameters
+    ----------
+    recorded
+        The drive channel as recorded, shape (n,).
+    sample_rate
+        Hz.
+    oversample
+        Fine steps per sample.
+    fine
+        The drive on the fine grid, shape (n * oversample,); with linear interpolation it has the drive's spectrum.
+    others
+        Further drives of the same rig, in the rig's order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> drive = iso.Excitation.prepare(np.sin(2 * np.pi * 8.0 * np.arange(1024) / 1024), 1024.0)
+    >>> drive.fine.shape
+    (8192,)
+    """
+
+    recorded: FloatArray
+    sample_rate: float
+    oversample: int
+    fine: FloatArray
+    others: tuple[Excitation, ...] = ()
+
+    @classmethod
+    def prepare(
+        cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = ()
+    ) -> Excitation:
+        """Interpolate a drive with a band-limited filter.
+
+        Raises
+        ------
+        DataError
+            If the drive is shorter than two samples or not finite, or the rate is not positive.
+        """
+        recorded = np.asarray(drive, dtype=np.float64)
+        if recorded.ndim != 1 or len(recorded) < 2:
+            raise DataError(f"the drive has shape {recorded.shape}; give one record of at least two samples")
+        if not np.isfinite(recorded).all():
+            raise DataError("the drive holds values that are not finite; cut or measure it again")
+        if not 0.0 < sample_rate < np.inf:
+            raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
+        fine = interpolate(recorded, oversample)
+        further = tuple(cls.prepare(other, sample_rate, oversample=oversample) for other in others)
+        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further)
+
+    def resampled(self, oversample: int) -> Excitation:
+        """The same drive on another grid."""
+        if oversample == self.oversample:
+            return self
+        others = [other.recorded for other in self.others]
+        return Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample, others=others)
+
+    def with_drive(self, recorded: FloatArray) -> Excitation:
+        """Another record of the first drive on the same grid, shape (n,)."""
+        others = [other.recorded for other in self.others]
+        return Excitation.prepare(recorded, self.sample_rate, oversample=self.oversample, others=others)
+
+    def beginning(self, samples: int) -> Excitation:
+        """The first samples of the same drive, and the further ones that filters and delays need."""
+        kept = samples + AFTER
+        others = tuple(other.beginning(samples) for other in self.others)
+        return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample], others=others)
+
+
+@lru_cache(maxsize=16)
+def _sampler(factor: int, differentiate: bool) -> FloatArray:
+    h = _lowpass(factor, TAPS)
+    g = np.convolve(h, SLOPE if factor > 1 else PLAIN) if differentiate else h
+    # Leading zeros align the filter's centre with the decimated grid.
+    return np.concatenate([np.zeros(-(len(g) // 2) % factor), g])
+
+
+@fast_kernel
+def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatArray:
+    """Filter and keep every `down`-th value from the `lead`-th on, shape (n,); beyond its end `x` continues linearly."""
+    length, size = len(taps), len(x)
+    slope = x[size - 1] - x[size - 2]
+    flipped = taps[::-1].copy()
+    out = np.zeros(n)
+    for k in range(n):
+        last = (k + lead) * down
+        first = last - length + 1
+        # Slices, because a possibly negative index prevents vectorisation of the sum.
+        inside = x[max(0, first) : last + 1]
+        weights = flipped[max(0, -first) :]
+        acc = 0.0
+        for j in range(len(inside)):
+            acc += weights[j] * inside[j]
+        for at in range(max(size, first), last + 1):
+            acc += flipped[at - first] * (x[size - 1] + slope * (at - size + 1))
+        out[k] = acc
+    return out
+
+
+def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: bool) -> FloatArray:
+    """Low-pass (linear phase, -6 dB at half the sample rate) and decimate; with `differentiate` the derivative.
+
+    Accelerations are differentiated from velocities: they jump where friction reverses, and a sampled jump aliases, while
+    velocities are continuous. After the record's end the motion is extrapolated linearly.
+    """
+    g = _sampler(factor, differentiate)
+    lead = TAPS + (1 if differentiate and factor > 1 else 0)
+    if factor == 1:
+        lead = 1 if differentiate else 0
+    begun = float(fine[0])
+    if begun == 0.0:
+        return fir(g / h if differentiate else g, fine, factor, lead, n)
+    # Before the record's start the motion is constant at its first value.
+    return fir(g / h if differentiate else g, fine - begun, factor, lead, n) + (0.0 if differentiate else begun)
+
+
+@lru_cache(maxsize=16)
+def _passing(share: float) -> FloatArray:
+    from scipy.signal import firwin, kaiserord
+
+    taps, beta = kaiserord(80.0, 2.0 * FALL)
+    return np.asarray(firwin(taps | 1, 2.0 * share + FALL, window=("kaiser", beta)))
+
+
+def within(x: FloatArray, highest: float, rate: float) -> FloatArray:
+    """Signals without their content above a frequency in Hz, shape (..., n): linear phase, no delay, zero beyond the ends."""
+    from scipy.signal import oaconvolve
+
+    taps = _passing(highest / rate)
+    reach = len(taps) // 2
+    n = x.shape[-1]
+    return np.asarray(oaconvolve(x, taps.reshape((1,) * (x.ndim - 1) + (-1,)), axes=-1)[..., reach : reach + n])
+
+
+def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
+    """x(t - delay), band-limited, by a phase shift of the zero-padded spectrum."""
+    if delay == 0.0:
+        return x
+    n = len(x)
+    size = 1 << int(np.ceil(np.log2(n + 2 * abs(delay) * rate + 64)))
+    f = np.fft.rfftfreq(size, 1.0 / rate)
+    return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.exp(-2j * np.pi * f * delay), size)[:n])

@@ -1,0 +1,253 @@
+"""Natural frequencies and damping ratios from transfer functions, by a fit that includes the window.
+
+For a broad-band drive an averaged H1 is the Fourier transform of the impulse response times the window's autocorrelation. A
+mode's impulse response is exponential and windows are sums of cosines, so that transform has a closed form, and the fit includes
+the same window as the estimate: the frequency resolution does not bias its damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.errors import DataError, FitError
+from isorig.analysis.jackknife import deviation
+from isorig.analysis.spectra.hits import BEFORE
+from isorig.analysis.spectra.leakage import error_moments, record_moments, through
+from isorig.analysis.spectra.welch import FEWEST, Frf
+from isorig.analysis.spectra.window_effect import Seen, line_deviation, pole_of
+
+Kind = Literal["accelerance", "transmissibility", "general"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mode:
+    """A natural frequency (Hz) and a damping ratio with standard deviations, and the bandwidth 2 zeta f in frequency bins."""
+
+    frequency: float
+    frequency_std: float
+    damping: float
+    damping_std: float
+    lines: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalFit:
+    """Modes fitted to a transfer function.
+
+    Parameters
+    ----------
+    modes
+        Ascending in frequency.
+    kind
+        Form of each mode.
+    frequency, fitted
+        Hz and the complex model as seen through the window, shape (bins,): for plots with the estimate.
+    misfit
+        rms of the weighted residuals; 1 if the error bars explain them.
+    warning
+        A warning, may be empty.
+    leakage
+        The modes as seen through the window minus the same without a window, at any frequencies in Hz: the bias of the estimate.
+    """
+
+    modes: tuple[Mode, ...]
+    kind: Kind
+    frequency: FloatArray
+    fitted: ComplexArray
+    misfit: float
+    warning: str = ""
+    leakage: Callable[[FloatArray], ComplexArray] | None = field(default=None, repr=False, compare=False)
+
+
+def fit_modes(
+    frf: Frf, band: tuple[float, float], *, kind: Kind = "accelerance", guesses: Sequence[tuple[float, float]] = (),
+    residuals: int = 2, tapered: bool = True,
+) -> ModalFit:  # fmt: skip
+    """Fit modes to the frequency bins of a band, including the window of the estimate.
+
+    Parameters
+    ----------
+    frf
+        Estimated by `isorig.analysis.spectra.welch.estimate`, H1.
+    band
+        The fitted band, Hz.
+    kind
+        accelerance: each mode is A s^2 / (s^2 + 2 zeta w s + w^2); transmissibility: A (2 zeta w s + w^2) divided by the same. A
+        is real and fitted. general: any complex residue, for modes coupled by damping, and complex residuals.
+    guesses
+        (frequency in Hz, damping ratio) of each mode; by default the highest peak in the band.
+    residuals
+        Terms for modes outside the band: 0 none, 1 a constant, 2 a constant and one proportional to frequency squared.
+    tapered
+        Whether the window is included. Without it this is the ordinary fit, for comparison.
+
+    Raises
+    ------
+    DataError
+        The band has too few frequency bins.
+    FitError
+        The fit finds no mode within the band.
+
+    Notes
+    -----
+    Weights are the error bars. Standard deviations come from the covariance of the bins' errors, which the window correlates, and
+    increase with a misfit above 1; or from the scatter between groups of segments, if that is larger: noise on the reference,
+    coloured noise and a drive with few impulses scatter more than that covariance.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> runs = iso.read("campaign.h5").select(gain=7.0)
+    >>> frf = iso.estimate(runs, references=["table"], resolution=0.5).frf("heatblock", "table")
+    >>> mode = iso.fit_modes(frf, (150.0, 180.0), kind="transmissibility").modes[0]
+    >>> abs(mode.frequency - 164.5) < 4.0 * mode.frequency_std
+    True
+    """
+    from scipy.optimize import least_squares
+
+    kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
+    f, value = frf.frequency[kept], frf.value[kept]
+    guesses = guesses or _guess(f, np.abs(value), frf.resolution)
+    if 2 * len(f) <= 4 * len(guesses) + 2 * residuals or len(f) < 5:
+        raise DataError(
+            f"the band {band[0]:g} to {band[1]:g} Hz has {len(f)} frequency bins, too few for {len(guesses)} modes; "
+            "widen it or use a finer resolution"
+        )
+    sigma = np.asarray(line_deviation(frf)[kept], dtype=np.float64)
+    shape = _Shape(f, kind, residuals, Seen.of(frf) if tapered else Seen(decay=frf.decay))
+    start = np.log([number for guess in guesses for number in guess])
+    side = _parts(value / sigma)
+
+    def error(theta: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            columns = _parts(shape.columns(np.exp(theta)) / sigma[:, None])
+        if not np.isfinite(columns).all():
+            # So far away that it overflows: the solver takes a shorter step, and LAPACK prints nothing.
+            return np.full(len(side), np.nan)
+        return np.asarray(columns @ np.linalg.lstsq(columns, side, rcond=None)[0] - side)
+
+    solved = least_squares(error, start, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    pairs = np.asarray(np.exp(solved.x), dtype=np.float64).reshape(-1, 2)
+    if not np.isfinite(pairs).all() or ((pairs[:, 0] < band[0]) | (pairs[:, 0] > band[1]) | (pairs[:, 1] > 1.0)).any():
+        raise FitError(
+            f"the fit of {len(guesses)} modes left the band {band[0]:g} to {band[1]:g} Hz; give guesses or another band"
+        )
+    columns = shape.columns(pairs.ravel())
+    weighted = _parts(columns / sigma[:, None])
+    amplitudes = np.asarray(np.linalg.lstsq(weighted, side, rcond=None)[0], dtype=np.float64)
+    misfit = float(np.sqrt(np.mean((weighted @ amplitudes - side) ** 2)))
+    rows, bread = _derivatives(shape, pairs.ravel(), amplitudes, sigma)
+    # A single average does not determine its errors: the residuals must.
+    least = 1.0 if frf.averages >= FEWEST else 0.0
+    std = np.maximum(
+        max(misfit, least) * _deviations(shape, pairs.ravel(), amplitudes, rows, bread, sigma, frf),
+        _group_deviations(rows, bread, sigma, frf, f)[: pairs.size],
+    )
+    order = np.argsort(pairs[:, 0])
+    modes = tuple(
+        Mode(
+            frequency=float(pairs[i, 0]), frequency_std=float(std[2 * i]), damping=float(pairs[i, 1]),
+            damping_std=float(std[2 * i + 1]), lines=float(2.0 * pairs[i, 1] * pairs[i, 0] / frf.resolution),
+        )
+        for i in order
+    )  # fmt: skip
+    narrow = min(mode.lines for mode in modes)
+    return ModalFit(
+        modes=modes, kind=kind, frequency=f, fitted=np.asarray(columns @ amplitudes), misfit=misfit,
+        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
+        leakage=partial(_leakage, shape, pairs.ravel(), amplitudes),
+    )  # fmt: skip
+
+
+def _leakage(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, f: FloatArray) -> ComplexArray:
+    return np.asarray((shape.at(f, tapered=True).columns(pairs) - shape.at(f).columns(pairs)) @ amplitudes)
+
+
+def _guess(f: FloatArray, size: FloatArray, resolution: float) -> list[tuple[float, float]]:
+    top = int(np.argmax(size)) if len(size) else 0
+    wide = int((size > 0.7 * size[top]).sum()) if len(size) else 1
+    return [(float(f[top]), min(0.3, max(wide - 1.0, 1.0) * resolution / (2.0 * float(f[top]))))] if len(f) else [(1.0, 0.1)]
+
+
+def _parts(values: ComplexArray) -> FloatArray:
+    return np.concatenate([values.real, values.imag])
+
+
+class _Shape:
+    """The model's columns: one per mode and one per residual term, each as seen through the window."""
+
+    def __init__(self, f: FloatArray, kind: Kind, residuals: int, seen: Seen, top: float | None = None) -> None:
+        self.frequency = f
+        self._kind, self._seen, self._residuals = kind, seen, residuals
+        self._top = float(f.max()) if top is None else top
+        rest: list[ComplexArray] = [np.ones(f.shape, dtype=np.complex128), np.asarray((f / self._top) ** 2 + 0j)][:residuals]
+        # Distant damped modes leave a background of any phase.
+        self._rest = [turn * term for term in rest for turn in (1.0, 1j)] if kind == "general" else rest
+
+    def at(self, f: FloatArray, *, tapered: bool = False) -> _Shape:
+        """The same model at other frequencies, without the window unless `tapered`."""
+        seen = self._seen if tapered else Seen(decay=self._seen.decay)
+        return _Shape(f, self._kind, self._residuals, seen, self._top)
+
+    def columns(self, pairs: FloatArray) -> ComplexArray:
+        """Shape (..., modes + residuals), for frequencies (Hz) and damping ratios in turn."""
+        modes = [column for i in range(0, len(pairs), 2) for column in self._mode(2.0 * np.pi * pairs[i], pairs[i + 1])]
+        return np.stack([*modes, *self._rest], axis=-1)
+
+    def _mode(self, omega: float, zeta: float) -> tuple[ComplexArray, ...]:
+        # (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial fractions; s^2 divided by the same is 1 minus it.
+        pole = pole_of(omega / (2.0 * np.pi), zeta)
+        seen, mirrored = (self._seen.pole(self.frequency, each) for each in (pole, np.conj(pole)))
+        if self._kind == "general":
+            return omega * (seen + mirrored), 1j * omega * (seen - mirrored)
+        residue = (2.0 * zeta * omega * pole + omega**2) / (pole - np.conj(pole))
+        ratio: ComplexArray = np.asarray(residue * seen + np.conj(residue) * mirrored)
+        return (ratio,) if self._kind == "transmissibility" else (np.asarray(1.0 - ratio),)
+
+
+def _derivatives(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    # Derivatives with respect to frequencies, damping ratios and amplitudes, shape (bins, values), and the inverse normal matrix.
+    columns = shape.columns(pairs)
+    slopes = []
+    for i, value in enumerate(pairs):
+        moved = pairs.copy()
+        moved[i] += 1e-5 * value
+        slopes.append((shape.columns(moved) - columns) @ amplitudes / (1e-5 * value))
+    rows: ComplexArray = np.concatenate([np.stack(slopes, axis=1), columns], axis=1)
+    stacked = _parts(rows / sigma[:, None])
+    return rows, np.asarray(np.linalg.pinv(stacked.T @ stacked), dtype=np.float64)
+
+
+def _deviations(
+    shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, rows: ComplexArray, bread: FloatArray, sigma: FloatArray, frf: Frf
+) -> FloatArray:  # fmt: skip
+    # Weighted least squares with correlated errors: (J'J)^-1 J'CJ (J'J)^-1, J the weighted derivatives.
+    seen: ComplexArray = np.asarray(shape.columns(pairs) @ amplitudes)
+
+    def bare(f: FloatArray) -> ComplexArray:
+        return np.asarray(shape.at(f).columns(pairs) @ amplitudes)
+
+    if frf.window is None:
+        moments = record_moments(2.0 * sigma**2, frf.decay / frf.resolution, BEFORE)
+    else:
+        moments = error_moments(
+            bare, seen, shape.frequency, frf.resolution, 2.0 * frf.averages * sigma**2, frf.averages, frf.window, frf.overlap
+        )
+    covariance = bread @ through(rows / sigma[:, None] ** 2, moments) @ bread
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0))[: len(pairs)])
+
+
+def _group_deviations(rows: ComplexArray, bread: FloatArray, sigma: FloatArray, frf: Frf, frequency: FloatArray) -> FloatArray:
+    # To first order: leaving out a group moves the values by bread Re(rows^H change / sigma^2).
+    if frf.without_group is None:
+        return np.zeros(len(bread))
+    left_out = frf.without_group(frequency)
+    changes = (left_out - left_out.mean(axis=0)) / sigma**2
+    moves = np.real(changes @ np.conj(rows)) @ bread * np.sqrt(1.0 - 1.0 / len(left_out))
+    return np.array([deviation(moves, unit) for unit in np.eye(len(bread))])

@@ -1,0 +1,106 @@
+"""The white noise of a record, where neither the drive nor friction is: in quiet bands, between reversals, beside the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray, Run
+
+#: Parts of the spectrum whose medians are compared, and the largest share of the sample rate: filters fall off close to half.
+PARTS, HIGHEST = 6, 0.475
+#: Share of the sample rate below which most converters' filters still pass noise, and ratio of its levels in the halves of the
+#: band from the usable one up to there, above which a filter falls off. Chosen: filters that are flat there agree to a tenth.
+PASSED, LEVEL_WITHIN = 0.44, 1.3
+#: Friction changes at once where the motion reverses, so its spectrum is broad. Between reversals the upper part of the usable
+#: band, from this share of it on, contains noise only; this share of all moments is far enough from reversals.
+UPPER, CALM = 0.77, 0.25
+#: Length of the filter of the upper band, in samples, and the least share of the largest value that counts: a record that stays
+#: at one count has no noise to measure.
+TAPS, MOVES = 33, 1e-9
+#: Samples of a segment of averaged spectra, and segments for each related channel.
+SEGMENT, AVERAGES = 128, 8
+
+
+def noise_level(run: Run, name: str, related: Sequence[str] = (), longest: int | None = None) -> float | None:
+    """Standard deviation of a channel's noise in its unit; None if the record is too short.
+
+    The noise is assumed white within the usable band. Its level is the lowest of four:
+
+    - the median power of each sixth of the spectrum (of a chi-square variable with 2 degrees of freedom it is ln 2 times the
+      mean), which is the noise where the drive and friction do not reach;
+    - the same of the part that is not coherent with the related channels (Bendat, Piersol, Random Data, 4th ed., section 7.3),
+      which is the noise where a drive falls off slowly;
+    - the same in the band just above the usable one, where the drive does not reach, if the converter's filter is flat there;
+    - the level in the calmest quarter of the record above most of the drive, which is the noise where friction does not reverse.
+
+    A converter's count adds at least its own rounding.
+
+    Parameters
+    ----------
+    run, name
+        The record.
+    related
+        Channels on the other side of the rig, whose noise is independent: the drives for a response, the responses for a drive.
+    longest
+        Number of samples that are read; all if None.
+    """
+    from scipy.signal import firwin, oaconvolve
+    from scipy.stats import norm
+
+    channel = run.channel(name)
+    values = channel.read(0, longest)
+    n = len(values)
+    if n < 2 * SEGMENT:
+        return None
+    usable = min(run.usable, HIGHEST * run.sample_rate)
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(n))) ** 2 / (n * 0.375)
+    squares = [middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]
+    squares += _above(power, usable / run.sample_rate)
+    others = [run.channel(other).read(0, longest) for other in related if other in run.channels and other != name]
+    if others and n >= AVERAGES * len(others) * SEGMENT:
+        squares += _middles(_own(values, np.stack(others)), usable / run.sample_rate)
+    taps = firwin(TAPS, [UPPER * usable, usable], pass_zero=False, fs=run.sample_rate, window=("kaiser", 8.0))
+    high = np.abs(oaconvolve(values - values.mean(), taps, mode="valid"))
+    moving = high[high > MOVES * high.max()]
+    if len(moving):
+        calm = float(np.quantile(moving, CALM)) / float(norm.ppf(0.5 + 0.5 * CALM))
+        squares.append(calm**2 / float(np.sum(taps**2)))
+    counted = np.asarray(channel.samples[:1]).dtype.kind in "iu"
+    return max(sqrt(min(squares)), abs(channel.scale) / sqrt(12.0) if counted else 0.0)
+
+
+def _middles(power: FloatArray, share: float) -> list[float]:
+    # Medians of the parts of a spectrum up to a share of the sample rate, without its lowest bins.
+    top = int(2.0 * share * len(power))
+    return [float(np.median(part)) for part in np.array_split(power[max(len(power) // 32, 2) : top], PARTS)]
+
+
+def _above(power: FloatArray, share: float) -> list[float]:
+    # The larger median of the halves of the band above the usable one; nothing where a filter falls off or it is too narrow.
+    low, high = (round(2.0 * each * len(power)) for each in (share, PASSED))
+    if high - low < 2 * SEGMENT:
+        return []
+    first, second = (float(np.median(part)) / np.log(2.0) for part in np.array_split(power[low:high], 2))
+    return [max(first, second)] if max(first, second) < LEVEL_WITHIN * min(first, second) else []
+
+
+def _own(values: FloatArray, others: FloatArray) -> FloatArray:
+    # Power of a record that is not coherent with the others, as the variance of white noise, shape (bins,).
+    window = np.hanning(SEGMENT)
+
+    def segments(rows: FloatArray) -> ComplexArray:
+        parts = np.lib.stride_tricks.sliding_window_view(rows, SEGMENT, axis=-1)[..., :: SEGMENT // 2, :]
+        return np.asarray(np.fft.rfft(parts * window, axis=-1))
+
+    y, x = segments(values), np.moveaxis(segments(others), 0, 1)
+    averages = len(y)
+    inputs = np.einsum("kif,kjf->fij", np.conj(x), x)
+    # Inputs of one motion are nearly the same in some bins.
+    ridge = 1e-12 * np.trace(inputs, axis1=1, axis2=2).real[:, None, None] * np.eye(len(others)) + 1e-300 * np.eye(len(others))
+    cross = np.einsum("kif,kf->fi", np.conj(x), y)
+    shown = np.einsum("fi,fi->f", np.conj(cross), np.linalg.solve(inputs + ridge, cross[..., None])[..., 0]).real
+    own = np.maximum((np.abs(y) ** 2).sum(axis=0) - shown, 0.0)
+    return np.asarray(own / (averages - len(others)) / np.sum(window**2))

@@ -1,0 +1,344 @@
+"""Detection of bad data: clipped, dead, stuck, swapped or noisy channels, short records, early motion, gaps in the drive.
+
+Each is detected from the records only, by comparison within a run, with the other runs, and with the behaviour of three masses in
+a line. Faults are reported, and those that would spoil an average are excluded from it (`sound`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, Run, broad
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.noise import noise_level
+from isorig.analysis.spectra.overload import FULL, LONGEST, blocks, extremes, plateaus
+from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
+
+Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
+#: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
+SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
+#: Number of consecutive equal samples at a record's extreme that indicates a limit.
+ROWS = 3
+#: A channel below this share of the strongest of its kind is dead.
+DEAD = 1e-4
+#: Number of consecutive equal samples that no acceleration has, and the factor by which they must exceed the usual number (the
+#: longest of a hundred rows) with a coarse converter; share of its rms by which another channel must move meanwhile.
+STUCK, LONGER, MOVING = 8, 8.0, 0.01
+#: Noise above this multiple of the usual level, and above this share of the channel's own rms, is too much.
+NOISY, NOISE_SHARE = 10.0, 0.1
+#: Resolution for checking runs, Hz, and averages needed for a transfer function.
+RESOLUTION, AVERAGES = 0.5, 8.0
+#: Exchanging two channels must reduce a run's distance from the others by this factor, from at least this distance (mean |log| of
+#: ratios).
+NEARER, FAR = 4.0, 0.3
+#: The error in the first second exceeds the largest later one by this factor, and this share of the signal's power.
+START, START_SHARE = 2.0, 0.02
+#: Resolution for an impulse response, Hz, if the run has this many segments.
+FINE, SEGMENTS = 0.125, 3.0
+#: A drive density below this share of its median is a gap; gaps wider than this share of the band are reported.
+HOLE, WIDE = 1e-3, 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """A fault of a record; `channel` is empty for the whole run, and two names joined by "/" for two channels."""
+
+    run: str
+    channel: str
+    kind: Kind
+    text: str
+
+
+def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
+    """All faults of a campaign's records.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    reference
+        The drive channel.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> campaign = iso.read("campaign.h5")
+    >>> iso.faults(campaign)
+    ()
+    >>> run = campaign.runs[0]
+    >>> dead = replace(run.channels["motor"], samples=np.zeros(len(run)))
+    >>> spoilt = replace(run, channels={**run.channels, "motor": dead})
+    >>> [(fault.run, fault.channel, fault.kind) for fault in iso.faults(iso.Campaign(runs=(spoilt, *campaign.runs[1:])))]
+    [('u70', 'motor', 'dead')]
+    """
+    found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run), *_short(run))]
+    hurt = {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
+    found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
+    found += _noisy(campaign, hurt)
+    spectra_by_run = {run.id: _spectra_of(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}
+    for run in broad(campaign.runs):
+        spectra = spectra_by_run.get(run.id)
+        if spectra is not None:
+            found += [*_holes(run, spectra, reference), *_restless(run, reference, hurt)]
+    found += _swapped(campaign, {name: one for name, one in spectra_by_run.items() if one is not None}, reference, hurt)
+    return tuple(found)
+
+
+def sound(runs: Sequence[Run], found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> list[Run]:
+    """The runs whose channels can be used for an average, or for a simulation `from_rest`; all of them if there are none."""
+    kinds = (*SPOILING, "not at rest") if from_rest else SPOILING
+    spoilt = {(fault.run, name) for fault in found if fault.kind in kinds for name in fault.channel.split("/")}
+    return [run for run in runs if not any((run.id, name) in spoilt for name in (*channels, ""))] or list(runs)
+
+
+def _clipped(run: Run) -> Iterator[Fault]:
+    for name in run.sensors:
+        channel = run.channels[name]
+        top, unit = channel.full_scale, channel.unit
+        full = 0 if top is None else sum(int((np.abs(block) >= FULL * top).sum()) for block in blocks(channel))
+        if full:
+            text = f"run {run.id!r}: {name} clipped, {full} samples at the end of its range of ±{top:g} {unit}"
+        elif (count := plateaus(channel)) >= ROWS:
+            text = f"run {run.id!r}: {name} seems clipped, its extreme value occurs {count} times for several consecutive samples"
+        else:
+            continue
+        yield Fault(
+            run=run.id, channel=name, kind="clipped", text=f"{text}; choose a larger range or a lower gain and measure again."
+        )
+
+
+def _dead(run: Run) -> Iterator[Fault]:
+    sizes = {name: max(float(block.std()) for block in blocks(run.channels[name])) for name in run.sensors}
+    for name, size in sizes.items():
+        kind = run.channels[name].quantity
+        loudest = max(s for other, s in sizes.items() if run.channels[other].quantity == kind)
+        if size <= DEAD * loudest or size == 0.0:
+            yield Fault(
+                run=run.id, channel=name, kind="dead",
+                text=f"run {run.id!r}: {name} is dead ({size:.2g} {run.channels[name].unit} rms, the strongest {loudest:.2g}); "
+                "check its cable and its supply.",
+            )  # fmt: skip
+
+
+def _stuck(run: Run, reference: str) -> Iterator[Fault]:
+    # A drive may pause; a sensor on a moving rig cannot. A value at the record's extreme is clipped.
+    names = _accelerations(run)
+    sizes = {name: max(float(block.std()) for block in blocks(run.channels[name])) for name in names}
+    for name in names:
+        if name == reference:
+            continue
+        ends = extremes(run.channels[name])
+        lasting = []
+        for start, block in zip(range(0, len(run), LONGEST), blocks(run.channels[name]), strict=True):
+            edges = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1, [len(block)]])
+            rows = np.diff(edges)
+            for k in np.flatnonzero(rows >= max(STUCK, LONGER * float(np.quantile(rows, 0.99)))):
+                first, last = start + edges[k], start + edges[k + 1]
+                others = (float(run.channels[other].read(first, last).std()) / max(sizes[other], 1e-300) for other in names)
+                if block[edges[k]] not in ends and max(others) > MOVING:
+                    lasting.append(int(rows[k]))
+        if lasting:
+            yield Fault(
+                run=run.id, channel=name, kind="stuck",
+                text=f"run {run.id!r}: {name} has a constant value {len(lasting)} times for up to "
+                f"{max(lasting) / run.sample_rate:.2g} s while others move; check its connector and its cable and measure again.",
+            )  # fmt: skip
+
+
+def _noisy(campaign: Campaign, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
+    # Friction reverses in steps with a broad spectrum; so a channel's floor counts only if another run distinguishes it from
+    # friction.
+    floors = {
+        (run.id, name): seen for run in campaign.runs for name in _accelerations(run)
+        if (run.id, name) not in hurt and (seen := _floor(run, name)) is not None
+    }  # fmt: skip
+    names = dict.fromkeys(name for _, name in floors)
+    least = {name: min(f for (_, other), (f, _) in floors.items() if other == name) for name in names}
+    for run in campaign.runs:
+        alike = campaign.select(configuration=run.configuration, gain=run.gain)
+        for name in names:
+            if (run.id, name) not in floors:
+                continue
+            floor, size = floors[run.id, name]
+            rest = [f for other, f in least.items() if other != name]
+            always = len(rest) >= 2 and least[name] > NOISY * float(np.median(rest)) and floor > NOISE_SHARE * size
+            same = [floors[r.id, name][0] for r in alike if r.id != run.id and (r.id, name) in floors]
+            once = bool(same) and floor > NOISY * min(same) and floor > NOISE_SHARE * size
+            usual = min(same) if once else float(np.median(rest)) if rest else floor
+            if always or once:
+                yield Fault(
+                    run=run.id, channel=name, kind="noisy",
+                    text=f"run {run.id!r}: {name} is noisy, {floor:.2g} m/s^2 rms where {usual:.2g} is usual "
+                    f"({100 * floor / size:.0f} % of its signal); check its cable, its grounding and its range.",
+                )  # fmt: skip
+
+
+def _accelerations(run: Run) -> list[str]:
+    return [name for name, channel in run.channels.items() if channel.quantity == "acceleration"]
+
+
+def _floor(run: Run, name: str) -> tuple[float, float] | None:
+    # The noise of a record, and the record's own rms.
+    level = noise_level(run, name, longest=LONGEST)
+    return None if level is None else (level, float(run.channels[name].read(0, LONGEST).std()))
+
+
+def _short(run: Run) -> Iterator[Fault]:
+    if not broad([run]):
+        return
+    longest = max((stop - start for start, stop in stretches(run)), default=0) / run.sample_rate
+    # Half-overlapping Hann segments of 1 / RESOLUTION seconds.
+    averages = max(2.0 * longest * RESOLUTION - 1.0, 0.0)
+    if averages < AVERAGES:
+        yield Fault(
+            run=run.id, channel="", kind="too short",
+            text=f"run {run.id!r} is too short: its longest interval without a gap has {longest:.3g} s, {averages:.0f} averages "
+            f"with a resolution of {RESOLUTION:g} Hz; measure {(AVERAGES + 1.0) / (2.0 * RESOLUTION):g} s or longer.",
+        )  # fmt: skip
+
+
+def _spectra_of(run: Run, reference: str, resolution: float = RESOLUTION) -> Spectra | None:
+    if reference not in run.channels:
+        return None
+    try:
+        return estimate([run], references=[reference], channels=list(run.sensors), resolution=resolution)
+    except DataError:
+        return None
+
+
+def _band(run: Run, spectra: Spectra) -> tuple[float, float]:
+    low, high = run.band or (4.0 * RESOLUTION, run.sample_rate / 4.0)
+    return max(low, 4.0 * spectra.resolution), high
+
+
+def _holes(run: Run, spectra: Spectra, reference: str) -> Iterator[Fault]:
+    low, high = _band(run, spectra)
+    kept = (spectra.frequency >= low) & (spectra.frequency <= high)
+    if kept.sum() < 10:
+        return
+    f, density = spectra.frequency[kept], spectra.density(reference)[kept]
+    empty = np.concatenate([[False], density < HOLE * np.median(density[density >= 1e-3 * density.max()]), [False]])
+    edges = np.flatnonzero(np.diff(empty.astype(np.int8)))
+    if run.band is None:
+        of, cure = "; the recording gives no band", "give the band of the run"
+    else:
+        of, cure = f" of its band ({low:g} to {high:g} Hz)", "excite the whole band or correct the band"
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if last - first >= WIDE * len(f):
+            yield Fault(
+                run=run.id, channel=reference, kind="no drive",
+                text=f"run {run.id!r}: the drive has no power from {f[first]:.4g} to {f[last - 1]:.4g} Hz{of}, so nothing is "
+                f"known there; {cure}.",
+            )  # fmt: skip
+
+
+def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
+    # The response explained by the drive through the run's own impulse response, from rest; motion from before the start remains.
+    from scipy.signal import oaconvolve
+
+    spectra = _spectra_of(run, reference, max(FINE, SEGMENTS / run.duration))
+    if spectra is None:
+        return
+    rate = run.sample_rate
+    drive = run.channels[reference].read(0, LONGEST)
+    names = [name for name in run.sensors if name != reference and (run.id, name) not in hurt]
+    worst: list[tuple[float, str]] = []
+    low, high = _band(run, spectra)
+    kept = (spectra.frequency >= low) & (spectra.frequency <= high)
+    for name in names:
+        response = np.fft.irfft(np.where(kept, spectra.frf(name, reference).value, 0.0))
+        ahead = len(response) // 8
+        taps = np.roll(response, ahead)
+        explained = oaconvolve(drive - drive.mean(), taps)[ahead : ahead + len(drive)]
+        values = run.channels[name].read(0, LONGEST)
+        left = values - values.mean() - explained
+        second = round(rate)
+        powers = np.array([np.mean(left[k : k + second] ** 2) for k in range(0, len(left) - second + 1, second)])
+        if len(powers) < 6:
+            return
+        # Edge effects at the end are as large as at the start.
+        later = float(powers[2:-1].max())
+        if powers[0] > START * later and powers[0] > START_SHARE * values.var():
+            worst.append((float(powers[0] / later), name))
+    # A single channel may have slid once; motion from before the start appears in several.
+    if len(worst) >= min(2, len(names)) > 0:
+        ratio, name = max(worst)
+        yield Fault(
+            run=run.id, channel="", kind="not at rest",
+            text=f"run {run.id!r} did not start at rest: in its first second {name} has {np.sqrt(ratio):.1f} times more motion "
+            "not caused by the drive than ever later; start the record before the drive, or let the rig come to rest.",
+        )  # fmt: skip
+
+
+def _swapped(
+    campaign: Campaign, spectra_by_run: dict[str, Spectra], reference: str, hurt: set[tuple[str, str]]
+) -> Iterator[Fault]:
+    runs = [run for run in campaign.runs if run.id in spectra_by_run]
+    for run in runs:
+        names = [name for name in run.sensors if (run.id, name) not in hurt]
+        others = [
+            other for other in runs if other.id != run.id and other.configuration == run.configuration
+            and set(names) <= set(other.sensors) and not any((other.id, name) in hurt for name in names)
+        ]  # fmt: skip
+        pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
+        found = [pair for pair in pairs if _nearer(run, others, spectra_by_run, pair, reference)] if len(others) >= 2 else []
+        found = found or [pair for pair in pairs if _upside_down(run, campaign, spectra_by_run[run.id], pair)]
+        for a, b in found[:1]:
+            yield Fault(
+                run=run.id, channel=f"{a}/{b}", kind="swapped",
+                text=f"run {run.id!r}: {a} and {b} seem swapped, the run agrees with the others and with the rig only with both "
+                "exchanged; check the cables or rename the channels.",
+            )  # fmt: skip
+
+
+def _nearer(run: Run, others: Sequence[Run], spectra_by_run: dict[str, Spectra], pair: tuple[str, str], reference: str) -> bool:
+    # Whether the run is close to the others (most of them) with two channels exchanged, and far from them as it is.
+    as_is: list[float] = []
+    exchanged: list[float] = []
+    for other in others:
+        low = max(_band(run, spectra_by_run[run.id])[0], _band(other, spectra_by_run[other.id])[0])
+        high = min(_band(run, spectra_by_run[run.id])[1], _band(other, spectra_by_run[other.id])[1])
+        lines, _ = common_lines((spectra_by_run[run.id], spectra_by_run[other.id]))
+        lines = lines[(lines >= low) & (lines <= high)]
+        if len(lines) < 8:
+            continue
+        names = list(run.sensors)
+        turned = {pair[0]: pair[1], pair[1]: pair[0]}
+        own, theirs = (
+            np.stack([np.interp(lines, one.frequency, np.log(one.density(n) + 1e-300)) for n in names])
+            for one in (spectra_by_run[run.id], spectra_by_run[other.id])
+        )
+        mixed = own[[names.index(turned.get(n, n)) for n in names]]
+        base = names.index(reference)
+        for store, rows in ((as_is, own), (exchanged, mixed)):
+            store.append(float(np.mean(np.abs((rows - rows[base]) - (theirs - theirs[base])))))
+    if len(as_is) < 2:
+        return False
+    far, near = float(np.median(as_is)), float(np.median(exchanged))
+    return far > FAR and near * NEARER < far
+
+
+def _upside_down(run: Run, campaign: Campaign, spectra: Spectra, pair: tuple[str, str]) -> bool:
+    # Three masses in a line: the heatblock moves more than the table around its own resonance, never less throughout.
+    if set(pair) != {"table", "heatblock"}:
+        return False
+    guess = campaign.known.get("heatblock_frequency")
+    if guess is None or run.band is None or run.band[1] < 1.3 * guess:
+        return False
+    near = (spectra.frequency > 0.75 * guess) & (spectra.frequency < 1.3 * guess)
+    ratio = 0.5 * np.log(spectra.density("heatblock")[near] / np.maximum(spectra.density("table")[near], 1e-300))
+    return bool(-ratio.min() > np.log(3.0) and ratio.max() < 0.3 * -ratio.min())
+
+
+def without(campaign: Campaign, found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> Campaign:
+    """The campaign without its faulty runs (see `sound`); a configuration without other runs keeps them."""
+    kept: list[Run] = []
+    for configuration in dict.fromkeys(run.configuration for run in campaign.runs):
+        kept += sound(campaign.select(configuration=configuration), found, channels, from_rest=from_rest)
+    return replace(campaign, runs=tuple(run for run in campaign.runs if run in kept))

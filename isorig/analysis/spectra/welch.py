@@ -1,0 +1,535 @@
+"""Welch's method in one pass over all channels: auto and cross spectra, transfer functions, coherence, error bars.
+
+Welch (1967) averages windowed segments. Segments are read in blocks, so a record on disk needs the memory of one block only, and
+no segment crosses a gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import ComplexArray, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
+from isorig.analysis.spectra.inputs import Drives, Estimator, partial_coherence
+from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
+from isorig.analysis.views import Viewed
+
+#: Segments transformed at a time.
+BLOCK = 8
+OVERLAP = 0.5
+#: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
+FEWEST = 1.5
+#: Arrays over frequency of a transfer function, other than the frequencies themselves.
+FRF_ROWS = ("value", "coherence", "magnitude_std", "phase_std", "multiple_coherence")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frf(Viewed):
+    """A transfer function with its error bars.
+
+    Parameters
+    ----------
+    response, reference
+        Channel names: response over reference.
+    frequency
+        Hz, shape (bins,).
+    value
+        Complex, shape (bins,), in the response's unit divided by the reference's.
+    coherence
+        0 to 1, shape (bins,).
+    magnitude_std, phase_std
+        One standard deviation of the random error of the magnitude (in the unit of `value`) and of the phase (rad), shape
+        (bins,); `isorig.analysis.spectra.limits` adds leakage and noise on the reference.
+    averages
+        Effective number of independent averages.
+    resolution
+        Frequency resolution, Hz.
+    estimator
+        "H1", "H2" or "Hv".
+    multiple_coherence
+        Share of the response explained by all drives together, shape (bins,); None for one drive, for which it equals
+        `coherence`. With several, `coherence` is the share explained by this drive of what the others leave.
+    units
+        Of the response and of the reference; empty if unknown.
+    window, overlap
+        Window of the segments, and their relative overlap; no window for transforms of whole records that start and end at rest.
+    decay
+        Rate of an exponential window on all channels, 1/s: values are those at s = decay + 2 pi i f.
+    without_group
+        The values in the bins of the given frequencies (Hz, shape (bins,)) without each group of segments in turn, complex, shape
+        (groups, bins): for the uncertainty of quantities derived from them. None if groups were not stored.
+    """
+
+    response: str
+    reference: str
+    frequency: FloatArray
+    value: ComplexArray
+    coherence: FloatArray
+    magnitude_std: FloatArray
+    phase_std: FloatArray
+    averages: float
+    resolution: float
+    estimator: Estimator
+    multiple_coherence: FloatArray | None = None
+    units: tuple[str, str] = ("", "")
+    window: Window | None = HANN
+    overlap: float = OVERLAP
+    decay: float = 0.0
+    without_group: Callable[[FloatArray], ComplexArray] | None = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.in_words})"
+
+    @property
+    def in_words(self) -> str:
+        """Channels, estimator, frequencies and averages."""
+        f = self.frequency
+        band = f"{f[0]:.4g} to {f[-1]:.4g} Hz in steps of {self.resolution:.3g} Hz" if len(f) else "no frequencies"
+        return f"{self.response} over {self.reference}, {self.estimator}, {band}, {self.averages:.0f} averages"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spectra:
+    """Averaged spectra of several channels, one-sided densities.
+
+    Parameters
+    ----------
+    channels
+        Names, in the order of the spectra.
+    frequency
+        Hz, shape (bins,).
+    auto
+        Power spectral densities, unit^2 / Hz, shape (channels, bins).
+    cross
+        Cross spectral densities conj(reference) * channel by reference, each shape (channels, bins).
+    averages
+        Effective number of independent averages: segments divided by 1 + 2 sum (1 - j/K) rho_j^2, with rho_j the correlation of
+        segments j apart (Welch 1967).
+    segments
+        Number of segments.
+    resolution
+        Frequency resolution, Hz.
+    units
+        Of the channels, in their order; empty if unknown.
+    window, overlap
+        Window of the segments, and their relative overlap; no window for transforms of whole records that start and end at rest.
+    decay
+        Rate of an exponential window on all channels, 1/s: values are those at s = decay + 2 pi i f.
+    groups
+        The same spectra of consecutive groups of segments; None if they were not stored.
+    """
+
+    channels: tuple[str, ...]
+    frequency: FloatArray
+    auto: FloatArray
+    cross: dict[str, ComplexArray] = field(repr=False)
+    averages: float
+    segments: int
+    resolution: float
+    units: tuple[str, ...] = ()
+    window: Window | None = HANN
+    overlap: float = OVERLAP
+    decay: float = 0.0
+    groups: Groups | None = field(default=None, repr=False, compare=False)
+
+    def density(self, channel: str) -> FloatArray:
+        """Power spectral density of a channel, unit^2 / Hz, shape (bins,)."""
+        return np.asarray(self.auto[self.channels.index(channel)])
+
+    def frf(self, response: str, reference: str, estimator: Estimator = "H1") -> Frf:
+        """The transfer function from `reference` to `response` with a single drive: `frfs` of one reference."""
+        return self.frfs(response, (reference,), estimator)[0]
+
+    def frfs(self, response: str, references: Sequence[str], estimator: Estimator = "H1") -> tuple[Frf, ...]:
+        """The transfer functions from each of `references` to `response`, with all of them driving at once.
+
+        H1 = Sxy Sxx^-1, H2 = Syy / Syx, Hv the total least squares estimate between (Rocklin, Crowley and Vold 1985): equal noise
+        on all channels if they have one unit, otherwise noise proportional to each channel's rms. The standard deviation of |H|
+        is |H| sqrt((1 - g2) / (2 g2 n)), of the phase the same without |H| (Bendat and Piersol 2010, 9.2), with g2 the partial
+        coherence and n the averages minus the number of other drives.
+
+        Raises
+        ------
+        DataError
+            A reference is not among those of the estimate, the drives cannot be separated, or H2 is requested for several.
+        """
+        for reference in references:
+            if reference not in self.cross:
+                raise DataError(
+                    f"{reference!r} is not a reference of these spectra ({', '.join(self.cross)}); estimate them with it"
+                )
+        if estimator == "H2" and len(references) > 1:
+            raise DataError(
+                f"H2 was requested for {len(references)} simultaneous drives, for which it is not defined; use H1 or Hv, or name "
+                "one reference"
+            )
+        row = self.channels.index(response)
+        matrix = np.stack([np.stack([self.cross[i][self.channels.index(j)] for j in references], -1) for i in references], -2)
+        drives = Drives(matrix, tuple(references), self.averages)
+        cross, power = np.stack([self.cross[name][row] for name in references], axis=-1), self.auto[row]
+        h1 = drives.h1(cross)
+        explained = np.minimum(drives.explained(cross), power)
+        known = partial_coherence(h1, drives, power - explained)
+        if estimator == "H1":
+            value = h1
+        elif estimator == "H2":
+            value = power[:, None] / np.where(cross == 0.0, np.finfo(float).tiny, np.conj(cross))
+        else:
+            value = drives.hv(cross, power, self._scales((*references, response)))
+        averages = self.averages - (len(references) - 1)
+        relative = np.sqrt((1.0 - known) / np.maximum(2.0 * known * averages, np.finfo(float).tiny))
+        if self.averages < FEWEST:
+            relative = np.ones_like(relative)
+        multiple = np.asarray(explained / np.maximum(power, np.finfo(float).tiny))
+        return tuple(
+            Frf(
+                response=response, reference=name, frequency=self.frequency, value=np.asarray(value[:, j]),
+                coherence=np.asarray(known[:, j]), magnitude_std=np.abs(value[:, j]) * relative[:, j],
+                phase_std=np.minimum(relative[:, j], np.pi), averages=averages, resolution=self.resolution, estimator=estimator,
+                multiple_coherence=multiple if len(references) > 1 else None, units=(self.unit(response), self.unit(name)),
+                window=self.window, overlap=self.overlap, decay=self.decay,
+                without_group=partial(_left_out, self, response, tuple(references), j, estimator) if self.groups else None,
+            )
+            for j, name in enumerate(references)
+        )  # fmt: skip
+
+    def without_groups(self, frequency: FloatArray) -> Iterator[Spectra]:
+        """The spectra in the bins of the given frequencies, Hz, without each group of segments in turn; empty without groups."""
+        lines = np.searchsorted(self.frequency, frequency - 0.5 * self.resolution)
+        for left in self.groups.without(lines) if self.groups else ():
+            yield replace(
+                self, frequency=self.frequency[lines], auto=left.auto, cross=left.cross,
+                averages=self.averages * left.segments / self.segments, segments=left.segments, groups=None,
+            )  # fmt: skip
+
+    def unit(self, channel: str) -> str:
+        """The unit of a channel; empty if unknown."""
+        return self.units[self.channels.index(channel)] if self.units else ""
+
+    def _scales(self, channels: Sequence[str]) -> FloatArray:
+        if len({self.unit(name) for name in channels}) == 1:
+            return np.ones(len(channels))
+        return np.array([np.sqrt(max(float(self.density(name).sum()), np.finfo(float).tiny)) for name in channels])
+
+
+def _left_out(
+    spectra: Spectra, response: str, references: tuple[str, ...], j: int, estimator: Estimator, frequency: FloatArray
+) -> ComplexArray:  # fmt: skip
+    return np.stack([part.frfs(response, references, estimator)[j].value for part in spectra.without_groups(frequency)])
+
+
+def estimate(
+    runs: Sequence[Run], *, references: Sequence[str], channels: Sequence[str] | None = None, resolution: float = 0.25,
+    window: Window = HANN, overlap: float = OVERLAP,
+) -> Spectra:  # fmt: skip
+    """Auto and cross spectra, averaged over all runs, with the mean of each segment removed.
+
+    Parameters
+    ----------
+    runs
+        Runs; those of each sample rate are averaged first, then all in their common frequency bins.
+    references
+        Channels whose cross spectra with all others are computed.
+    channels
+        The channels to estimate; those of the first run if None.
+    resolution
+        Requested frequency resolution, Hz; the segment is the next even number of samples.
+    window, overlap
+        Window of the segments, and their relative overlap, 0 to `OVERLAP_MOST`.
+
+    Raises
+    ------
+    DataError
+        The runs lack a channel, the resolution does not suit a sample rate, or no interval without a gap is as long as a segment.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> runs = iso.read("campaign.h5").select(configuration="locked", gain=7.0)
+    >>> spectra = iso.estimate(runs, references=["table"], resolution=0.5)
+    >>> frf = spectra.frf("heatblock", "table")
+    >>> bool(abs(frf.frequency[abs(frf.value).argmax()] - 164.5) <= 1.0)
+    True
+    >>> spectra.density("table").shape == spectra.frequency.shape
+    True
+    """
+    if not runs:
+        raise DataError("no run was given; give at least one")
+    if not 0.0 <= overlap <= OVERLAP_MOST:
+        raise DataError(f"segments cannot overlap by {overlap:g} of their length; give a share of 0 to {OVERLAP_MOST:g}")
+    names = tuple(channels or runs[0].sensors)
+    names = tuple(dict.fromkeys((*references, *names)))
+    slowest = min(run.sample_rate for run in runs)
+    if not 0.0 < resolution <= slowest / 8.0:
+        raise DataError(
+            f"a resolution of {resolution:g} Hz does not suit {slowest:g} samples/s; give one up to {slowest / 8:g} Hz"
+        )
+    parts = []
+    for rate in dict.fromkeys(run.sample_rate for run in runs):
+        length = 2 * max(4, round(rate / resolution / 2.0))
+        alike = [(run, *ends) for run in runs if run.sample_rate == rate for ends in stretches(run)]
+        hop = _hop(length, overlap)
+        count = sum(_segments(stop - start, length, hop) for _, start, stop in alike)
+        sums = _Sums(names, references, length, group=group_size(count, BLOCK), window=window, overlap=overlap)
+        for run, start, stop in alike:
+            for block in _blocks(run, names, start, stop, length, hop):
+                sums.add(block)
+        if count:
+            parts.append(sums.spectra(rate, _units(alike[0][0], names)))
+    if not parts:
+        longest = max((stop - start) / run.sample_rate for run in runs for start, stop in (*stretches(run), (0, 0)))
+        raise DataError(
+            f"the longest interval without a gap has {longest:.3g} s, but a resolution of {resolution:g} Hz needs "
+            f"{1.0 / resolution:.3g} s; give a coarser resolution or measure longer"
+        )
+    if len(parts) == 1:
+        return parts[0]
+    lines, spacing = common_lines(parts)
+    return merged([_on_lines(part, lines, spacing) for part in parts])
+
+
+def _units(run: Run, names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(run.channel(name).unit for name in names)
+
+
+def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
+    """The frequency bins (Hz) common to spectra or transfer functions with several sample rates, and their distance (Hz).
+
+    They have the coarsest resolution, up to the lowest of the highest frequencies. Segments consist of whole samples, so the
+    resolutions of two rates may differ by one sample in a segment.
+    """
+    end = min(float(part.frequency[-1]) for part in parts)
+    coarsest = max(parts, key=lambda part: part.resolution)
+    return np.asarray(coarsest.frequency[coarsest.frequency <= end * (1.0 + 1e-9)]), coarsest.resolution
+
+
+def frfs_on_common_lines(frfs: Sequence[Frf]) -> list[Frf]:
+    """Transfer functions in their common frequency bins, so that they can be compared."""
+    lines, spacing = common_lines(frfs)
+    return [
+        replace(
+            frf, frequency=lines, resolution=spacing,
+            **{
+                name: _moved(frf.frequency, rows[None], lines)[0]
+                for name in FRF_ROWS
+                if (rows := getattr(frf, name)) is not None
+            },
+        )
+        for frf in frfs
+    ]  # fmt: skip
+
+
+def _on_lines(part: Spectra, lines: FloatArray, spacing: float) -> Spectra:
+    return replace(
+        part, frequency=lines, resolution=spacing, auto=_moved(part.frequency, part.auto, lines),
+        cross={name: _moved(part.frequency, rows, lines) for name, rows in part.cross.items()},
+        groups=part.groups.moved(lambda rows: _moved(part.frequency, rows, lines)) if part.groups else None,
+    )  # fmt: skip
+
+
+def _moved(frequency: FloatArray, rows: Any, lines: FloatArray) -> Any:
+    # Rows over `frequency` converted to `lines`: cut if the bins are the same, otherwise interpolated linearly.
+    if len(frequency) >= len(lines) and np.allclose(frequency[: len(lines)], lines, rtol=1e-9, atol=0.0):
+        return rows[:, : len(lines)]
+    return np.stack([np.interp(lines, frequency, row) for row in rows])
+
+
+class RunningSpectra:
+    """Auto and cross spectra of a growing run: at its end, equal to those that `estimate` gives for the whole.
+
+    Parameters
+    ----------
+    run
+        The run as far as it has been measured; its channels are estimated.
+    references
+        Channels whose cross spectra with all others are computed.
+    resolution
+        Requested frequency resolution, Hz, as in `estimate`.
+    highest
+        Bins above this frequency are not stored, Hz; all are if None.
+    memory
+        Bytes that the groups of segments may take; with fewer groups, the error bars are less certain.
+    """
+
+    def __init__(
+        self, run: Run, *, references: Sequence[str], resolution: float, highest: float | None = None, memory: int | None = None
+    ) -> None:
+        names = dict.fromkeys((*references, *run.sensors))
+        self._length, self._rate = 2 * max(4, round(run.sample_rate / resolution / 2.0)), run.sample_rate
+        lines = None if highest is None else int(highest * self._length / self._rate) + 1
+        size = group_bytes(len(names), len(references), min(self._length // 2 + 1, lines or self._length))
+        groups = MOST if memory is None else min(max(memory // size // 2 * 2, FEWEST_GROUPS), MOST)
+        self._sums = _Sums(tuple(names), references, self._length, lines, groups=groups)
+        self._units = _units(run, tuple(names))
+        self._next = 0
+
+    def add(self, run: Run) -> None:
+        """Add the segments that have been completed since the last call."""
+        for start, stop in stretches(run):
+            self._next = max(start, self._next)
+            for block in _blocks(run, self._sums.names, self._next, stop, self._length, self._sums.hop):
+                self._sums.add(block)
+                # Block by block: if one cannot be read now, the next call continues with it.
+                self._next += block.shape[1] * self._sums.hop
+
+    @property
+    def segments(self) -> int:
+        """Number of segments so far."""
+        return self._sums.segments + self._sums.group.segments
+
+    def spectra(self) -> Spectra:
+        """The spectra so far; at least one segment is needed."""
+        return self._sums.spectra(self._rate, self._units)
+
+
+def merged(parts: Sequence[Spectra]) -> Spectra:
+    """The average of spectra with the same channels and bins, weighted by their segments.
+
+    Raises
+    ------
+    DataError
+        They have different channels or bins.
+    """
+    first = parts[0]
+    if any(part.channels != first.channels or not np.array_equal(part.frequency, first.frequency) for part in parts):
+        raise DataError("the spectra have different channels or frequency bins; average compatible spectra only")
+    weights = np.array([part.segments for part in parts]) / sum(part.segments for part in parts)
+    return replace(
+        first, auto=np.asarray(sum(w * part.auto for w, part in zip(weights, parts, strict=True))),
+        cross={
+            name: np.asarray(sum(w * part.cross[name] for w, part in zip(weights, parts, strict=True))) for name in first.cross
+        },
+        averages=sum(part.averages for part in parts), segments=sum(part.segments for part in parts),
+        groups=joined([part.groups for part in parts]),
+    )  # fmt: skip
+
+
+def stretches(run: Run) -> Iterator[tuple[int, int]]:
+    """First and last + 1 stored sample of each interval of a run without a gap."""
+    start = lost = 0
+    for gap in sorted(run.gaps, key=lambda gap: gap.first_tick):
+        at = min(max(gap.first_tick - lost, start), len(run))
+        if at > start:
+            yield start, at
+        start, lost = at, lost + gap.count
+    if len(run) > start:
+        yield start, len(run)
+
+
+def _hop(length: int, overlap: float = OVERLAP) -> int:
+    return max(1, round(length * (1.0 - overlap)))
+
+
+def _segments(samples: int, length: int, hop: int) -> int:
+    return (samples - length) // hop + 1 if samples >= length else 0
+
+
+def _blocks(run: Run, names: Sequence[str], start: int, stop: int, length: int, hop: int) -> Iterator[FloatArray]:
+    # Segments of all channels, shape (channels, segments, length).
+    count = _segments(stop - start, length, hop)
+    for first in range(0, count, BLOCK):
+        many = min(BLOCK, count - first)
+        begin = start + first * hop
+        end = begin + (many - 1) * hop + length
+        rows = np.stack([run.channel(name).read(begin, end) for name in names])
+        yield np.lib.stride_tricks.sliding_window_view(rows, length, axis=1)[:, ::hop]
+
+
+class _Sums:
+    """Sums over segments, for the first `lines` bins (all if None), in groups of initially `size` segments."""
+
+    def __init__(
+        self, names: tuple[str, ...], references: Sequence[str], length: int, lines: int | None = None, group: int = 1, *,
+        window: Window = HANN, overlap: float = OVERLAP, groups: int = MOST,
+    ) -> None:  # fmt: skip
+        self.lines = lines = min(length // 2 + 1, lines or length)
+        self.names, self.references, self.length = names, tuple(references), length
+        self.seen_through, self.overlap, self.hop = window, overlap, _hop(length, overlap)
+        self.window = window.samples(length)
+        self.auto = np.zeros((len(names), lines))
+        self.cross = {name: np.zeros((len(names), lines), dtype=np.complex128) for name in references}
+        self.segments = 0
+        self.buffer = np.empty((BLOCK, length))
+        # Of the current group; the sums above are those of the groups before it.
+        self.grouping = Grouping(group, groups)
+        self.group = Sums(0, np.zeros_like(self.auto), {name: np.zeros_like(values) for name, values in self.cross.items()})
+
+    def add(self, block: FloatArray) -> None:
+        many = block.shape[1]
+        start = 0
+        while start < many:
+            stop = min(many, start + self.grouping.size - self.group.segments)
+            self._add(block[:, start:stop])
+            start = stop
+            if self.group.segments == self.grouping.size:
+                self._close()
+
+    def _add(self, block: FloatArray) -> None:
+        from scipy.fft import rfft
+
+        many, auto, cross = block.shape[1], self.group.auto, self.group.cross
+        seen: dict[str, ComplexArray] = {}
+        # References come first, so that a channel meets all of them when it is processed.
+        for row, name in enumerate(self.names):
+            part = self.buffer[:many]
+            np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
+            part *= self.window
+            lines = rfft(part, axis=1)[:, : self.lines]
+            auto[row] += np.einsum("sf,sf->f", lines.real, lines.real) + np.einsum("sf,sf->f", lines.imag, lines.imag)
+            if name in cross:
+                seen[name] = np.conj(lines)
+            for reference, conjugate in seen.items():
+                cross[reference][row] += np.einsum("sf,sf->f", conjugate, lines)
+        self.group.segments += many
+
+    def _close(self) -> None:
+        # The group is full: it is stored separately, and added to the total.
+        self.segments += self.group.segments
+        self.auto += self.group.auto
+        for name in self.references:
+            self.cross[name] += self.group.cross[name]
+        self.grouping.add(self._mirrored(self.group).single())
+        self.group.clear()
+
+    def _mirrored(self, sums: Sums) -> Sums:
+        # The cross spectra of two references are complex conjugates; only one of them is accumulated.
+        for row, name in enumerate(self.references):
+            for column, later in enumerate(self.references[row + 1 :], row + 1):
+                sums.cross[later][row] = np.conj(sums.cross[name][column])
+        return sums
+
+    def spectra(self, rate: float, units: tuple[str, ...]) -> Spectra:
+        each = np.full(self.length // 2 + 1, 2.0 / (rate * (self.window**2).sum()))
+        each[[0, -1]] /= 2.0
+        each, frequency = each[: self.lines], np.fft.rfftfreq(self.length, 1.0 / rate)[: self.lines]
+        segments = self.segments + self.group.segments
+        whole = self._mirrored(Sums(self.segments, self.auto, self.cross).plus(self.group))
+        return Spectra(
+            channels=self.names, frequency=frequency.astype(np.float64), auto=whole.auto * each / segments,
+            cross={name: values * each / segments for name, values in whole.cross.items()},
+            averages=effective_averages(self.window, segments, self.hop), segments=segments, resolution=rate / self.length,
+            groups=self.grouping.groups(self._mirrored(self.group).single(), each), units=units, window=self.seen_through,
+            overlap=self.overlap,
+        )  # fmt: skip
+
+
+def averages_in(samples: int, length: int) -> float:
+    """Number of independent averages in a record of this many samples without a gap, in segments of `length`."""
+    hop = _hop(length)
+    count = _segments(samples, length, hop)
+    return effective_averages(HANN.samples(length), count, hop) if count else 0.0
+
+
+def effective_averages(window: FloatArray, segments: int, hop: int) -> float:
+    """Number of independent averages that overlapping segments are worth (Welch 1967)."""
+    power, total = float((window**2).sum()), 1.0
+    for j in range(1, min(segments, (len(window) - 1) // hop + 1)):
+        shared = float((window[: len(window) - j * hop] * window[j * hop :]).sum()) / power
+        total += 2.0 * (1.0 - j / segments) * shared**2
+    return segments / total

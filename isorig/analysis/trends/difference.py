@@ -1,0 +1,211 @@
+"""The cause of a rig's change: causes are fitted to a campaign after the change, with the earlier fit as the baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.errors import AnalysisError, FitError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, shortened
+from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, fit
+from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.model.rig_model import RigModel
+
+#: Seconds of each run that are compared.
+SECONDS = 10.0
+#: Number of causes of the catalogue with a full fit, the most promising first.
+FITTED = 6
+#: Maximum steps of a fit.
+STEPS = 10
+#: Twice the logarithm of the likelihood ratio up to which two causes are equally likely, and above which a cause explains more
+#: than scatter: 20 to 1.
+LIKELY = 2.0 * float(np.log(20.0))
+#: Share of the misfit by which a cause must be better if no cause explains the change down to the noise.
+BETTER = 0.1
+#: Relative standard deviation of a positive parameter with unknown scatter; for others a hundred finite differences.
+LOOSE = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """A cause of a change.
+
+    Parameters
+    ----------
+    cause, location
+        From the catalogue; or the last word of a parameter's path and its part, if a parameter of the baseline has changed.
+    parameter, unit
+        The parameter's path, or its name in the catalogue, with its unit; the unit of a path is determined by the caller.
+    old, new, std
+        Its value before (NaN if the cause was absent) and after, with the standard uncertainty of the latter.
+    share
+        Reduction of the misfit relative to that by the best cause.
+    misfit
+        Sum of the squared weighted residuals with it, of squared distances from the earlier fit in standard deviations, and for
+        each of its own parameters the logarithm of the number of residuals (Schwarz 1978).
+    alike
+        Whether the data cannot distinguish it from the best.
+    """
+
+    cause: str
+    location: str
+    parameter: str
+    unit: str
+    old: float
+    new: float
+    std: float
+    share: float
+    misfit: float
+    alike: bool = False
+
+
+class Remembering(Problem):
+    """The residuals of a campaign, with the earlier fit as further residuals: distances in standard deviations.
+
+    Parameters
+    ----------
+    trials
+        The prepared runs.
+    known
+        Parameters of the earlier fit that may scatter: fitted parameter, its search coordinate, and its standard deviation there.
+    """
+
+    def __init__(self, trials: Sequence[Trial], known: Sequence[tuple[Free, float, float]]) -> None:
+        super().__init__(trials)
+        self._known = tuple(known)
+        self.measured = self.size
+        self.size += len(self._known)
+        self.sizes = (*self.sizes, len(self._known))
+
+    def residuals(self, models: Sequence[RigModel]) -> FloatArray:
+        """Weighted residuals of several models, shape (models, size)."""
+        return np.hstack([super().residuals(models), np.array([[self._away(m, *k) for k in self._known] for m in models])])
+
+    @staticmethod
+    def _away(model: RigModel, free: Free, before: float, deviation: float) -> float:
+        try:
+            return (free.encode(model.get(free.path)) - before) / deviation
+        except AnalysisError:  # a cause may replace a part of the rig
+            return 0.0
+
+
+def explanations(
+    campaign: Campaign,
+    earlier: RigModel,
+    scatter: Mapping[str, float],
+    *,
+    suspected: Collection[str] = (),
+    progress: Callable[[str], None] = lambda text: None,
+) -> tuple[Explanation, ...]:
+    """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
+
+    Every parameter of the baseline alone, and every cause of the catalogue, is fitted to the campaign, while all others keep
+    their values of the earlier fit, within their campaign-to-campaign scatter.
+
+    Parameters
+    ----------
+    campaign
+        The campaign after the change.
+    earlier
+        The rig as fitted before; its free parameters may scatter.
+    scatter
+        Campaign-to-campaign standard deviation of those parameters, by path: relative for a positive one.
+    suspected
+        Paths of parameters that have changed according to more campaigns than this one: each is an explanation even if this
+        campaign alone would not show it.
+    progress
+        Called with a line for each stage.
+
+    Raises
+    ------
+    FitError
+        The earlier fit cannot be simulated on the campaign.
+    """
+    trials = prepare(campaign, earlier)
+    short = shortened(trials, SECONDS)
+    free = base_parameters(earlier)
+    known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
+    whole = Remembering(short, known)
+    progress("fitting the scatter")
+    still = fit(earlier, free, whole, iterations=STEPS)
+    found = []
+    for one in known:
+        progress(f"trying {one[0].path}")
+        freed = Remembering(short, [k for k in known if k is not one])
+        found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
+    evidence = observe(campaign, still.model, trials, earlier)
+    screened = Screen(still, whole).ranked([c for m in CATALOGUE for c in m.candidates(still.model, evidence)])
+    for item in _distinct(screened)[:FITTED]:
+        progress(f"trying {item.candidate.cause} ({item.candidate.location})")
+        done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
+        if done is None:
+            continue
+        if item.candidate.plausible(done.model):
+            found.append(_of_candidate(item.candidate, done, whole))
+    return _judged(found, still.cost * whole.size, whole.measured, suspected)
+
+
+def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], problem: Remembering) -> Fit | None:
+    # The scattering parameters may be biased by the missing effect: then the fit starts from the earlier values as well.
+    own = {f.path for f in item.candidate.free}
+    done = None
+    for start in (item.models[0], item.models[0].replace({f.path: earlier.get(f.path) for f in free if f.path not in own})):
+        try:
+            # A cause that does not fit may diverge; it is then no explanation.
+            with np.errstate(all="ignore"):
+                new = fit(start, free, problem, iterations=STEPS)
+        except FitError:  # it cannot be simulated there
+            continue
+        done = new if done is None or new.cost < done.cost else done
+        if done.cost * problem.size <= problem.measured:
+            break
+    return done
+
+
+def _deviation(free: Free, scatter: Mapping[str, float]) -> float:
+    return max(scatter.get(free.path, LOOSE if free.log else 100.0 * free.step), 1e-3 * free.step)
+
+
+def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    seen: dict[tuple[str, str], ScreenedCandidate] = {}
+    for item in screened:
+        seen.setdefault(item.candidate.key, item)
+    return list(seen.values())
+
+
+def _of_parameter(path: str, earlier: RigModel, changed: Fit, problem: Problem) -> Explanation:
+    _, place, *_, last = path.split(".")
+    return Explanation(
+        cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=changed.values[path],
+        std=changed.std[path], share=0.0, misfit=changed.cost * problem.size + np.log(problem.size),
+    )  # fmt: skip
+
+
+def _of_candidate(candidate: Candidate, done: Fit, problem: Problem) -> Explanation:
+    first = candidate.reported[0]
+    return Explanation(
+        cause=candidate.cause, location=candidate.location, parameter=first.name, unit=first.unit, old=np.nan,
+        new=first.of(done.model), std=done.std.get(first.path, np.nan), share=0.0,
+        misfit=done.cost * problem.size + len(candidate.free) * np.log(problem.size),
+    )  # fmt: skip
+
+
+def _judged(found: Sequence[Explanation], unchanged: float, size: int, suspected: Collection[str]) -> tuple[Explanation, ...]:
+    likely = (item for item in found if item.misfit < unchanged - LIKELY or item.parameter in suspected)
+    ordered = sorted(likely, key=lambda item: item.misfit)
+    if not ordered:
+        return ()
+    best = ordered[0].misfit
+    # If even the best leaves more than noise, residuals are correlated, and only a clear difference counts.
+    enough = LIKELY if best <= size else max(LIKELY * best / size, BETTER * best)
+    gone = max(unchanged - best, 1e-12)
+    return tuple(
+        replace(item, share=max(1.0 - (item.misfit - best) / gone, 0.0), alike=bool(item.misfit - best <= enough))
+        for item in ordered
+    )

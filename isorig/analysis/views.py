@@ -1,0 +1,60 @@
+"""How results are shown and converted: methods that the application registers for a type.
+
+Analysis neither plots nor writes: a result that notebooks show derives from `Viewed`, and
+`isorig.rig.notebook` registers what its methods do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from isorig.analysis.errors import AnalysisError
+
+F = TypeVar("F", bound=Callable[..., Any])
+_REGISTERED: dict[tuple[type, str], Callable[..., Any]] = {}
+
+
+def shows(kind: type, name: str) -> Callable[[F], F]:
+    """Decorator that registers a function as the method `name` of a type."""
+
+    def register(function: F) -> F:
+        _REGISTERED[kind, name] = function
+        return function
+
+    return register
+
+
+def call(item: object, name: str, *args: Any, **more: Any) -> Any:
+    """The registered method of an object's type or of a base of it.
+
+    Raises
+    ------
+    AnalysisError
+        None is registered.
+    """
+    for kind in type(item).__mro__:
+        if (kind, name) in _REGISTERED:
+            return _REGISTERED[kind, name](item, *args, **more)
+    raise AnalysisError(f"{type(item).__name__} has no {name} here; import isorig as iso, and use what iso returns")
+
+
+class Viewed:
+    """Base of results that a notebook shows."""
+
+    __slots__ = ()
+
+    def plot(self, *others: Any, **more: Any) -> Any:
+        """A matplotlib figure of it, with `others` of the same type overlaid where the type supports this."""
+        return call(self, "plot", *others, **more)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset with coordinates; units are in the attributes of its variables."""
+        return call(self, "to_xarray")
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame; units are in its attribute `attrs["units"]`, by column."""
+        return call(self, "to_pandas")
+
+    def _repr_html_(self) -> str:
+        return str(call(self, "html"))

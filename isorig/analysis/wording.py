@@ -1,0 +1,123 @@
+"""Words for messages: shares, factors, a value in a unit of its size, the name that was probably meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+import numpy as np
+
+#: From this share on a size is given as a multiple, and from this factor on a difference as a factor: three digits of per cent
+#: say no more than two digits of these.
+MULTIPLE, FACTOR = 0.99, 1.9
+#: Units by size, largest first: (smallest SI value that is written in it, its SI value, its name).
+SIZED: dict[str, tuple[tuple[float, float, str], ...]] = {
+    "m": ((1.0, 1.0, "m"), (1e-4, 1e-3, "mm"), (1e-7, 1e-6, "µm"), (0.0, 1e-9, "nm")),
+    "m/s": ((1.0, 1.0, "m/s"), (1e-4, 1e-3, "mm/s"), (0.0, 1e-6, "µm/s")),
+    "s": ((1.0, 1.0, "s"), (1e-4, 1e-3, "ms"), (0.0, 1e-6, "µs")),
+    "rad": ((1.0, 1.0, "rad"), (1e-4, 1e-3, "mrad"), (0.0, 1e-6, "µrad")),
+    "N": ((1e3, 1e3, "kN"), (0.1, 1.0, "N"), (0.0, 1e-3, "mN")),
+    "N m": ((1e3, 1e3, "kN m"), (0.1, 1.0, "N m"), (0.0, 1e-3, "mN m")),
+    "kg": ((0.1, 1.0, "kg"), (0.0, 1e-3, "g")),
+    "Hz": ((1e3, 1e3, "kHz"), (0.0, 1.0, "Hz")),
+    "N/m": ((1e3, 1e3, "kN/m"), (0.0, 1.0, "N/m")),
+    "N m/rad": ((1e3, 1e3, "kN m/rad"), (0.0, 1.0, "N m/rad")),
+    "N/m^3": ((1e8, 1e9, "N/mm³"), (1e6, 1e6, "MN/m³"), (1e3, 1e3, "kN/m³"), (0.0, 1.0, "N/m³")),
+    "1": ((1.0, 1.0, ""), (0.0, 1e-2, "%")),
+}
+#: Most significant digits of a written value: a smaller uncertainty than these is no reason for more.
+MOST_DIGITS = 6
+#: Power of ten below which a value is written with an exponent.
+LEAST_ORDER = -3
+
+
+def of_signal(share: float, digits: int = 2) -> str:
+    """An error as a share of the signal, to significant digits.
+
+    Examples
+    --------
+    >>> of_signal(0.0312), of_signal(642729.08)
+    ('3.1 % of the signal', '6.4e+05 times the signal')
+    """
+    if share >= MULTIPLE:
+        return f"{share:.{digits}g} times the signal"
+    return f"{100.0 * share:.{digits}g} % of the signal"
+
+
+def by_factor(log_ratio: float) -> str:
+    """The difference of two positive values from the logarithm of their ratio, of either sign.
+
+    Examples
+    --------
+    >>> by_factor(0.0488), by_factor(-13.4)
+    ('5 %', 'a factor of 6.6e+05')
+    """
+    factor = float(np.exp(abs(log_ratio)))
+    return f"a factor of {factor:.2g}" if factor >= FACTOR else f"{100.0 * (factor - 1.0):.2g} %"
+
+
+def did_you_mean(name: str, allowed: Iterable[str]) -> str:
+    """ " (did you mean 'x'?)" for the most similar allowed name; "" if none is similar.
+
+    Examples
+    --------
+    >>> did_you_mean("stifness", ("stiffness", "damping")), did_you_mean("mass", ("stiffness", "damping"))
+    (" (did you mean 'stiffness'?)", '')
+    """
+    names = {each.lower(): each for each in allowed}
+    close = get_close_matches(name.lower(), names, n=1)
+    return f" (did you mean {names[close[0]]!r}?)" if close else ""
+
+
+def capitalized(text: str) -> str:
+    """The text with a capital first letter; units and names keep theirs.
+
+    Examples
+    --------
+    >>> capitalized("random drive from 1 to 40 Hz")
+    'Random drive from 1 to 40 Hz'
+    """
+    return text[:1].upper() + text[1:]
+
+
+def sized(value: float, unit: str, std: float | None = None, digits: int = 3) -> str:
+    """A value in a unit of its size, to the digits that its standard uncertainty justifies.
+
+    Parameters
+    ----------
+    value, unit
+        The value in an SI unit; units without sizes in `SIZED` are kept.
+    std
+        Its standard uncertainty; None or zero for a value without one, which gets `digits` significant digits.
+    digits
+        Significant digits without an uncertainty.
+
+    Examples
+    --------
+    >>> sized(0.0005, "m", 3e-7), sized(2871.5, "N/m", 60.0), sized(0.0005, "m")
+    ('0.5000 ± 0.0003 mm', '2.87 ± 0.06 kN/m', '0.5 mm')
+    >>> sized(0.795, "1", 0.001), sized(4.2, "N s/m")
+    ('79.50 ± 0.10 %', '4.2 N s/m')
+    """
+    scale, name = sized_unit(value or std or 0.0, unit)
+    of = f" {name}" if name else ""
+    number = value / scale
+    if not std or not np.isfinite(std):
+        return f"{number:.{digits}g}{of}"
+    spread = std / scale
+    # One digit of the uncertainty; two if it begins with a one, where rounding would change it by half.
+    first = int(np.floor(np.log10(spread)))
+    places = -first + (1 if spread / 10.0**first < 2.0 else 0)
+    order = int(np.floor(np.log10(abs(number)))) if number else first
+    if not LEAST_ORDER <= order < MOST_DIGITS:
+        return f"{number:.{digits}g} ± {spread:.1g}{of}"
+    shown = min(places, MOST_DIGITS - 1 - order)
+    return f"{round(number, shown):.{max(shown, 0)}f} ± {round(spread, places):.{max(places, 0)}f}{of}"
+
+
+def sized_unit(value: float, unit: str) -> tuple[float, str]:
+    """SI value and name of the unit in which a value of an SI unit is written."""
+    sizes = SIZED.get(unit)
+    if sizes is None:
+        return 1.0, unit.replace("^2", "²").replace("^3", "³")
+    return next((scale, name) for least, scale, name in sizes if abs(value) >= least or not value)

@@ -1,0 +1,180 @@
+"""What is connected to this computer: serial ports, VISA resources, CAN interfaces, NI devices, sound interfaces."""
+
+from __future__ import annotations
+
+import logging
+import re
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from isorig.drivers.errors import DriverError, SettingError
+from isorig.drivers.kinds import Bus, RecordsKind, StreamKind, kinds
+
+#: Interfaces of python-can that are no hardware, or serial ports.
+NO_HARDWARE = ("virtual", "udp_multicast", "serial", "slcan")
+#: Resources that are also listed as serial ports, or are adapters.
+LISTED_ELSEWHERE = ("ASRL", "PRLGX")
+#: Longest name that is printed.
+NAME = 80
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connected:
+    """Something connected.
+
+    Parameters
+    ----------
+    bus
+        How it is reached.
+    port
+        Its port in plans.
+    name
+        Its description by the system.
+    settings
+        Settings of a plan that it determines, e.g. the inputs of an NI device.
+    """
+
+    bus: Bus
+    port: str
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def recognized(self) -> tuple[str, ...]:
+        """The kinds of instruments whose name or USB number its description contains."""
+        return tuple(
+            kind.name
+            for kind in self._possible()
+            if kind.recognized and re.search(kind.recognized, f"{self.name} {self.port}", re.IGNORECASE)
+        )
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """The kinds of instruments that are reached in the same way."""
+        return tuple(kind.name for kind in self._possible())
+
+    def _possible(self) -> Iterator[StreamKind | RecordsKind]:
+        return (kind for kind in kinds().values() if self.bus in kind.buses)
+
+
+def connected() -> tuple[list[Connected], list[str]]:
+    """All that is connected, and for each bus that cannot be searched a sentence with the reason."""
+    found: list[Connected] = []
+    reasons: list[str] = []
+    for search in (serial_ports, visa_resources, can_interfaces, ni_devices, sound_devices):
+        try:
+            found += search()
+        except SettingError as error:
+            reasons.append(str(error))
+    return found, reasons
+
+
+def asked(one: Connected) -> Connected:
+    """The same with the answer of a VISA resource to `*IDN?` as its name, if it answers."""
+    from isorig.drivers.link import linked
+
+    try:
+        with closing(linked(one.port, baud_rate=9600)) as link:
+            link.send("*IDN?")
+            name = link.line().strip().decode("ascii", "replace")
+    except DriverError:
+        return one
+    return replace(one, name=_printable(name)) if name else one
+
+
+def serial_ports() -> list[Connected]:
+    """Serial ports, with their USB names and numbers."""
+    from serial.tools import list_ports
+
+    found = []
+    for port in sorted(list_ports.comports()):
+        usb = "" if port.vid is None else f"USB {port.vid:04x}:{port.pid:04x}"
+        number = f"serial number {port.serial_number}" if port.serial_number else ""
+        about = [port.manufacturer or "", port.description if port.description != "n/a" else "", usb, number]
+        found.append(Connected(bus="serial", port=port.device, name=_printable(" ".join(part for part in about if part))))
+    return found
+
+
+def visa_resources() -> list[Connected]:
+    """VISA resources other than serial ports.
+
+    Raises
+    ------
+    SettingError
+        PyVISA or its backend is missing.
+    """
+    from isorig.drivers.visa import manager
+
+    opened = manager()
+    try:
+        names = _quietly(lambda: opened.list_resources("?*::INSTR"))
+    except Exception as error:
+        if "RSRC_NFOUND" in str(error):
+            return []
+        raise SettingError(f"VISA resources cannot be listed ({_printable(str(error))}); check the backend of PyVISA") from None
+    finally:
+        opened.close()
+    return [Connected(bus="visa", port=name, name="") for name in names if not name.upper().startswith(LISTED_ELSEWHERE)]
+
+
+def can_interfaces() -> list[Connected]:
+    """Interfaces that python-can detects."""
+    import can
+
+    found = _quietly(can.detect_available_configs)
+    return [
+        Connected(
+            bus="can", port=str(one["channel"]), name=_printable(f"CAN interface {one['interface']}"),
+            settings={"bus": one["interface"]},
+        )
+        for one in found
+        if one["interface"] not in NO_HARDWARE
+    ]  # fmt: skip
+
+
+def ni_devices() -> list[Connected]:
+    """NI devices with inputs; the modules of a chassis belong to it.
+
+    Raises
+    ------
+    SettingError
+        The package or NI's runtime is missing.
+    """
+    from isorig.drivers.ni import devices
+
+    return [
+        Connected(bus="ni", port=one.port, name=_printable(one.name), settings={"inputs": list(one.inputs)} | one.output)
+        for one in devices()
+    ]
+
+
+def sound_devices() -> list[Connected]:
+    """Sound interfaces with inputs.
+
+    Raises
+    ------
+    SettingError
+        The package or the library PortAudio is missing.
+    """
+    from isorig.drivers.sound import devices
+
+    return [Connected(bus="sound", port=name, name=_printable(about)) for name, about in devices()]
+
+
+def _quietly(action: Callable[[], Any]) -> Any:
+    # The libraries log what they do not find, which is no error here.
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return action()
+    finally:
+        logging.disable(before)
+
+
+def _printable(text: str) -> str:
+    return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())[:NAME]

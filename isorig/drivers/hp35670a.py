@@ -1,0 +1,215 @@
+"""HP/Agilent 35670A dynamic signal analyzer on GPIB: reads finished records of its traces in binary form.
+
+The plan names the feed of each trace ("XTIM:VOLT 1" a time record, "XFR:POW:COH 1,2" a coherence). Values are sent as
+`#<digits><length>`, big-endian float32 and LF; a value below -1e37 means no value. There is no checksum, so data are read twice
+and must be identical. At the end of a measurement the analyzer sets bit 5 of its status byte and requests service (IEEE 488.2:
+`*OPC` sets bit 0 of the event register, which `*ESE 1` and `*SRE 32` pass on); the driver waits for the request where the link
+reports it, and polls the status byte otherwise.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isorig.drivers.answers import Kind, number, parse, text, whole
+from isorig.drivers.block import FloatArray, Record, Status
+from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
+from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
+from isorig.drivers.link import linked
+from isorig.drivers.shows import Shows
+
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.served import Peer
+
+DONE = 1 << 5
+BAD = -1e37
+POLL = 0.2
+#: Maximum number of errors read before the instrument counts as defective.
+ERRORS = 30
+#: Maximum size of a block in bytes: the longest record has 4096 values.
+LARGEST = 1 << 16
+#: Maximum level of the source, V, and allowed relative difference of the level read back.
+LOUDEST, STEP = 5.0, 0.01
+#: Valid answers to each query.
+ANSWERS: dict[str, Kind] = {"*STB?": whole(0, 255), "SYST:ERR?": text(200), "SOUR:VOLT?": number(), "OUTP?": whole(0, 1)}
+
+
+class Hp35670aInstrument:
+    """A 35670A.
+
+    Parameters
+    ----------
+    port
+        A name as in `isorig.drivers.link.linked`; its own serial port serves printers and plotters only.
+    shows
+        Feeds of its traces; the first is trace 1.
+    """
+
+    def __init__(self, port: str, shows: Sequence[Shows]) -> None:
+        self._link = linked(port, baud_rate=9600)
+        self._shows = tuple(shows)
+        self._sourcing = False
+        self._invalid: list[str] = []
+        self.identity = "HP 35670A"
+        try:
+            self._link.clear()
+            self._send("*ESE 1;*SRE 32")
+            self._send("FORM:DATA REAL,32")
+            for trace, shown in enumerate(self._shows, 1):
+                self._send(f"CALC{trace}:FEED '{shown.trace}'")
+            self._errors()
+        except BaseException:
+            self._link.close()
+            raise
+
+    @property
+    def noticed(self) -> Sequence[str]:
+        """The number of points without a value in the last records."""
+        return tuple(self._invalid)
+
+    def status(self) -> Status:
+        """Always GOOD: no command is known that queries overloads, so check the panel."""
+        return Status.GOOD
+
+    def set_source(self, level: float) -> None:
+        """Set the level of its source (V, peak), switch it on, and read both back."""
+        if not 0.0 < level <= LOUDEST:
+            raise SettingError(f"the source of {self._link.name} cannot play {level:g} V; give up to {LOUDEST:g} V")
+        self._sourcing = True
+        self._send(f"SOUR:VOLT {level:.6g} VPK")
+        self._send("OUTP ON")
+        self._errors()
+        answer = self._ask("SOUR:VOLT?")
+        if abs(answer - level) > STEP * level or not self._ask("OUTP?"):
+            raise SettingError(
+                f"the source of {self._link.name} was set to {level:g} V and answers {answer:g} V; set it on its panel"
+            )
+
+    def measure(self, timeout: float) -> None:
+        """Start one measurement and wait until the operation is complete."""
+        self._invalid = []
+        # The event of the measurement before stays set until it is cleared.
+        self._send("*CLS")
+        self._send("ABOR;INIT:IMM;*OPC")
+        end = time.monotonic() + timeout
+        while not self._status_byte() & DONE:
+            if time.monotonic() > end:
+                raise InstrumentError(f"{self._link.name} did not finish within {timeout:g} s; give the run more seconds")
+            self._link.wait(POLL)
+        self._errors()
+
+    def records(self) -> tuple[Record, ...]:
+        """The records of the traces."""
+        return tuple(self._record(trace, shown) for trace, shown in enumerate(self._shows, 1))
+
+    def close(self) -> None:
+        """Switch its source off if this driver switched it on, and close the port."""
+        if self._sourcing:
+            self._sourcing = False
+            # The connection may be lost.
+            with suppress(DriverError):
+                self._link.send("OUTP OFF")
+        self._link.close()
+
+    def _record(self, trace: int, shown: Shows) -> Record:
+        x, values = self._twice(f"CALC{trace}:X:DATA?"), self._twice(f"CALC{trace}:DATA?")
+        if x.shape != values.shape:
+            raise ProtocolError(
+                f"{self._link.name} sent {len(values)} values and {len(x)} x values for trace {trace}; "
+                "display a real trace, complex ones cannot be read"
+            )
+        if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
+            raise ProtocolError(f"{self._link.name} sent x values for trace {trace} that do not increase; measure again")
+        good = np.isfinite(values) & (np.abs(values) < -BAD)
+        if not good.any():
+            raise InstrumentError(f"{self._link.name} has no valid value in trace {trace}; measure again")
+        if not good.all():
+            self._invalid.append(f"trace {trace} has no value at {int((~good).sum())} of {len(good)} points, which are left out")
+        return Record(
+            kind=shown.kind, x=x[good], values=values[good], unit=shown.unit, source=shown.trace,
+            status=Status.GOOD if good.all() else Status.LOST,
+        )  # fmt: skip
+
+    def _twice(self, command: str) -> FloatArray:
+        first, second = self._block(command), self._block(command)
+        if first != second:
+            raise ProtocolError(f"{self._link.name} gave two different answers to {command}; check the cable, measure again")
+        return np.frombuffer(first, ">f4").astype(np.float64)
+
+    def _block(self, command: str) -> bytes:
+        self._send(command)
+        head = self._link.exactly(2)
+        if head[:1] != b"#" or not head[1:].isdigit() or head[1:] == b"0":
+            raise ProtocolError(f"{self._link.name} answered {command} with {head!r}; a block begins with # and a digit")
+        length = self._link.exactly(int(head[1:]))
+        if not length.isdigit() or int(length) % 4 or not 8 <= int(length) <= LARGEST:
+            raise ProtocolError(
+                f"{self._link.name} announces a block of {length!r} bytes; allowed are float32 values, {LARGEST} bytes at most"
+            )
+        data = self._link.exactly(int(length) + 1)
+        if data[-1:] != b"\n":
+            raise ProtocolError(f"{self._link.name} ended a block with {data[-1:]!r}, not LF; measure again")
+        return data[:-1]
+
+    def _errors(self) -> None:
+        first = self._ask("SYST:ERR?")
+        for _ in range(ERRORS):
+            if self._no_error(first):
+                return
+            answer = self._ask("SYST:ERR?")
+            if self._no_error(answer):
+                break
+        raise InstrumentError(f"{self._link.name} reports {first}; correct the plan or its settings")
+
+    def _status_byte(self) -> int:
+        byte = self._link.status_byte()
+        return int(self._ask("*STB?")) if byte is None else byte
+
+    @staticmethod
+    def _no_error(answer: str) -> bool:
+        return answer.replace(" ", "").lstrip("+").startswith("0,")
+
+    def _send(self, command: str) -> None:
+        self._link.expect_nothing()
+        self._link.send(command)
+
+    def _ask(self, command: str) -> Any:
+        self._send(command)
+        answer = self._link.line().strip().decode("ascii", "replace")
+        return parse((answer,), (ANSWERS[command],), who=self._link.name, command=command)[0]
+
+
+def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+    from isorig.drivers.simulated.analyzers import Simulated35670a, displayed
+
+    asked.faults.only((), "a 35670a")
+    coherence, time_record = displayed(shaken)
+    return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
+
+
+EXAMPLE = """
+sample_rate = 256.0
+[[instrument.shows]]
+trace = "XFR:POW:COH 1,2"
+kind = "coherence"
+channel = "motor"
+reference = "head"
+[[instrument.shows]]
+trace = "XTIM:VOLT 1"
+kind = "time"
+channel = "motor"
+unit = "V"
+"""
+KIND = RecordsKind(
+    name="35670a",
+    open=Hp35670aInstrument,
+    trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed, for example XTIM:VOLT 1"),
+    example=EXAMPLE + CHANNELS,
+    far_end=_far_end,
+    recognized="35670A",
+)

@@ -1,0 +1,151 @@
+"""The available instruments: each file of this package with a `KIND`, so adding an instrument means adding its file."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import msgspec
+
+from isorig import drivers
+from isorig.drivers.block import FloatArray
+from isorig.drivers.instrument import Records, Stream
+from isorig.drivers.shows import Shows
+
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.faults import Faults
+    from isorig.drivers.simulated.served import Peer
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The settings of an instrument in a plan other than kind, port and rate; each kind derives its own class and validates it.
+
+    A ValueError from `__post_init__` is shown unchanged: what was found, what is allowed.
+    """
+
+
+class Shaken(Protocol):
+    """A rig under a random drive, as measured by a simulated instrument."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The channels, in the order of the instrument's inputs; the drive is the first."""
+        ...
+
+    def channels(self, samples: int, rate: float) -> Mapping[str, FloatArray]:
+        """Accelerations in m/s^2 by channel, each shape (samples,); `rate` in Hz."""
+        ...
+
+    def volts(self, samples: int, rate: float) -> FloatArray:
+        """Voltages of the accelerometers at the inputs, V, shape (samples, inputs)."""
+        ...
+
+    def coherence(self, samples: int, rate: float) -> tuple[FloatArray, FloatArray]:
+        """Frequency in Hz and coherence of the last channel with the drive, each shape (bins,)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """Options of a simulated instrument.
+
+    Parameters
+    ----------
+    speed
+        Speed relative to real time.
+    seconds
+        Length of the signal, which is repeated.
+    faults
+        Injected faults; a simulated instrument refuses those that it does not have (`Faults.only`).
+    """
+
+    speed: float
+    seconds: float
+    faults: Faults
+
+
+#: How an instrument is connected.
+Bus = Literal["serial", "visa", "can", "ni", "sound"]
+#: Channels of the examples of instruments that measure voltages, with those of the simulated rig.
+CHANNELS = """
+[channels.head]
+input = 0
+sensitivity = 0.2
+[channels.motor]
+input = 3
+sensitivity = 0.2
+"""
+#: Creates the simulated counterpart of an instrument, connected to a rig.
+FarEnd = Callable[[Shaken, Simulation], "Peer"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamKind:
+    """An instrument that streams samples.
+
+    Parameters
+    ----------
+    name
+        Its name in plans.
+    open
+        Opens it at a port, with its settings.
+    example
+        Example of its entries in a plan, TOML: the rest of the table `instrument`, and the channels.
+    settings
+        The class of its settings.
+    far_end
+        Creates its simulated counterpart, for `--port virtual` and `rig virtual instrument`; None if there is none.
+    buses
+        How it is connected.
+    recognized
+        Pattern of its name or its USB number in the system's list of devices; empty if it has none of its own.
+    plays
+        Whether it plays a drive.
+    """
+
+    name: str
+    open: Callable[[str, Any], Stream]
+    example: str = ""
+    settings: type[Settings] = Settings
+    far_end: FarEnd | None = None
+    buses: tuple[Bus, ...] = ("serial",)
+    recognized: str = ""
+    plays: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordsKind:
+    """An instrument that returns records.
+
+    Parameters
+    ----------
+    name
+        Its name in plans.
+    open
+        Opens it at a port, with the contents of its traces.
+    trace
+        Pattern of the trace names, and an example.
+    example, settings, far_end, buses, recognized
+        As for a stream.
+    """
+
+    name: str
+    open: Callable[[str, Sequence[Shows]], Records]
+    trace: tuple[str, str]
+    example: str = ""
+    settings: type[Settings] = Settings
+    far_end: FarEnd | None = None
+    buses: tuple[Bus, ...] = ("serial", "visa")
+    recognized: str = ""
+
+
+@cache
+def kinds() -> Mapping[str, StreamKind | RecordsKind]:
+    """All kinds by name."""
+    names = [module.name for module in pkgutil.iter_modules(drivers.__path__) if not module.ispkg]
+    found = [getattr(importlib.import_module(f"isorig.drivers.{name}"), "KIND", None) for name in names]
+    return {kind.name: kind for kind in found if kind is not None}

@@ -1,0 +1,159 @@
+"""The connection to an instrument that takes commands: a line, a GPIB adapter, or a VISA resource, with one interface."""
+
+from __future__ import annotations
+
+import re
+import time
+from typing import Protocol
+
+from isorig.drivers.errors import ProtocolError
+from isorig.drivers.port import Port
+
+#: Names of VISA resources, and of a GPIB address at an adapter: GPIB::11@/dev/ttyUSB0.
+RESOURCE = re.compile(r"(GPIB|TCPIP|USB|ASRL|PXI|VXI)[^@]*::[^@]+", re.IGNORECASE)
+ADAPTED = re.compile(r"GPIB\d*::(\d{1,2})(::INSTR)?@(.+)", re.IGNORECASE)
+#: A status byte is a number from 0 to 255 (IEEE 488.1).
+STATUS_BYTES = 256
+
+
+class Link(Protocol):
+    """A connection for commands and their answers."""
+
+    @property
+    def name(self) -> str:
+        """Its name in plans."""
+        ...
+
+    @property
+    def bus(self) -> bool:
+        """Whether it transfers messages with an end, as GPIB does; False for a line of bytes."""
+        ...
+
+    def send(self, command: str) -> None:
+        """Send a command; the link adds its end.
+
+        Raises
+        ------
+        ConnectionLostError
+            The instrument is gone, or does not accept the bytes.
+        """
+        ...
+
+    def line(self) -> bytes:
+        """The next line of an answer, without LF.
+
+        Raises
+        ------
+        ConnectionLostError
+            No line arrives in time.
+        ProtocolError
+            The line is too long.
+        """
+        ...
+
+    def exactly(self, count: int) -> bytes:
+        """The next `count` bytes of an answer.
+
+        Raises
+        ------
+        ConnectionLostError
+            They do not arrive in time.
+        """
+        ...
+
+    def expect_nothing(self) -> None:
+        """Check that no unexpected answer is waiting, so that no answer is assigned to the wrong command.
+
+        Raises
+        ------
+        ProtocolError
+            Bytes are waiting.
+        """
+        ...
+
+    def clear(self) -> None:
+        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent.
+
+        Raises
+        ------
+        ProtocolError
+            The line does not become silent.
+        """
+        ...
+
+    def status_byte(self) -> int | None:
+        """The status byte by serial poll; None if this link has none, then `*STB?` asks for it."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the instrument requests service, at most for `seconds`; a link without service requests just waits."""
+        ...
+
+    def close(self) -> None:
+        """Close the connection; may be called twice."""
+        ...
+
+
+class LineLink(Port):
+    """A line: any port that pyserial opens."""
+
+    bus = False
+
+    def send(self, command: str) -> None:
+        """Send a command with LF."""
+        self.write(command.encode("ascii") + b"\n")
+
+    def clear(self) -> None:
+        """Discard input until nothing more arrives."""
+        self.drop_input()
+
+    def status_byte(self) -> int | None:
+        """A line has no serial poll."""
+        return None
+
+    def wait(self, seconds: float) -> None:
+        """Wait."""
+        time.sleep(seconds)
+
+
+def linked(name: str, *, baud_rate: int) -> Link:
+    """Open the link that a name in a plan denotes.
+
+    Parameters
+    ----------
+    name
+        A path or URL of `isorig.drivers.port`, a VISA resource (GPIB0::11::INSTR), or a GPIB address at a Prologix adapter
+        (GPIB::11@/dev/ttyUSB0, GPIB::11@socket://192.168.1.5:1234).
+    baud_rate
+        Baud rate of a real serial line.
+
+    Raises
+    ------
+    SettingError
+        The name denotes no port, or the package for VISA is missing.
+    ConnectionLostError
+        The connection cannot be opened.
+    """
+    adapted = ADAPTED.fullmatch(name)
+    if adapted:
+        from isorig.drivers.prologix import PrologixLink
+
+        return PrologixLink(name, port=adapted[3], address=int(adapted[1]))
+    if RESOURCE.fullmatch(name):
+        from isorig.drivers.visa import VisaLink
+
+        return VisaLink(name, baud_rate=baud_rate)
+    return LineLink(name, baud_rate=baud_rate)
+
+
+def check_status_byte(value: int, who: str) -> int:
+    """A status byte as received.
+
+    Raises
+    ------
+    ProtocolError
+        It is none.
+    """
+    if not 0 <= value < STATUS_BYTES:
+        raise ProtocolError(f"{who} answers a serial poll with {value}; a status byte is 0 to 255, check the adapter")
+    return value

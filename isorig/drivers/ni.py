@@ -1,0 +1,451 @@
+"""NI-DAQmx devices through National Instruments' own package: inputs of one chassis on one clock, and an output for the drive.
+
+The device counts its samples: each block is placed by the read position, so that samples which the host did not fetch in time
+(error -200279) are a counted gap. The output is clocked by the inputs' sample clock and starts with them. Overloads and open
+sensors are reported where the device reports them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+from isorig.drivers.block import Block, Input, Status
+from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError
+from isorig.drivers.instrument import Values
+from isorig.drivers.kinds import StreamKind
+from isorig.drivers.voltage import OutputSettings, Voltage, fade_out
+
+T = TypeVar("T")
+#: Seconds of samples in the buffer of the driver, and seconds of drive written in advance.
+BUFFER, AHEAD = 10.0, 2.0
+#: Seconds between two looks for samples, and samples fetched at once.
+POLL, MOST = 0.005, 16384
+#: NI's error codes: the samples were overwritten; the attribute is not available on this device; the device is gone.
+OVERWRITTEN = -200279
+UNSUPPORTED = (-200452, -200197)
+GONE = (-201003, -200220, -88705, -88708)
+#: IEPE currents of NI's modules, mA; 0 is off.
+CURRENTS = (0.0, 2.0, 2.1, 4.0, 6.0, 10.0)
+#: Values of a soft stop, written one by one.
+STEPS = 50
+
+
+class NiSettings(OutputSettings, frozen=True, kw_only=True):
+    """Inputs and output.
+
+    Parameters
+    ----------
+    inputs
+        Physical channels in the order of the plan's inputs, e.g. ["cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1", "cDAQ1Mod2/ai0"].
+    full_scale
+        Range of the inputs, V.
+    coupling
+        AC or DC; the device's default without it.
+    iepe
+        Current of the IEPE supply in mA, 0 for none.
+    output
+        Physical channel that plays the drive, e.g. "cDAQ1Mod3/ao0".
+    trigger
+        Terminal of a start trigger, e.g. "/cDAQ1/PFI0".
+    """
+
+    inputs: tuple[str, ...]
+    full_scale: float = 5.0
+    coupling: Literal["AC", "DC"] | None = None
+    iepe: float = 0.0
+    output: str = ""
+    trigger: str = ""
+
+    def __post_init__(self) -> None:
+        self.check_output(bool(self.output))
+        if not self.inputs or any("/ai" not in name or not name.isprintable() or "," in name for name in self.inputs):
+            raise ValueError(f'inputs is {list(self.inputs)}; give the physical channels, e.g. ["cDAQ1Mod1/ai0"]')
+        if not 0.0 < self.full_scale < math.inf:
+            raise ValueError(f"full_scale is {self.full_scale:g}; give the range of the inputs in V, e.g. 5.0")
+        if self.iepe not in CURRENTS:
+            raise ValueError(f"iepe is {self.iepe:g} mA; give one of {', '.join(f'{mA:g}' for mA in CURRENTS)}")
+
+
+class NiInstrument:
+    """A device or chassis of National Instruments.
+
+    Parameters
+    ----------
+    port
+        Its name, e.g. cDAQ1.
+    settings
+        The settings of the plan.
+
+    Raises
+    ------
+    SettingError
+        The package, NI's runtime, or the device is missing.
+    """
+
+    def __init__(self, port: str, settings: NiSettings) -> None:
+        self._ni, self._errors = _package()
+        self._name, self._settings = port, settings
+        one = Input(unit="V", per_count=1.0, full_scale=settings.full_scale, dtype="float64")
+        self.inputs: Sequence[Input] = (one,) * len(settings.inputs)
+        device = self._call(lambda: self._ni.system.System.local().devices[port].product_type)
+        self.identity = f"NI {device} {port}"
+        self._task: Any = None
+        self._output: Any = None
+        self._rate = math.nan
+        self._gain = 1.0
+        self._drive: Voltage | None = None
+        self._written = 0
+        self._running = False
+        self._ready: deque[Block] = deque()
+        self._noticed: list[str] = []
+        # Whether the device reports overloads and open sensors; unknown until asked.
+        self._reports = {"overloaded_chans_exist": True, "open_chans_exist": True}
+
+    @property
+    def noticed(self) -> Sequence[str]:
+        """Anomalies since the last start, one clause each."""
+        return tuple(self._noticed)
+
+    def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
+        """Set up all inputs on one clock; returns the rate that the device has."""
+        self._close_tasks()
+        task = self._task = self._call(self._ni.Task)
+        self._call(lambda: self._set_inputs(task, sample_rate))
+        self._rate = float(self._call(lambda: task.timing.samp_clk_rate))
+        return self._rate
+
+    def set_gain(self, gain: float) -> None:
+        """The gain of the next run; it scales the drive."""
+        self._gain = gain
+
+    def set_configuration(self, name: str) -> bool:
+        """The operator locks and unlocks the rig."""
+        return False
+
+    def memory(self, place: int) -> bytes | None:
+        """The memory of the sensor at an input; None if it has none, or the module reads none."""
+        channel = self._ni.system.PhysicalChannel(self._settings.inputs[place])
+        try:
+            return bytes(int(byte) for byte in channel.teds_bit_stream)
+        except self._errors.DaqError:
+            # The module reads no memories, or there is none at this input.
+            return None
+
+    def load_drive(self, drive: Values) -> bool:
+        """Load the drive; False without an output.
+
+        Raises
+        ------
+        SettingError
+            The drive exceeds the limit.
+        """
+        if not self._settings.output:
+            return False
+        own = self._settings
+        self._drive = Voltage(
+            drive, factor=own.drive_volts * self._gain, limit=own.limit, ramp=round(own.ramp * self._rate), who=self._name
+        )
+        return True
+
+    def start(self) -> None:
+        """Start the inputs, and the output with them."""
+        self._ready.clear()
+        self._noticed = []
+        if self._drive is not None:
+            self._call(self._arm_output)
+        self._call(self._task.start)
+        self._running = True
+
+    def read(self, timeout: float) -> Block | None:
+        """The samples that the device has, or None."""
+        end = time.monotonic() + timeout
+        while not self._ready and self._running:
+            if self._fetch():
+                self._top_up()
+                break
+            if time.monotonic() >= end:
+                break
+            time.sleep(POLL)
+        return self._ready.popleft() if self._ready else None
+
+    def stop(self) -> int | None:
+        """Stop output and inputs; returns the number of samples that the device acquired."""
+        if not self._running:
+            return None
+        self._running = False
+        try:
+            counted = int(self._call(lambda: self._task.in_stream.total_samp_per_chan_acquired))
+            end = time.monotonic() + BUFFER
+            while self._fetch(until=counted) and time.monotonic() < end:
+                pass
+            return counted
+        finally:
+            self._silence()
+            with suppress(DriverError):
+                self._call(self._task.stop)
+
+    def close(self) -> None:
+        """Switch the output off and release the device."""
+        if self._running:
+            self._running = False
+            self._silence()
+        self._close_tasks()
+
+    def _set_inputs(self, task: Any, rate: float) -> None:
+        constants, own = self._ni.constants, self._settings
+        for name in own.inputs:
+            channel = task.ai_channels.add_ai_voltage_chan(name, min_val=-own.full_scale, max_val=own.full_scale)
+            if own.coupling is not None:
+                channel.ai_coupling = constants.Coupling[own.coupling]
+            if own.iepe:
+                channel.ai_excit_src = constants.ExcitationSource.INTERNAL
+                channel.ai_excit_voltage_or_current = constants.ExcitationVoltageOrCurrent.USE_CURRENT
+                channel.ai_excit_val = 1e-3 * own.iepe
+        task.timing.cfg_samp_clk_timing(
+            rate, sample_mode=constants.AcquisitionType.CONTINUOUS, samps_per_chan=round(BUFFER * rate)
+        )
+        # A host that is late loses the oldest samples; they are counted, and the run goes on.
+        task.in_stream.overwrite = constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
+        if own.trigger:
+            task.triggers.start_trigger.cfg_dig_edge_start_trig(own.trigger)
+
+    def _arm_output(self) -> None:
+        assert self._drive is not None
+        self._close_output()
+        constants, ahead = self._ni.constants, round(AHEAD * self._rate)
+        task = self._output = self._ni.Task()
+        channel = task.ao_channels.add_ao_voltage_chan(
+            self._settings.output, min_val=-self._settings.limit, max_val=self._settings.limit
+        )
+        self._zero_when_idle(channel)
+        # The inputs' clock: one output sample for each tick.
+        task.timing.cfg_samp_clk_timing(
+            self._rate, source=self._task.timing.samp_clk_term, sample_mode=constants.AcquisitionType.CONTINUOUS,
+            samps_per_chan=2 * ahead,
+        )  # fmt: skip
+        task.out_stream.regen_mode = constants.RegenerationMode.DONT_ALLOW_REGENERATION
+        self._written = self._write(task, 0, ahead)
+        task.start()
+
+    def _zero_when_idle(self, channel: Any) -> None:
+        # Not every output has a behavior at rest; the soft stop writes zero in any case.
+        with suppress(self._errors.DaqError):
+            channel.ao_idle_output_behavior = self._ni.constants.AOIdleOutputBehavior.ZERO_VOLTS
+
+    def _top_up(self) -> None:
+        if self._output is None:
+            return
+        room = int(self._call(lambda: self._output.out_stream.space_avail))
+        if room > 0:
+            count = min(room, round(AHEAD * self._rate))
+            self._written += self._call(lambda: self._write(self._output, self._written, count))
+
+    def _write(self, task: Any, first: int, count: int) -> int:
+        assert self._drive is not None
+        from nidaqmx.stream_writers import AnalogSingleChannelWriter
+
+        writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
+        return int(writer.write_many_sample(np.ascontiguousarray(self._drive[first : first + count]), timeout=1.0))
+
+    def _silence(self) -> None:
+        # From the voltage of this moment softly to zero, sample by sample.
+        if self._output is None or self._drive is None:
+            return
+        now = 0.0
+        with suppress(Exception):
+            played = int(self._output.out_stream.total_samp_per_chan_generated)
+            now = float(self._drive[played : played + 1][0])
+        self._close_output()
+        try:
+            self._call(lambda: self._lower(now))
+        except DriverError as error:
+            self._noticed.append(f"the output could not be set to zero, so switch the amplifier off: {error}")
+
+    def _lower(self, volts: float) -> None:
+        from nidaqmx.stream_writers import AnalogSingleChannelWriter
+
+        limit = self._settings.limit
+        with self._ni.Task() as task:
+            task.ao_channels.add_ao_voltage_chan(self._settings.output, min_val=-limit, max_val=limit)
+            writer = AnalogSingleChannelWriter(task.out_stream, auto_start=True)
+            for value in fade_out(volts, STEPS):
+                writer.write_one_sample(float(value))
+                time.sleep(self._settings.ramp / STEPS)
+
+    def _fetch(self, until: int | None = None) -> bool:
+        # The samples that the device has beyond the read position, as a block; whether there were any.
+        from nidaqmx.stream_readers import AnalogMultiChannelReader
+
+        stream = self._task.in_stream
+        first = int(self._call(lambda: stream.curr_read_pos))
+        count = min(int(self._call(lambda: stream.avail_samp_per_chan)), MOST)
+        if until is not None:
+            count = min(count, until - first)
+        if count <= 0:
+            return False
+        data = np.empty((len(self._settings.inputs), count))
+        try:
+            reader = AnalogMultiChannelReader(stream)
+            got = reader.read_many_sample(data, number_of_samples_per_channel=count, timeout=1.0)
+        except self._errors.DaqError as error:
+            if error.error_code != OVERWRITTEN:
+                raise self._failure(error) from None
+            self._call(lambda: self._skip(stream, first))
+            return True
+        status = Status.NUMBERED | self._status(stream)
+        self._ready.append(
+            Block(first_tick=first, samples=np.ascontiguousarray(data[:, :got].T), host_time=time.monotonic(), status=status)
+        )
+        return True
+
+    def _skip(self, stream: Any, first: int) -> None:
+        # Go on at the newest sample: what was overwritten is the gap before the next block.
+        relative = self._ni.constants.ReadRelativeTo
+        stream.relative_to, stream.offset = relative.MOST_RECENT_SAMPLE, 0
+        data = np.empty((len(self._settings.inputs), 1))
+        from nidaqmx.stream_readers import AnalogMultiChannelReader
+
+        AnalogMultiChannelReader(stream).read_many_sample(data, number_of_samples_per_channel=1, timeout=1.0)
+        stream.relative_to, stream.offset = relative.CURRENT_READ_POSITION, 0
+        lost = int(stream.curr_read_pos) - first
+        self._noticed.append(f"at tick {first} the host was late, and the device overwrote {lost} samples")
+
+    def _status(self, stream: Any) -> Status:
+        status = Status.GOOD
+        for name, flag in (("overloaded_chans_exist", Status.OVERLOAD), ("open_chans_exist", Status.FAULT)):
+            if not self._reports[name]:
+                continue
+            try:
+                found = bool(getattr(stream, name))
+            except self._errors.DaqError as error:
+                if error.error_code not in UNSUPPORTED:
+                    raise self._failure(error) from None
+                self._reports[name] = False
+                continue
+            if found:
+                status |= flag
+                if flag == Status.FAULT:
+                    self._notice_open(stream)
+        return status
+
+    def _notice_open(self, stream: Any) -> None:
+        names = ", ".join(self._call(lambda: stream.open_chans))
+        clause = f"no sensor is connected to {names}, or its cable is broken"
+        if clause not in self._noticed:
+            self._noticed.append(clause)
+
+    def _close_tasks(self) -> None:
+        self._close_output()
+        task, self._task = self._task, None
+        if task is not None:
+            with suppress(Exception):
+                task.close()
+
+    def _close_output(self) -> None:
+        task, self._output = self._output, None
+        if task is not None:
+            with suppress(Exception):
+                task.close()
+
+    def _call(self, action: Callable[[], T]) -> T:
+        try:
+            return action()
+        except self._errors.DaqError as error:
+            raise self._failure(error) from None
+        except (self._errors.Error, OSError) as error:
+            raise SettingError(_not_installed(error)) from None
+
+    def _failure(self, error: Any) -> DriverError:
+        brief = _brief(error)
+        code = error.error_code
+        if code in GONE:
+            return ConnectionLostError(f"{self._name} is gone (NI error {code}: {brief}); reconnect it and resume")
+        return InstrumentError(f"{self._name} reports NI error {code} ({brief}); correct the plan or the device's set-up")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A device or chassis: its port, its name, its inputs, and the output as a setting if it has one."""
+
+    port: str
+    name: str
+    inputs: tuple[str, ...]
+    output: dict[str, str]
+
+
+def devices() -> list[Found]:
+    """Devices of this computer with analog inputs; the modules of a chassis belong to it.
+
+    Raises
+    ------
+    SettingError
+        The package or NI's runtime is missing.
+    """
+    package, errors = _package()
+    found: dict[str, Found] = {}
+    try:
+        for device in package.system.System.local().devices:
+            inputs = tuple(str(name) for name in device.ai_physical_chans.channel_names)
+            outputs = tuple(str(name) for name in device.ao_physical_chans.channel_names)
+            try:
+                chassis = str(device.compact_daq_chassis_device.name)
+            except errors.DaqError:
+                chassis = str(device.name)
+            before = found.get(chassis, Found(chassis, f"NI {device.product_type}", (), {}))
+            output = before.output or ({"output": outputs[0]} if outputs else {})
+            found[chassis] = Found(chassis, before.name, before.inputs + inputs, output)
+    except errors.DaqError as error:
+        raise SettingError(f"NI devices cannot be listed ({_brief(error)}); check them in NI's own tool") from None
+    except (errors.Error, OSError) as error:
+        raise SettingError(_not_installed(error)) from None
+    return [one for one in found.values() if one.inputs]
+
+
+def _package() -> tuple[Any, Any]:
+    # Imported here: it takes long, and only this instrument needs it.
+    try:
+        import nidaqmx
+        import nidaqmx.constants
+        import nidaqmx.system
+        from nidaqmx import errors
+    except ImportError:
+        raise SettingError(
+            "NI devices need the package nidaqmx, which is missing; install it with pip install 'isorig[ni]'"
+        ) from None
+    return nidaqmx, errors
+
+
+def _brief(error: Exception) -> str:
+    # The first paragraph of NI's message; the others repeat the task and the code.
+    return " ".join(str(error).split("\n\n", maxsplit=1)[0].split())[:200]
+
+
+def _not_installed(error: Exception) -> str:
+    brief = " ".join(str(error).split())[:120]
+    return f"NI's runtime NI-DAQmx is missing on this computer ({brief}); install it from ni.com, then start again"
+
+
+EXAMPLE = """
+sample_rate = 2048.0
+inputs = ["cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1", "cDAQ1Mod1/ai2", "cDAQ1Mod1/ai3"]
+coupling = "AC"
+iepe = 2.0
+output = "cDAQ1Mod2/ao0"
+drive_volts = 0.01
+limit = 1.0
+[channels.head]
+input = 0
+sensitivity = 0.0102
+[channels.motor]
+input = 3
+sensitivity = 0.0102
+"""
+KIND = StreamKind(name="nidaqmx", open=NiInstrument, example=EXAMPLE, settings=NiSettings, buses=("ni",), plays=True)

@@ -1,0 +1,221 @@
+"""A serial line: any port that pyserial opens, with the errors of this package, and a limit on every wait and every answer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from urllib.parse import urlsplit
+
+import serial
+
+from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
+
+#: Bytes read from the port at a time, and bytes written at a time.
+CHUNK = 65536
+PIECE = 4096
+#: Timeout in seconds until an answer starts, and between two parts of it.
+PATIENCE = 2.0
+#: Timeout in seconds for sending a piece: a piece at 9600 baud takes 4.3 s.
+WRITE_PATIENCE = 10.0
+#: Maximum length of an answer line in bytes.
+LONGEST = 256
+#: Seconds within which a stopped instrument must be silent.
+QUIET = 2.0
+#: A long answer may take this many times the transmission time of its bytes.
+SLOWER = 3.0
+#: Bits of a byte on a serial line: start, eight, stop.
+BITS = 10
+#: Allowed URL schemes; pyserial supports more, and some of those write files or load classes.
+SCHEMES = ("socket", "rfc2217")
+
+
+class Port:
+    """One end of a serial line.
+
+    Parameters
+    ----------
+    name
+        A path like /dev/ttyACM0, or a URL like socket://127.0.0.1:4000.
+    baud_rate
+        Baud rate of a real serial line.
+
+    Raises
+    ------
+    SettingError
+        The name is not a port.
+    ConnectionLostError
+        The port cannot be opened.
+    """
+
+    def __init__(self, name: str, *, baud_rate: int) -> None:
+        check_name(name)
+        self.name = name
+        self._buffer = bytearray()
+        self._baud_rate = baud_rate
+        # A socket does not report how much is waiting, so it is read until nothing arrives for a moment.
+        self._counts = "://" not in name
+        self._port = self._opened()
+
+    def reopen(self) -> None:
+        """Reopen the port after it was lost; waiting input is discarded.
+
+        Raises
+        ------
+        ConnectionLostError
+            The port cannot be opened.
+        """
+        self.close()
+        self._buffer.clear()
+        self._port = self._opened()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, a piece at a time.
+
+        Raises
+        ------
+        ConnectionLostError
+            The instrument is gone, or does not accept the bytes.
+        """
+        try:
+            for at in range(0, len(data), PIECE):
+                self._port.write(data[at : at + PIECE])
+        except serial.SerialTimeoutException:
+            raise ConnectionLostError(
+                f"{self.name} has accepted no data for {WRITE_PATIENCE:g} s; check that the instrument is on, then resume"
+            ) from None
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise self._gone(error) from None
+
+    def read(self) -> bytes:
+        """The bytes that arrived, after at most 0.05 s of waiting."""
+        try:
+            size = min(max(self._port.in_waiting, 1), CHUNK) if self._counts else CHUNK
+            data: bytes = self._port.read(size)
+        except (serial.SerialException, OSError, TypeError) as error:
+            # pyserial raises a TypeError on its own closed descriptor if the port disappears during a read.
+            raise self._gone(error) from None
+        if self._buffer:
+            data, self._buffer = bytes(self._buffer) + data, bytearray()
+        return data
+
+    def line(self, end: bytes = b"\n", *, patience: float | None = None, longest: int = LONGEST) -> bytes:
+        """The next line without its end.
+
+        Raises
+        ------
+        ConnectionLostError
+            No line arrives in time.
+        ProtocolError
+            More than `longest` bytes arrive without an end of line.
+        """
+        patience = PATIENCE if patience is None else patience
+        self._wait(lambda: end in self._buffer or len(self._buffer) > longest, patience, patience, "a line")
+        at = self._buffer.find(end)
+        if not 0 <= at <= longest:
+            raise ProtocolError(
+                f"{self.name} sends more than {longest} bytes without an end of line; check that the plan names its kind"
+            )
+        line = bytes(self._buffer[:at])
+        del self._buffer[: at + len(end)]
+        return line
+
+    def exactly(self, count: int, *, patience: float | None = None) -> bytes:
+        """The next `count` bytes.
+
+        Raises
+        ------
+        ConnectionLostError
+            Nothing arrives for `patience` seconds, or the transmission takes far too long.
+        """
+        patience = PATIENCE if patience is None else patience
+        whole = patience + SLOWER * BITS * count / self._baud_rate
+        self._wait(lambda: len(self._buffer) >= count, patience, whole, f"{count} bytes")
+        data = bytes(self._buffer[:count])
+        del self._buffer[:count]
+        return data
+
+    def expect_nothing(self) -> None:
+        """Check that no unexpected input is waiting, so that no answer is assigned to the wrong command.
+
+        Raises
+        ------
+        ProtocolError
+            Bytes are waiting.
+        """
+        try:
+            waiting = bool(self._buffer) or bool(self._port.in_waiting)
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise self._gone(error) from None
+        if waiting:
+            raise ProtocolError(f"{self.name} sent more than was requested; check the cable, then measure again")
+
+    def drop_input(self) -> None:
+        """Discard input until nothing more arrives.
+
+        Raises
+        ------
+        ProtocolError
+            The instrument does not become silent.
+        """
+        end = time.monotonic() + QUIET
+        while self.read():
+            if time.monotonic() > end:
+                raise ProtocolError(
+                    f"{self.name} keeps sending after the stop command; switch the instrument off and on, and check "
+                    "that the plan names its kind"
+                )
+
+    def close(self) -> None:
+        """Close the port; may be called twice."""
+        self._port.close()
+
+    def _opened(self) -> serial.Serial:
+        try:
+            opened: serial.Serial = serial.serial_for_url(
+                self.name, baudrate=self._baud_rate, timeout=0.05 if self._counts else 0.01, write_timeout=WRITE_PATIENCE,
+                exclusive=True,
+            )  # fmt: skip
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise ConnectionLostError(f"the port {self.name} cannot be opened ({error}); check the cable and the name") from None
+        return opened
+
+    def _gone(self, error: Exception) -> ConnectionLostError:
+        return ConnectionLostError(f"{self.name} is gone ({error}); reconnect it and resume")
+
+    def _wait(self, enough: Callable[[], bool], patience: float, whole: float, what: str) -> None:
+        began = heard = time.monotonic()
+        while not enough():
+            before = len(self._buffer)
+            # `read` empties the buffer into its return value.
+            self._buffer = bytearray(self.read())
+            now = time.monotonic()
+            if len(self._buffer) > before:
+                heard = now
+            if enough():
+                return
+            if now - heard > patience or now - began > whole:
+                raise ConnectionLostError(
+                    f"{self.name} did not send {what} within {min(now - began, whole):.3g} s; check that it is on and that the "
+                    "plan names its kind"
+                )
+
+
+def check_name(name: str) -> None:
+    """Check a port's name before anything is opened.
+
+    Raises
+    ------
+    SettingError
+        It is neither a path nor a URL with host and port.
+    """
+    if not name or not name.isprintable():
+        raise SettingError(f"{name!r} is not a port; give a path like /dev/ttyACM0, or socket://127.0.0.1:4000")
+    if "://" not in name:
+        return
+    try:
+        parts = urlsplit(name)
+        whole = parts.scheme in SCHEMES and bool(parts.hostname) and bool(parts.port)
+    except ValueError:
+        whole = False
+    if not whole:
+        raise SettingError(f"{name} is not a port; a URL needs a host and a port, as in socket://127.0.0.1:4000")

@@ -1,0 +1,124 @@
+"""A GPIB address at a Prologix adapter (GPIB-USB, GPIB-ETHERNET, or one that takes the same `++` commands)."""
+
+from __future__ import annotations
+
+import time
+
+from isorig.drivers import port as ports
+from isorig.drivers.answers import parse, text, whole
+from isorig.drivers.errors import ProtocolError, SettingError
+from isorig.drivers.port import Port
+
+#: Characters that the adapter would take for its own: sent after ESC.
+ESCAPE = bytes([27])
+SPECIAL = b"\x1b\r\n+"
+#: Set-up: controller, not saved, no read without request, LF and EOI at the end of commands, no character added to answers,
+#: clear the bus. The adapter gives up a read after 3 s of silence, its maximum: later than the driver does.
+SET_UP = (
+    "++savecfg 0", "++mode 1", "++auto 0", "++eos 2", "++eoi 1", "++eot_enable 0", "++read_tmo_ms 3000", "++ifc",
+)  # fmt: skip
+#: Highest primary address of a GPIB device (IEEE 488.1).
+HIGHEST = 30
+#: Message available: the bit of the status byte while an answer waits (IEEE 488.2).
+WAITING = 1 << 4
+#: Seconds between two queries of the service request line.
+POLL = 0.05
+
+
+class PrologixLink:
+    """A GPIB address at an adapter.
+
+    Parameters
+    ----------
+    name
+        Its name in the plan.
+    port
+        Path or URL of the adapter.
+    address
+        Primary address.
+
+    Raises
+    ------
+    SettingError
+        There is no such address or port.
+    ConnectionLostError, ProtocolError
+        The port cannot be opened, or there is no adapter.
+    """
+
+    bus = True
+
+    def __init__(self, name: str, *, port: str, address: int) -> None:
+        if address > HIGHEST:
+            raise SettingError(f"{name} has the GPIB address {address}; give 0 to {HIGHEST}")
+        self.name = name
+        self._port = Port(port, baud_rate=115200)
+        self._reading = False
+        try:
+            self._port.drop_input()
+            version = self._ask("++ver")
+            if not version:
+                raise ProtocolError(f"{name} does not report a version; check that {port} is a Prologix adapter")
+            for command in (*SET_UP, f"++addr {address}"):
+                self._port.write(command.encode() + b"\n")
+        except BaseException:
+            self._port.close()
+            raise
+
+    def send(self, command: str) -> None:
+        """Send a command."""
+        escaped = b"".join(ESCAPE + bytes([c]) if c in SPECIAL else bytes([c]) for c in command.encode("ascii"))
+        self._port.write(escaped + b"\n")
+        self._reading = False
+
+    def line(self) -> bytes:
+        """The next line of the answer."""
+        self._request()
+        return self._port.line(b"\n")
+
+    def exactly(self, count: int) -> bytes:
+        """The next `count` bytes of the answer."""
+        self._request()
+        return self._port.exactly(count)
+
+    def expect_nothing(self) -> None:
+        """Check that the adapter sent nothing, and that the instrument has no answer."""
+        self._port.expect_nothing()
+        if self.status_byte() & WAITING:
+            raise ProtocolError(f"{self.name} has an answer that was not requested; check that the plan names its kind")
+
+    def clear(self) -> None:
+        """Device clear."""
+        self._port.write(b"++clr\n")
+        self._port.drop_input()
+        self._reading = False
+
+    def status_byte(self) -> int:
+        """The status byte by serial poll."""
+        (value,) = parse((self._ask("++spoll"),), (whole(0, 255),), who=self.name, command="++spoll")
+        return int(value)
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the service request line is set."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            (asked,) = parse((self._ask("++srq"),), (whole(0, 1),), who=self.name, command="++srq")
+            if asked:
+                return
+            time.sleep(min(POLL, seconds))
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+    def _request(self) -> None:
+        # One request reads the answer up to EOI; the rest waits in the port.
+        if not self._reading:
+            self._port.write(b"++read eoi\n")
+            self._reading = True
+
+    def _ask(self, command: str) -> str:
+        self._port.expect_nothing()
+        self._port.write(command.encode() + b"\n")
+        answer = self._port.line(b"\n", patience=ports.PATIENCE).strip().decode("ascii", "replace")
+        (word,) = parse((answer,), (text(100),), who=self.name, command=command)
+        return str(word)

@@ -1,0 +1,146 @@
+"""Simulated analyzers: they answer the commands used by the drivers of the SR785 and the 35670A, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from isorig.drivers.block import FloatArray
+from isorig.drivers.kinds import Shaken
+
+#: x and values of a trace.
+Curve = tuple[FloatArray, FloatArray]
+
+
+#: Points and rate (Hz) of a simulated time record, and number of averages of a coherence.
+RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
+
+
+def displayed(shaken: Shaken) -> tuple[Curve, Curve]:
+    """A coherence of the last channel with the drive, and a time record of the last channel in V."""
+    volts = shaken.volts(RECORD, RECORD_RATE)[:, -1]
+    return shaken.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
+
+
+class _Lines:
+    """Answers commands that end in LF; an unknown command causes an error of the instrument's kind."""
+
+    def __init__(self) -> None:
+        self._waiting = b""
+        self.heard: list[str] = []
+        self.unplugged = False
+
+    def step(self, data: bytes) -> bytes:
+        self._waiting += data
+        answers = b""
+        while b"\n" in self._waiting:
+            line, _, self._waiting = self._waiting.partition(b"\n")
+            command = line.decode("ascii", "replace").strip()
+            self.heard.append(command)
+            answers += self.answer(command)
+        return answers
+
+    def answer(self, command: str) -> bytes:
+        raise NotImplementedError
+
+
+class SimulatedSr785(_Lines):
+    """Two displays with given curves; a measurement takes `polls` status queries."""
+
+    def __init__(self, displays: Mapping[int, Curve], *, polls: int = 2, overload: bool = False, order: str = "<") -> None:
+        super().__init__()
+        self._displays, self._polls, self._overload, self._order = displays, polls, overload, order
+        self._left, self._events = 0, 0
+        self.sourcing, self._level = False, 0
+
+    def answer(self, command: str) -> bytes:
+        """The answer to a command."""
+        head, _, rest = command.partition("?")
+        words = rest.split(",") if rest else []
+        if command in ("OUTX0", "OUTX1", "STRT", "SRCO 0", "SRCO 1") or head.startswith("NAMP "):
+            self._left = self._polls if command == "STRT" else self._left
+            self.sourcing = command == "SRCO 1" if head.startswith("SRCO") else self.sourcing
+            self._level = int(head.split()[1]) if head.startswith("NAMP ") else self._level
+            return b""
+        if head in ("DSPN", "DBIN", "DSPB", "DSPY") and words and int(words[0]) in self._displays:
+            return self._display(head, words)
+        numbers = {
+            "STYP?": 2,
+            "NAMP?": self._level,
+            "SRCO?": int(self.sourcing),
+            "*ESR?": self._events,
+            "DSPS?1": int(self._left <= 1),
+            "NAVG?0": 10,
+            "INPS?": int(self._overload),
+        }
+        if command not in numbers:
+            self._events |= 1 << 5
+            return b""
+        if command == "DSPS?1":
+            self._left -= 1
+        if command == "*ESR?":
+            self._events = 0
+        return b"%d\n" % numbers[command]
+
+    def _display(self, head: str, words: list[str]) -> bytes:
+        x, values = self._displays[int(words[0])]
+        if head == "DSPN":
+            return b"%d\n" % len(values)
+        if head == "DSPB":
+            return values.astype(f"{self._order}f4").tobytes()
+        chosen = x if head == "DBIN" else values.astype(np.float32)
+        return b"%.9g\n" % chosen[int(words[1])]
+
+
+class Simulated35670a(_Lines):
+    """Traces by feed; a measurement takes `polls` status queries."""
+
+    def __init__(self, feeds: Mapping[str, Curve], *, polls: int = 2) -> None:
+        super().__init__()
+        self._feeds, self._polls = feeds, polls
+        self._left, self._measuring, self._complete, self._enabled = 0, False, False, False
+        self._traces: dict[str, Curve] = {}
+        self._errors: list[str] = []
+        self.sourcing, self._level = False, 0.0
+
+    def answer(self, command: str) -> bytes:
+        """The answer to a command."""
+        trace, _, about = command.partition(":")
+        if command == "ABOR;INIT:IMM;*OPC":
+            self._left, self._measuring = self._polls, True
+        elif command == "*STB?":
+            return b"+%d\n" % self.status_byte()
+        elif command in ("*CLS", "*ESE 1;*SRE 32"):
+            self._complete = self._complete and command != "*CLS"
+            self._enabled = self._enabled or command != "*CLS"
+        elif command in ("OUTP ON", "OUTP OFF"):
+            self.sourcing = command == "OUTP ON"
+        elif command == "OUTP?":
+            return b"%d\n" % self.sourcing
+        elif command.startswith("SOUR:VOLT "):
+            self._level = float(command.split()[1])
+        elif command == "SOUR:VOLT?":
+            return b"%.6E\n" % self._level
+        elif command == "SYST:ERR?":
+            return (self._errors.pop(0) if self._errors else '+0,"No Error"').encode() + b"\n"
+        elif trace.startswith("CALC") and about.startswith("FEED '") and about[6:-1] in self._feeds:
+            self._traces[trace] = self._feeds[about[6:-1]]
+        elif about in ("DATA?", "X:DATA?") and trace in self._traces:
+            return self._block(self._traces[trace][0 if about.startswith("X") else 1])
+        elif command != "FORM:DATA REAL,32":
+            self._errors.append('-113,"Undefined header"')
+        return b""
+
+    def status_byte(self) -> int:
+        """The status byte; operation complete stays set until it is cleared, and is passed on if it is enabled (IEEE 488.2)."""
+        self._left = max(self._left - 1, 0)
+        if self._measuring and self._left == 0:
+            self._measuring, self._complete = False, True
+        return 32 * (self._complete and self._enabled)
+
+    @staticmethod
+    def _block(values: FloatArray) -> bytes:
+        data = values.astype(">f4").tobytes()
+        length = str(len(data)).encode()
+        return b"#" + str(len(length)).encode() + length + data + b"\n"

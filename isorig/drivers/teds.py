@@ -1,0 +1,109 @@
+"""Electronic data sheets of sensors (IEEE 1451.4): serial number, sensitivity and calibration date from the memory's bytes.
+
+Read are the Basic TEDS (64 bits) and template 25 of accelerometers with constant-current supply (IEPE). Force transducers use the
+same template, but the layout of their fields is not known here, nor that of accelerometers with extended functions: of these
+only the Basic TEDS is read.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import date, timedelta
+
+from isorig.drivers.errors import ProtocolError
+
+#: Dates count days from here; a field of ones holds no value.
+EPOCH = date(1998, 1, 1)
+#: Bits of the Basic TEDS, and the largest memory that is read, bytes.
+BASIC, LARGEST = 64, 4096
+TEMPLATE = 25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Teds:
+    """What a sensor's memory states.
+
+    Parameters
+    ----------
+    manufacturer, model, version
+        Numbers of the manufacturer and of the model, version as in "B1".
+    serial_number
+        Serial number.
+    sensitivity
+        V per m/s^2; None if the template is not read.
+    calibrated, due
+        Dates of the calibration and of the next one; None if they are not given.
+    """
+
+    manufacturer: int
+    model: int
+    version: str
+    serial_number: int
+    sensitivity: float | None = None
+    calibrated: date | None = None
+    due: date | None = None
+
+
+class _Bits:
+    """Fields of a memory, each with its lowest bit first."""
+
+    def __init__(self, data: bytes) -> None:
+        self._left, self._count = int.from_bytes(data, "little"), 8 * len(data)
+
+    def take(self, count: int) -> int:
+        if count > self._count:
+            raise ProtocolError("the sensor's memory ends within its data sheet; read it again, or give its values by hand")
+        value = self._left & ((1 << count) - 1)
+        self._left >>= count
+        self._count -= count
+        return value
+
+    def relative(self, count: int, start: float, tolerance: float) -> float:
+        """A value with constant relative resolution: start (1 + 2 tolerance)^n (IEEE 1451.4, ConRelRes)."""
+        return start * math.pow(1.0 + 2.0 * tolerance, self.take(count))
+
+
+def decode(data: bytes) -> Teds:
+    """The data sheet in a sensor's memory.
+
+    Parameters
+    ----------
+    data
+        The memory without checksums, lowest bit first.
+
+    Raises
+    ------
+    ProtocolError
+        It holds none.
+    """
+    if len(data) > LARGEST or 8 * len(data) < BASIC or not any(data) or set(data) == {0xFF}:
+        raise ProtocolError(f"the sensor's memory of {len(data)} bytes holds no data sheet; give the sensor's values by hand")
+    bits = _Bits(data)
+    manufacturer, model, letter, version, serial = (bits.take(count) for count in (14, 15, 5, 6, 24))
+    basic = Teds(
+        manufacturer=manufacturer, model=model, version=f"{chr(ord('@') + letter) if 1 <= letter <= 26 else ''}{version}",
+        serial_number=serial,
+    )  # fmt: skip
+    if 8 * len(data) < BASIC + 12 or bits.take(2) != 0 or bits.take(8) != TEMPLATE or bits.take(1) or bits.take(1):
+        return basic
+    sensitivity = bits.relative(16, 5e-7, 0.00015)
+    # Lower corner frequency, direction, weight, polarity.
+    for count in (8, 2, 6, 1):
+        bits.take(count)
+    if bits.take(1):
+        # Transfer function: upper corner, resonance, its quality, slope, temperature coefficient.
+        for count in (7, 9, 9, 7, 6):
+            bits.take(count)
+    # Reference frequency and temperature.
+    for count in (8, 5):
+        bits.take(count)
+    day = bits.take(16)
+    bits.take(15)
+    period = bits.take(12)
+    calibrated = None if day in (0, (1 << 16) - 1) else EPOCH + timedelta(days=day)
+    due = None if calibrated is None or period in (0, (1 << 12) - 1) else calibrated + timedelta(days=period)
+    return Teds(
+        manufacturer=basic.manufacturer, model=basic.model, version=basic.version, serial_number=basic.serial_number,
+        sensitivity=sensitivity, calibrated=calibrated, due=due,
+    )  # fmt: skip

@@ -1,0 +1,163 @@
+"""Content of the blocks of a working file: the plan's runs and channels, start and end of runs, and samples."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.drivers.block import Input
+from isorig.rig.acquire.plan import Plan
+
+FORMAT, VERSION = "rig-working", 1
+#: For each block from the instrument: its first tick, its arrival time, its status.
+TIMING = np.dtype([("tick", "<i8"), ("host_time", "<f8"), ("device_time", "<f8"), ("gain", "<f8"), ("status", "<i4")])
+#: First tick, rows, and number of blocks from the instrument.
+SAMPLES = struct.Struct("<QII")
+
+
+class Kind(IntEnum):
+    """Kinds of blocks."""
+
+    LAYOUT = 1
+    BEGIN = 2
+    SAMPLES = 3
+    END = 4
+
+
+class RunLayout(msgspec.Struct, frozen=True, kw_only=True):
+    """A planned run; `planned` is its length in ticks."""
+
+    id: str
+    configuration: str
+    gain: float
+    excitation: str
+    use: Literal["fit", "holdout"]
+    planned: int
+    band: tuple[float, float] | None = None
+    repeat_of: str | None = None
+
+
+class ChannelLayout(msgspec.Struct, frozen=True, kw_only=True):
+    """A channel: its raw type, its conversion to physical values, and the description of its sensor."""
+
+    input: int
+    dtype: Literal["int16", "int32", "float32", "float64"]
+    quantity: str
+    unit: str
+    scale: float
+    offset: float
+    full_scale: float | None = None
+    description: dict[str, str] = {}
+
+    @property
+    def stored(self) -> np.dtype[Any]:
+        """Data type of its samples in the file."""
+        return np.dtype(self.dtype).newbyteorder("<")
+
+
+class Layout(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that a session will write, known before its first sample.
+
+    `real_time` is False for a simulated instrument that may run faster: its rate is not compared with the host's clock.
+    """
+
+    sample_rate: float
+    known: dict[str, float | str]
+    runs: list[RunLayout]
+    channels: dict[str, ChannelLayout]
+    usable_to: float | None = None
+    real_time: bool = True
+    format: Literal["rig-working"] = "rig-working"
+    version: Literal[1] = 1
+
+    @property
+    def row(self) -> int:
+        """Bytes of one sample of all channels."""
+        return sum(channel.stored.itemsize for channel in self.channels.values())
+
+
+class Begin(msgspec.Struct, frozen=True, kw_only=True):
+    """Start of a run, with a copy of the layout: one of the two suffices to read the file."""
+
+    started_ns: int
+    period: int | None
+    sample_rate: float
+    layout: Layout
+
+
+class End(msgspec.Struct, frozen=True, kw_only=True):
+    """End of a run: whether it was complete, and the ticks that the instrument counted."""
+
+    whole: bool
+    counted: int
+
+
+def layout_of(plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) -> Layout:
+    """The layout of a plan's session with an instrument with these inputs."""
+    rate = plan.instrument.sample_rate
+    channels = {}
+    for name, about in plan.channels.items():
+        source = inputs[about.input]
+        channels[name] = ChannelLayout(
+            input=about.input, dtype=source.dtype, quantity=about.quantity, unit=about.unit,
+            scale=source.per_count / about.sensitivity, offset=source.offset / about.sensitivity,
+            full_scale=None if source.full_scale is None else abs(source.full_scale / about.sensitivity),
+            description=about.description,
+        )  # fmt: skip
+    runs = [
+        RunLayout(
+            id=name, configuration=run.configuration, gain=run.gain, excitation=run.recorded_as, use=run.use,
+            planned=run.ticks(rate), band=None if run.excitation == "moves" else run.band, repeat_of=run.repeat_of,
+        )
+        for run in plan.runs
+        for name in run.ids()
+    ]  # fmt: skip
+    return Layout(
+        sample_rate=rate, known=dict(plan.rig), runs=runs, channels=channels, usable_to=plan.instrument.usable_to,
+        real_time=real_time,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Size of a block of samples, and the offsets of its parts."""
+
+    first_tick: int
+    rows: int
+    blocks: int
+
+    @property
+    def samples(self) -> int:
+        """Offset of the first channel."""
+        return SAMPLES.size + self.blocks * TIMING.itemsize
+
+
+def pack(layout: Layout, first_tick: int, timing: NDArray[Any], columns: Sequence[NDArray[Any]]) -> bytes:
+    """The content of a block of samples; `timing` as `TIMING`, `columns` in the order of the layout's channels."""
+    parts = [SAMPLES.pack(first_tick, len(columns[0]), len(timing)), timing.astype(TIMING).tobytes()]
+    parts += [
+        np.ascontiguousarray(values, channel.stored).tobytes()
+        for values, channel in zip(columns, layout.channels.values(), strict=True)
+    ]
+    return b"".join(parts)
+
+
+def shape_of(layout: Layout, content: bytes) -> Shape | None:
+    """The size stated in a content; None if it contradicts the content's length."""
+    if len(content) < SAMPLES.size:
+        return None
+    shape = Shape(*SAMPLES.unpack_from(content))
+    whole = shape.samples + shape.rows * layout.row == len(content)
+    return shape if whole and shape.rows > 0 and shape.first_tick < 1 << 62 else None
+
+
+def timing_of(shape: Shape, content: bytes) -> NDArray[Any]:
+    """The timing rows of a content."""
+    return np.frombuffer(content, TIMING, shape.blocks, SAMPLES.size)

@@ -1,0 +1,206 @@
+"""The plan of a session: rig, instrument, channels, runs."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from isorig.analysis.campaign import Quantity
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
+from isorig.rig.files.recording import SENSOR
+from isorig.rig.files.tomlfile import read_toml
+
+
+class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Any part of a plan."""
+
+
+class ShowsPlan(Part, frozen=True):
+    """The content of a display or trace of an analyzer.
+
+    `trace` is the analyzer's name for it: a display's number (SR785), a feed like "XTIM:VOLT 1" (35670A). A "time" trace becomes
+    the channel of that name; a spectrum names its channels, as in the recording.
+    """
+
+    trace: str
+    kind: Literal["time", "transfer_function", "coherence", "auto_spectrum", "cross_spectrum"]
+    channel: str
+    reference: str = ""
+    unit: str = "1"
+
+
+class InstrumentPlan(Part, frozen=True):
+    """The source of the samples: kind of instrument, port, rate in Hz.
+
+    `usable_to` is the highest frequency in Hz that the instrument's filter leaves unchanged, from its data sheet. `shows` is
+    required for analyzers, which return records. The other keys are the settings of the kind.
+    """
+
+    kind: str
+    port: str
+    sample_rate: float
+    usable_to: float | None = None
+    shows: tuple[ShowsPlan, ...] = ()
+    settings: Any = None
+
+    @property
+    def about(self) -> StreamKind | RecordsKind:
+        """The kind itself."""
+        return kinds()[self.kind]
+
+    @property
+    def analyzer(self) -> bool:
+        """Whether it measures on its own and returns records."""
+        return isinstance(self.about, RecordsKind)
+
+
+class ChannelPlan(Part, frozen=True):
+    """A sensor at an input: `sensitivity` is the input's unit per unit of the channel (V per m/s^2), `calibrated` a date."""
+
+    input: int
+    sensitivity: float
+    unit: str = "m/s^2"
+    quantity: Quantity = "acceleration"
+    sensor: str = ""
+    place: str = ""
+    direction: str = ""
+    serial_number: str = ""
+    calibrated: str = ""
+
+    @property
+    def description(self) -> dict[str, str]:
+        """Description of the sensor for readers of the recording."""
+        return {key: getattr(self, key) for key in SENSOR}
+
+
+class RunPlan(Part, frozen=True):
+    """A run, or several repeats: configuration, excitation, duration in seconds; a multisine's period in seconds, a sine's
+    frequency in Hz.
+
+    There is no drive in a "free" run (a hammer, a pushed table) and in an "other" one, which is driven by other means. `source`
+    is the peak level of an analyzer's source, V; without it, the level set on the panel is used. `repeat_of` names an earlier run
+    whose drive is repeated sample for sample: the difference of the responses is not caused by the drive.
+    """
+
+    id: str
+    configuration: str
+    gain: float
+    seconds: float
+    excitation: Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"] = "random"
+    band: tuple[float, float] | None = None
+    period: float = 4.0
+    frequency: float | None = None
+    repeats: int = 1
+    seed: int = 0
+    use: Literal["fit", "holdout"] = "fit"
+    source: float | None = None
+    repeat_of: str | None = None
+
+    @property
+    def played(self) -> bool:
+        """Whether the instrument plays a computed drive."""
+        return self.excitation not in ("free", "other")
+
+    @property
+    def recorded_as(self) -> str:
+        """The excitation as named in the recording's format."""
+        return "other" if self.excitation in ("sine", "steps") else self.excitation
+
+    def ticks(self, rate: float) -> int:
+        """Samples of the run at a rate in Hz; a multisine has whole periods."""
+        n = round(self.seconds * rate)
+        if self.excitation != "multisine":
+            return n
+        period = round(self.period * rate)
+        return max(n // period, 1) * period
+
+    def ids(self) -> tuple[str, ...]:
+        """The names of its repeats: the id itself for one, otherwise with -1, -2 ..."""
+        return (self.id,) if self.repeats == 1 else tuple(f"{self.id}-{k + 1}" for k in range(self.repeats))
+
+
+class Plan(Part, frozen=True):
+    """A session. `rig` contains known values (SI) under the recording's names, `limits` the limits of runs; `sensors` is the path
+    of the laboratory's list of sensors.
+    """
+
+    instrument: InstrumentPlan
+    channels: dict[str, ChannelPlan]
+    runs: tuple[RunPlan, ...] = ()
+    rig: dict[str, float | str] = {}
+    limits: Limits = Limits()
+    sensors: str = ""
+
+    def original(self, run: RunPlan, repeat: int) -> tuple[RunPlan, int]:
+        """The run whose drive a run plays, and the index of the repeat: the run itself if it does not repeat another."""
+        while run.repeat_of is not None:
+            run, repeat = next(
+                (earlier, k) for earlier in self.runs for k, name in enumerate(earlier.ids()) if name == run.repeat_of
+            )
+        return run, repeat
+
+    def described(self) -> RigModel:
+        """The rig described by the plan, or the wire bonder."""
+        return self.model() or wire_bonder()
+
+    def model(self) -> RigModel | None:
+        """The rig described by the plan; None for the wire bonder."""
+        description = self.rig.get("description")
+        return None if description is None else from_tree(tomllib.loads(str(description)))
+
+    @property
+    def drive(self) -> str:
+        """The drive channel."""
+        return self.described().drive.channel
+
+
+def as_virtual(plan: Plan) -> Plan:
+    """The plan for a virtual rig: the sensors are marked as virtual."""
+    channels = {
+        name: msgspec.structs.replace(channel, sensor=f"virtual {channel.sensor or 'sensor'}")
+        for name, channel in plan.channels.items()
+    }
+    return msgspec.structs.replace(plan, channels=channels)
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a plan; `isorig.rig.acquire.plan_check` validates its values.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    plan = read_toml(path, plan_of, "a plan")
+    return msgspec.structs.replace(plan, sensors=str(path.parent / plan.sensors)) if plan.sensors else plan
+
+
+def plan_of(tree: Mapping[str, Any]) -> Plan:
+    """A plan from plain dicts and lists, before validation of its values.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        With the key, what was found and what is allowed.
+    """
+    instrument = tree.get("instrument")
+    if isinstance(instrument, Mapping):
+        own = {key: value for key, value in instrument.items() if key in ("kind", "port", "sample_rate", "usable_to", "shows")}
+        kind = kinds().get(str(own.get("kind")))
+        if "kind" in own and kind is None:
+            raise msgspec.ValidationError(f"instrument.kind is {own['kind']!r}, allowed are {', '.join(kinds())}")
+        if kind is not None:
+            rest = {key: value for key, value in instrument.items() if key not in own}
+            try:
+                own["settings"] = msgspec.convert(rest, kind.settings, strict=False)
+            except msgspec.ValidationError as error:
+                raise msgspec.ValidationError(f"instrument of kind {kind.name}: {error}") from None
+        tree = {**tree, "instrument": own}
+    return msgspec.convert(tree, Plan, strict=False)

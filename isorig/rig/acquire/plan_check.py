@@ -1,0 +1,205 @@
+"""Validates a whole plan before a session starts: each error is one sentence with its location."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from datetime import date
+from pathlib import Path
+
+from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.drivers.kinds import RecordsKind
+from isorig.rig.acquire.plan import ChannelPlan, Plan, RunPlan, load_plan
+from isorig.rig.errors import PlanError
+
+#: Largest sensitivity, and reciprocal of the smallest: values in SI remain within a recording's limits.
+SENSITIVITY_MOST = 1e30
+#: Names used otherwise by the recording's format.
+TAKEN = ("gain", "gaps", "timing", "spectra", "progress")
+#: Keys that a repeated run must share with its original.
+REPEATED = ("configuration", "gain", "seconds", "excitation", "band", "period", "frequency")
+
+
+def read_plan(path: Path, *, runs: bool = True) -> Plan:
+    """Read and validate a plan; with `runs` False it may have no runs.
+
+    Raises
+    ------
+    PlanError
+        In one sentence: which key, what was found, what is allowed.
+    """
+    plan = load_plan(path)
+    check_plan(plan, str(path), runs=runs)
+    return plan
+
+
+def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
+    """Validate every value; with `runs` False there may be no runs.
+
+    Raises
+    ------
+    PlanError
+        In one sentence.
+    """
+    rate = plan.instrument.sample_rate
+    if not 0.0 < rate < math.inf:
+        raise PlanError(f"{where}: sample_rate is {rate:g} Hz; it must be positive and finite, so correct it")
+    usable = plan.instrument.usable_to
+    if usable is not None and not 0.0 < usable <= rate / 2.0:
+        raise PlanError(f"{where}: usable_to is {usable:g} Hz; it is above zero and at most half the sample rate, so correct it")
+    configurations = _configurations(plan, where)
+    _check_instrument(plan, where)
+    _check_limits(plan, where)
+    if not plan.channels:
+        raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
+    if runs and not plan.runs:
+        raise PlanError(f"{where}: there are no runs; add at least one as [[runs]]")
+    for name, channel in plan.channels.items():
+        _check_channel(name, channel, where)
+    inputs = [channel.input for channel in plan.channels.values()]
+    if len(set(inputs)) < len(inputs):
+        raise PlanError(f"{where}: two channels share an input ({inputs}); give each channel its own input")
+    ids = [name for run in plan.runs for name in run.ids()]
+    twice = next((name for name in ids if ids.count(name) > 1), None)
+    if twice is not None:
+        raise PlanError(f"{where}: two runs have the id {twice!r}; give each run its own id")
+    for place, run in enumerate(plan.runs):
+        here = f"{where}: run {run.id!r}"
+        if run.configuration not in configurations:
+            raise PlanError(f"{here} has configuration {run.configuration!r}; the rig has {', '.join(configurations)}")
+        _check_run(run, rate, here)
+        if run.source is not None and not (plan.instrument.analyzer and 0.0 < run.source < math.inf):
+            raise PlanError(f"{here} has source {run.source:g}; only an analyzer has one, and its level in V is above zero")
+        _check_repeat(run, plan.runs[:place], here)
+
+
+def _check_limits(plan: Plan, where: str) -> None:
+    links = tuple(link.name for link in plan.described().links)
+    for name in plan.limits.stroke:
+        if name not in links:
+            raise PlanError(f"{where}: limits.stroke names {name!r}; the rig has the links {', '.join(links)}")
+    for name in plan.limits.channels:
+        if name not in plan.channels:
+            raise PlanError(f"{where}: limits.channels names {name!r}; the plan has {', '.join(plan.channels)}")
+
+
+def _check_repeat(run: RunPlan, before: Sequence[RunPlan], here: str) -> None:
+    if run.repeat_of is None:
+        return
+    earlier = {name: one for one in before for name in one.ids()}
+    first = earlier.get(run.repeat_of)
+    if first is None:
+        known = ", ".join(earlier) or "none"
+        raise PlanError(f"{here} has repeat_of {run.repeat_of!r}; give the id of a run before it ({known})")
+    if not run.played:
+        raise PlanError(f"{here} has repeat_of but no drive that is played; remove repeat_of, or choose another excitation")
+    for key in REPEATED:
+        was, now = getattr(first, key), getattr(run, key)
+        if was != now:
+            raise PlanError(f"{here} repeats {run.repeat_of!r} with {key} {now}, not {was}; a repeat has the same {key}")
+    if run.seed not in (0, first.seed):
+        raise PlanError(f"{here} repeats {run.repeat_of!r} with seed {run.seed}, not {first.seed}; remove seed")
+
+
+def _configurations(plan: Plan, where: str) -> tuple[str, ...]:
+    for key, value in plan.rig.items():
+        if isinstance(value, str):
+            if key != "description":
+                raise PlanError(f"{where}: rig.{key} is the text {value!r}; known values of the rig are numbers in SI")
+        elif not math.isfinite(value) or (key.endswith("_mass") and value <= 0.0):
+            raise PlanError(f"{where}: rig.{key} is {value:g}; give a finite value, a mass above zero")
+    try:
+        model = plan.model()
+    except tomllib.TOMLDecodeError as error:
+        raise PlanError(f"{where}: rig.description is not TOML ({error}); give the text of the rig's description") from None
+    except ModelError as error:
+        raise PlanError(f"{where}: rig.description: {error}") from None
+    return tuple((model or wire_bonder()).configurations)
+
+
+def _check_channel(name: str, channel: ChannelPlan, where: str) -> None:
+    if not name.isidentifier() or name in TAKEN:
+        raise PlanError(f"{where}: a channel cannot be named {name!r}; use letters and digits, and no name of the format")
+    if not 1.0 / SENSITIVITY_MOST <= abs(channel.sensitivity) <= SENSITIVITY_MOST:
+        raise PlanError(
+            f"{where}: channels.{name}.sensitivity is {channel.sensitivity:g}; take it from the sensor's calibration sheet"
+        )
+    if channel.unit != SI_UNIT[channel.quantity]:
+        asked = f"for {channel.quantity} give {SI_UNIT[channel.quantity]!r}, or correct quantity"
+        raise PlanError(f"{where}: channels.{name}.unit is {channel.unit!r}; {asked}")
+    if channel.calibrated:
+        try:
+            date.fromisoformat(channel.calibrated)
+        except ValueError:
+            raise PlanError(
+                f"{where}: channels.{name}.calibrated is {channel.calibrated!r}; write the date as 2026-01-31"
+            ) from None
+    if channel.input < 0:
+        raise PlanError(f"{where}: channels.{name}.input is {channel.input}; inputs start at 0")
+
+
+def _check_instrument(plan: Plan, where: str) -> None:
+    instrument, kind = plan.instrument, plan.instrument.about
+    if instrument.analyzer != bool(instrument.shows):
+        text = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
+        raise PlanError(f"{where} {text}; an analyzer needs one [[instrument.shows]] for each display, other kinds have none")
+    if not isinstance(kind, RecordsKind):
+        return
+    if not any(shown.kind == "time" for shown in instrument.shows):
+        raise PlanError(f"{where}: no display shows a time record; a recording needs one, so show a channel as time on one")
+    pattern, example = kind.trace
+    for shown in instrument.shows:
+        unknown = next((name for name in (shown.channel, shown.reference) if name and name not in plan.channels), None)
+        if unknown is not None:
+            raise PlanError(f"{where}: instrument.shows names {unknown!r}; the plan has {', '.join(plan.channels)}")
+        if not re.fullmatch(pattern, shown.trace):
+            raise PlanError(f"{where}: instrument.shows has trace {shown.trace!r}; give {example}")
+
+
+def _check_run(run: RunPlan, rate: float, here: str) -> None:
+    if not run.id.isprintable() or not run.id or "/" in run.id or run.id.startswith("."):
+        raise PlanError(f"{here} needs an id of printable characters, without a slash or a leading dot")
+    if not (math.isfinite(run.gain) and run.gain > 0.0):
+        raise PlanError(f"{here} has gain {run.gain:g}; it must be positive, so correct it")
+    if not 0.0 < run.seconds <= 86400.0 or run.seconds * rate < 16:
+        raise PlanError(f"{here} lasts {run.seconds:g} s; give at least 16 samples and at most a day")
+    if not 1 <= run.repeats <= 1000:
+        raise PlanError(f"{here} has repeats {run.repeats}; give 1 to 1000")
+    if run.seed < 0:
+        raise PlanError(f"{here} has seed {run.seed}; give 0 or more")
+    if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
+        raise PlanError(f"{here} has a period of {run.period:g} s; give at least 16 samples and at most the length of the run")
+    if run.band is not None and not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:
+        raise PlanError(f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)")
+    _check_sine(run, rate, here)
+    if run.excitation not in ("random", "multisine"):
+        return
+    if run.band is None:
+        raise PlanError(f"{here} has no band; give [low, high] in Hz for its {run.excitation} drive")
+    if not _lines(run, rate, run.band):
+        raise PlanError(
+            f"{here} has band {list(run.band)} Hz, which contains no frequency of its drive; widen it or extend the run"
+        )
+
+
+def _check_sine(run: RunPlan, rate: float, here: str) -> None:
+    if (run.frequency is None) == (run.excitation == "sine"):
+        wanted = "lacks frequency; give that of its sine" if run.frequency is None else "has frequency; remove it, or use a sine"
+        raise PlanError(f"{here} {wanted}, in Hz below {rate / 2:g}")
+    if run.frequency is not None and not 0.0 < run.frequency < rate / 2.0:
+        raise PlanError(
+            f"{here} has frequency {run.frequency:g} Hz; give one above 0 and below {rate / 2:g}, half the sample rate"
+        )
+    if run.excitation == "sweep" and (run.band is None or run.band[0] <= 0.0):
+        raise PlanError(f"{here} is a sweep without a band; give [low, high] in Hz, low above 0")
+
+
+def _lines(run: RunPlan, rate: float, band: tuple[float, float]) -> bool:
+    # The frequencies are multiples of one over the length of the signal; a multisine has the odd ones.
+    length = (round(run.period * rate) if run.excitation == "multisine" else run.ticks(rate)) / rate
+    first, last = max(math.ceil(band[0] * length), 1), math.floor(band[1] * length)
+    return last >= first + (run.excitation == "multisine" and first % 2 == 0)

@@ -1,0 +1,299 @@
+"""Writes blocks from an instrument to disk: a bounded queue, a writer thread, a count of lost samples.
+
+The working file is a log (`journal`): written data are never changed, so a kill loses only what was still in memory, and a power
+loss only what came after the last sync. Samples are raw integers with a scale.
+"""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from isorig.drivers.block import Block, Input, Status
+from isorig.rig.acquire.block_queue import Waiting
+from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
+from isorig.rig.acquire.layout import TIMING, Begin, End, Kind, Layout, layout_of, pack
+from isorig.rig.acquire.plan import Plan
+from isorig.rig.errors import OutputError
+from isorig.rig.files.output import reason, replaced
+
+#: Seconds of samples that may wait for a slow disk, and seconds that are collected and then written at once.
+QUEUE_SECONDS = 5.0
+GATHER = 0.1
+#: Seconds without progress after which the disk counts as stuck.
+STUCK = 10.0
+#: Bytes that must remain free on the disk: below this the session ends while the file can still be closed.
+RESERVE = 16 << 20
+#: Bytes of samples in a block of the log: the maximum loss due to a damaged block.
+BLOCK = 1 << 20
+
+
+def working_file(output: Path) -> Path:
+    """Path of the working file of a session."""
+    return output.with_name(output.name + ".partial")
+
+
+def lay_out(path: Path, plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) -> None:
+    """Create the working file, with the layout of all data to be written.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    layout = msgspec.json.encode(layout_of(plan, inputs, real_time=real_time))
+    if len(layout) > LONGEST:
+        raise OutputError(f"the plan has {len(plan.runs)} runs, more than {path} can hold; split it into several plans")
+    with replaced(path) as temporary:
+        try:
+            Journal.create(temporary, Kind.LAYOUT, layout)
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another place with -o") from None
+
+
+@contextmanager
+def recording_into(
+    path: Path, plan: Plan, inputs: Sequence[Input], *, sync: float = SYNC, after: datetime | None = None, real_time: bool = True
+) -> Iterator[WorkingFile]:
+    """The working file created by `lay_out`, open for writing.
+
+    Parameters
+    ----------
+    path
+        Its path.
+    plan, inputs, real_time
+        The plan, inputs and kind of instrument of its layout.
+    sync
+        Seconds between two syncs; 0 syncs every block.
+    after
+        End time of the runs of an earlier part of the session; no run here starts before it, even if the host's clock was set
+        back.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    file = WorkingFile(Journal(path, sync=sync), layout_of(plan, inputs, real_time=real_time), after=after)
+    try:
+        yield file
+    finally:
+        file.close()
+
+
+class WorkingFile:
+    """The working file of a running session: runs are written into it in sequence."""
+
+    def __init__(self, journal: Journal, layout: Layout, *, after: datetime | None = None) -> None:
+        self.journal, self.layout = journal, layout
+        self._takes = 0
+        # Start times identify runs: within a session they come from a monotonic clock.
+        self._opened_ns = max(time.time_ns(), 0 if after is None else round(after.timestamp() * 1e9))
+        self._ticking_ns = time.monotonic_ns()
+
+    def begin(self, run_id: str, *, sample_rate: float, period: int | None) -> tuple[int, int]:
+        """Start a run, or repeat it; returns its index in the plan, and the number of runs started before.
+
+        Raises
+        ------
+        OSError
+            The disk refuses.
+        """
+        run = next(k for k, planned in enumerate(self.layout.runs) if planned.id == run_id)
+        take, self._takes = self._takes, self._takes + 1
+        started = self._opened_ns + time.monotonic_ns() - self._ticking_ns
+        begin = Begin(started_ns=started, period=period, sample_rate=sample_rate, layout=self.layout)
+        self.journal.append(Kind.BEGIN, run, take, msgspec.json.encode(begin))
+        self.journal.sync()
+        return run, take
+
+    def close(self) -> None:
+        """Sync and close the file.
+
+        Raises
+        ------
+        OutputError
+            The disk refuses.
+        """
+        try:
+            self.journal.close()
+        except OSError as error:
+            raise OutputError(f"{self.journal.path} cannot be written any more ({reason(error)})") from None
+
+
+@dataclass
+class Tally:
+    """Totals of a run so far: ticks stored, ticks lost, blocks with an overload."""
+
+    stored: int = 0
+    lost: int = 0
+    overloads: int = 0
+
+
+class RunWriter:
+    """Writes one run to the working file from a separate thread.
+
+    Parameters
+    ----------
+    file
+        The working file.
+    run_id
+        The run's id.
+    columns
+        The input of each channel, by channel name.
+    sample_rate
+        Hz; sets the length of the queue.
+    period
+        Samples per period of a periodic drive.
+
+    Raises
+    ------
+    OutputError
+        The disk refuses to write.
+    """
+
+    def __init__(
+        self,
+        file: WorkingFile,
+        run_id: str,
+        columns: Mapping[str, int],
+        *,
+        sample_rate: float,
+        period: int | None,
+    ) -> None:
+        self._file = file
+        self._columns = [columns[name] for name in file.layout.channels]
+        self._waiting = Waiting(int(QUEUE_SECONDS * sample_rate) + 1)
+        self.tally = Tally()
+        self.error: OSError | None = None
+        self._next = 0
+        try:
+            self._run, self._take = file.begin(run_id, sample_rate=sample_rate, period=period)
+        except OSError as error:
+            self.error = error
+            raise self._refused() from None
+        self._planned = file.layout.runs[self._run].planned
+        self._thread = threading.Thread(target=self._work, name=f"writer of {run_id}", daemon=True)
+        self._thread.start()
+
+    def put(self, block: Block) -> None:
+        """Add a block; waits if the disk is too far behind, so that the instrument's buffers fill before anything is lost.
+
+        Raises
+        ------
+        OutputError
+            The disk refused to write, or has been stuck too long.
+        """
+        if not self._waiting.put(block, STUCK):
+            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another disk")
+        if self.error is not None:
+            raise self._refused()
+
+    def finish(self, counted: int | None, *, whole: bool = True) -> Tally:
+        """Write the waiting blocks and close the run; ticks that the instrument counted but did not send are lost.
+
+        The run is complete if nothing interrupted it and all planned ticks are stored or counted as lost.
+
+        Raises
+        ------
+        OutputError
+            The disk refuses.
+        """
+        self._waiting.end()
+        self._thread.join()
+        if self.error is None:
+            self._account(self._next if counted is None else max(counted, self._next))
+            end = End(whole=whole and self._next >= self._planned, counted=self._next)
+            try:
+                self._file.journal.append(Kind.END, self._run, self._take, msgspec.json.encode(end))
+                self._file.journal.sync()
+                self._in_place()
+            except OSError as error:
+                self.error = error
+        if self.error is not None and whole:
+            raise self._refused()
+        return self.tally
+
+    def _refused(self) -> OutputError:
+        assert self.error is not None
+        return OutputError(
+            f"the recording cannot be written any more ({reason(self.error)}); make room, then continue with --resume"
+        )
+
+    def _work(self) -> None:
+        while (blocks := self._waiting.take(GATHER)) is not None:
+            if self.error is not None:
+                continue
+            try:
+                self._store(blocks)
+                self._look()
+            except OSError as error:
+                self.error = error
+
+    def _look(self) -> None:
+        # Other programs may remove the file, or fill the disk.
+        self._in_place()
+        folder = self._file.journal.path.parent
+        if shutil.disk_usage(folder).free < RESERVE:
+            raise OSError(f"less than {RESERVE >> 20} MiB are free in {folder}")
+
+    def _in_place(self) -> None:
+        journal = self._file.journal
+        if journal.put_back():
+            raise OSError(f"its working file was removed by another program; the measured data are in {journal.path} again")
+
+    def _store(self, blocks: Sequence[Block]) -> None:
+        # Duplicates are dropped, missing samples are counted; stretches without a gap are written at once.
+        whole: list[np.ndarray] = []
+        rows: list[tuple[int, float, float, float, int]] = []
+        begin = waiting = 0
+        for block in blocks:
+            samples = block.samples[max(self._next - block.first_tick, 0) :]
+            if not len(samples):
+                continue
+            first = max(block.first_tick, self._next)
+            if first > self._next or waiting >= BLOCK:
+                self._append(begin, rows, whole)
+                whole, rows, waiting = [], [], 0
+                self._account(first)
+            if not whole:
+                begin = first
+            whole.append(samples)
+            waiting += samples.nbytes
+            self._next = first + len(samples)
+            self.tally.overloads += int(bool(block.status & Status.OVERLOAD))
+            device = np.nan if block.device_time is None else block.device_time
+            gain = np.nan if block.gain is None else block.gain
+            rows.append((first, block.host_time, device, gain, int(block.status)))
+        self._append(begin, rows, whole)
+
+    def _append(self, first: int, rows: Sequence[tuple[int, float, float, float, int]], parts: Sequence[np.ndarray]) -> None:
+        if not parts:
+            return
+        samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        # A block of the instrument may be longer than a block of the log.
+        most = max(LONGEST // 2 // max(self._file.layout.row, 1), 1)
+        for start in range(0, len(samples), most):
+            part = samples[start : start + most]
+            content = pack(
+                self._file.layout,
+                first + start,
+                np.array(rows if start == 0 else [], TIMING),
+                [part[:, k] for k in self._columns],
+            )
+            self._file.journal.append(Kind.SAMPLES, self._run, self._take, content)
+            self.tally.stored += len(part)
+
+    def _account(self, tick: int) -> None:
+        # The gap itself is found from the ticks of the next block, or from the count at the end.
+        self.tally.lost += tick - self._next
+        self._next = tick

@@ -1,0 +1,417 @@
+"""Reads a working file: the data of each planned run, for a finished, a running or a killed session."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Samples
+from isorig.drivers.block import Status
+from isorig.rig.acquire.journal import Found, Reader
+from isorig.rig.acquire.layout import SAMPLES, TIMING, Begin, End, Kind, Layout, RunLayout, Shape, shape_of, timing_of
+from isorig.rig.acquire.pace import REPORTED, Drift, Pace
+from isorig.rig.errors import RecordingError
+
+T = TypeVar("T")
+#: Index entry of each block of samples: its offset, its size, the range of the streamed gain in it.
+ENTRY = np.dtype(
+    [
+        ("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8"),
+    ]
+)  # fmt: skip
+
+
+class Saved:
+    """A sequence stored in the blocks of the file, read from disk by slice.
+
+    Parameters
+    ----------
+    counts
+        Number of items in each block.
+    part
+        Returns items `start` to `stop` of block `k`.
+    dtype
+        Their data type.
+    """
+
+    def __init__(self, counts: NDArray[np.int64], part: Callable[[int, int, int], NDArray[Any]], dtype: np.dtype[Any]) -> None:
+        self._ends, self._part, self._dtype = np.cumsum(counts), part, dtype
+        self.shape = (int(self._ends[-1]) if len(counts) else 0,)
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]:
+        start, stop, step = key.indices(self.shape[0])
+        if step != 1:
+            return self[:][key]
+        items = np.empty(max(stop - start, 0), self._dtype)
+        done, k = start, int(np.searchsorted(self._ends, start, side="right"))
+        while done < stop:
+            begin = int(self._ends[k - 1]) if k else 0
+            upto = min(int(self._ends[k]), stop)
+            items[done - start : upto - start] = self._part(k, done - begin, upto - begin)
+            done, k = upto, k + 1
+        return items
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recovered:
+    """One planned run as far as it was measured.
+
+    Parameters
+    ----------
+    id
+        Its id.
+    finished, begun
+        Whether it is complete, whether it was started.
+    run
+        Its samples, read from the open file on demand; None if there are none.
+    stored, lost, planned
+        Ticks in the file, ticks lost, ticks in the plan.
+    damaged
+        The part of `lost` that may have been stored in blocks that are damaged now.
+    overloads
+        Number of blocks with an overload.
+    planned_gain
+        The gain in the plan; the run has the streamed one.
+    drift
+        Of the instrument's clock relative to the host's; None if it cannot be estimated.
+    timing
+        Arrival time and status of each block of the instrument, as `TIMING`; None if not stored.
+    sensors
+        Description of each channel's sensor.
+    """
+
+    id: str
+    finished: bool
+    begun: bool
+    run: Run | None
+    stored: int
+    lost: int
+    planned: int
+    overloads: int
+    planned_gain: float
+    drift: Drift | None
+    damaged: int = 0
+    timing: Samples | None = None
+    sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """Saved and lost samples, in a sentence."""
+        if not self.begun:
+            return f"{self.id}: not started."
+        lost = f", {self.lost} lost in transmission" if self.lost else ", none lost"
+        if self.damaged:
+            lost = f", {self.lost} lost, up to {self.damaged} of them in damaged parts of the file"
+        if self.drift is not None and self.drift.beyond(REPORTED):
+            lost += f"; by the host's clock its sample rate deviates by {self.drift.percent}"
+        if self.finished:
+            return f"{self.id}: complete, {self.stored} samples saved{lost}."
+        return f"{self.id}: incomplete, {self.stored} of {self.planned} samples saved{lost}."
+
+
+class _Take:
+    """A started run: index of its blocks, and sums over their status."""
+
+    def __init__(self, run: int, rate: float) -> None:
+        self.run, self.pace = run, Pace(rate)
+        self.begin: tuple[int, Begin] | None = None
+        self.end: tuple[int, End] | None = None
+        self.overloads = self.stored = 0
+        self.next = 0
+        self._entries = np.zeros(64, ENTRY)
+        self._count = 0
+
+    @property
+    def entries(self) -> NDArray[Any]:
+        """Its blocks, in the order of their ticks."""
+        return self._entries[: self._count]
+
+    def add(self, shape: Shape, found: Found) -> None:
+        """Add a block of samples to the index; one that goes back in time is omitted."""
+        if shape.first_tick < self.next:
+            return
+        timing = timing_of(shape, found.content)
+        gains = timing["gain"][np.isfinite(timing["gain"])]
+        if self._count == len(self._entries):
+            self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
+        low, high = (gains.min(), gains.max()) if len(gains) else (np.nan, np.nan)
+        self._entries[self._count] = (
+            found.number, found.place, shape.first_tick, shape.rows, shape.blocks, low, high,
+        )  # fmt: skip
+        self._count += 1
+        self.next = shape.first_tick + shape.rows
+        self.stored += shape.rows
+        self.overloads += int((timing["status"] & Status.OVERLOAD).astype(bool).sum())
+        sound = np.isfinite(timing["host_time"])
+        ends = np.append(timing["tick"], self.next)[1:]
+        self.pace.add(ends[sound], timing["host_time"][sound])
+
+
+class WorkingFile:
+    """A working file that is finished, being written, or was left by a killed session.
+
+    Raises
+    ------
+    RecordingError
+        The file is not a working file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._reader = Reader(path)
+        self._takes: dict[int, _Take] = {}
+        self._layout: Layout | None = None
+        try:
+            # The first block contains the layout; if it is damaged, the start of a run has a copy.
+            for found in self._reader.blocks():
+                if (layout := _layout(found)) is not None:
+                    self._layout = layout
+                    break
+            self._reader.rewind()
+            self.refresh()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def known(self) -> dict[str, float | str]:
+        """The known values of the rig."""
+        return self._whole.known
+
+    @property
+    def replaced(self) -> bool:
+        """Whether its path now belongs to another file, or to none."""
+        return self._reader.replaced()
+
+    @property
+    def _whole(self) -> Layout:
+        if self._layout is None:
+            raise RecordingError(
+                f"{self._reader.path} is not a session's working file; give one that ends in .partial, or rig check a finished "
+                "recording"
+            )
+        return self._layout
+
+    def refresh(self) -> None:
+        """Read what was written since the last time.
+
+        Raises
+        ------
+        RecordingError
+            The file is not a working file.
+        """
+        layout = self._whole
+        for found in self._reader.blocks():
+            if found.kind == Kind.LAYOUT:
+                continue
+            if found.take not in self._takes:
+                self._takes[found.take] = _Take(found.run, layout.sample_rate)
+            take = self._takes[found.take]
+            if take.run != found.run:
+                # Blocks of one take are of one run; what names another one is not filed, and counts as damaged.
+                continue
+            if found.kind == Kind.BEGIN and (begin := _begin(found)) is not None:
+                take.begin = found.number, begin
+                take.pace = Pace(begin.sample_rate)
+            elif found.kind == Kind.END and (end := _decoded(found, End)) is not None:
+                take.end = found.number, end
+            elif found.kind == Kind.SAMPLES and (shape := shape_of(layout, found.content)) is not None:
+                take.add(shape, found)
+
+    def runs(self) -> list[Recovered]:
+        """Every planned run as far as it was measured, in the plan's order."""
+        return [self._recovered(k) for k in range(len(self._whole.runs))]
+
+    def run(self, name: str) -> Recovered:
+        """The run with that id, after a `refresh`."""
+        self.refresh()
+        return self._recovered(next(k for k, run in enumerate(self._whole.runs) if run.id == name))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+    def _rate(self, take: _Take) -> float:
+        return self._whole.sample_rate if take.begin is None else take.begin[1].sample_rate
+
+    def _recovered(self, k: int) -> Recovered:
+        planned = self._whole.runs[k]
+        takes = [take for take in self._takes.values() if take.run == k]
+        if not takes:
+            return Recovered(
+                id=planned.id, finished=False, begun=False, run=None, stored=0, lost=0, planned=planned.planned, overloads=0,
+                planned_gain=planned.gain, drift=None,
+            )  # fmt: skip
+        # Of a repeated run, the last complete take; if there is none, the longest.
+        best = next((take for take in reversed(takes) if _finished(take)), max(takes, key=lambda take: take.stored))
+        gaps, damaged = _gaps(best)
+        rate = self._rate(best)
+        timing = self._timing(best)
+        return Recovered(
+            id=planned.id, finished=_finished(best), begun=True,
+            run=self._measured(planned, best, gaps, timing, rate) if best.stored else None,
+            stored=best.stored, lost=sum(gap.count for gap in gaps), damaged=damaged, planned=planned.planned,
+            overloads=best.overloads, planned_gain=planned.gain, timing=timing,
+            drift=best.pace.drift() if self._whole.real_time else None,
+            sensors={name: channel.description for name, channel in self._whole.channels.items()},
+        )  # fmt: skip
+
+    def _measured(self, planned: RunLayout, take: _Take, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:
+        channels = {}
+        entries = take.entries.copy()
+        offset = SAMPLES.size + TIMING.itemsize * entries["blocks"]
+        for name, about in self._whole.channels.items():
+            channels[name] = Channel(
+                name=name, samples=self._saved(entries["rows"], entries["place"] + offset, about.stored),
+                quantity=about.quantity, unit=about.unit, scale=about.scale, offset=about.offset,  # type: ignore[arg-type]
+                full_scale=about.full_scale,
+            )  # fmt: skip
+            offset = offset + entries["rows"] * about.stored.itemsize
+        gain = planned.gain
+        if np.isfinite(entries["low"]).any():
+            low, high = float(np.nanmin(entries["low"])), float(np.nanmax(entries["high"]))
+            streamed = _Gains(entries, timing, planned.gain)
+            gain = low if low == high else streamed.median()
+            channels["gain"] = Channel(
+                name="gain", samples=Saved(entries["rows"], streamed.part, np.dtype(np.float64)), quantity="gain", unit="1"
+            )
+        begin = None if take.begin is None else take.begin[1]
+        return Run(
+            id=planned.id, configuration=planned.configuration, sample_rate=rate, gain=gain, channels=channels,
+            excitation=planned.excitation, use=planned.use, band=planned.band, repeat_of=planned.repeat_of, gaps=gaps,
+            started=None if begin is None else datetime.fromtimestamp(begin.started_ns / 1e9, UTC),
+            period=None if begin is None else begin.period,
+            # An instrument's own rate may be slightly below the planned one.
+            usable_to=None if self._whole.usable_to is None else min(self._whole.usable_to, rate / 2.0),
+        )  # fmt: skip
+
+    def _timing(self, take: _Take) -> Saved:
+        entries = take.entries.copy()
+        return self._saved(entries["blocks"], entries["place"] + SAMPLES.size, TIMING)
+
+    def _saved(self, counts: NDArray[np.int64], places: NDArray[np.int64], dtype: np.dtype[Any]) -> Saved:
+        def part(k: int, start: int, stop: int) -> NDArray[Any]:
+            size = dtype.itemsize
+            return np.frombuffer(self._reader.read(int(places[k]) + start * size, (stop - start) * size), dtype)
+
+        return Saved(counts, part, dtype)
+
+
+class _Gains:
+    """The streamed gain of each stored sample."""
+
+    def __init__(self, entries: NDArray[Any], timing: Saved, otherwise: float) -> None:
+        self._entries, self._timing, self._otherwise = entries, timing, otherwise
+        self._begins = np.concatenate([[0], np.cumsum(entries["blocks"])])
+
+    def part(self, k: int, start: int, stop: int) -> NDArray[np.float64]:
+        """Gains of samples `start` to `stop` of block k."""
+        gains, rows = self._steps(k)
+        return np.repeat(gains, rows)[start:stop]
+
+    def median(self) -> float:
+        """Median over all samples."""
+        steps = [self._steps(k) for k in range(len(self._entries))]
+        gains, rows = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+        order = np.argsort(gains)
+        passed = np.cumsum(rows[order])
+        return float(gains[order][np.searchsorted(passed, passed[-1] / 2)])
+
+    def _steps(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        # Gains, and the number of samples for each.
+        entry = self._entries[k]
+        timing = self._timing[int(self._begins[k]) : int(self._begins[k + 1])]
+        timing = timing[np.isfinite(timing["gain"])]
+        if not len(timing):
+            return np.array([self._otherwise]), np.array([entry["rows"]], np.int64)
+        edges = np.clip(timing["tick"][1:] - entry["first"], 0, entry["rows"])
+        return timing["gain"].astype(np.float64), np.diff(edges, prepend=0, append=entry["rows"]).clip(0)
+
+
+def _finished(take: _Take) -> bool:
+    return take.end is not None and take.end[1].whole
+
+
+def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
+    # Ticks in no block, and how many may have been stored: the numbers of the adjacent blocks are not consecutive.
+    entries = take.entries
+    if not len(entries):
+        return (), 0
+    begin = -1 if take.begin is None else take.begin[0]
+    ends = entries["first"] + entries["rows"]
+    last = ends[-1], entries["number"][-1]
+    counted, closed = last if take.end is None else (max(take.end[1].counted, last[0]), take.end[0])
+    begins = np.concatenate([[0], ends])
+    counts = np.concatenate([entries["first"], [counted]]) - begins
+    torn = np.diff(np.concatenate([[begin], entries["number"], [closed]])) > 1
+    gaps = tuple(Gap(first_tick=int(begins[k]), count=int(counts[k])) for k in np.flatnonzero(counts))
+    return gaps, int(counts[torn].sum())
+
+
+def _layout(found: Found) -> Layout | None:
+    layout = None
+    if found.kind == Kind.LAYOUT:
+        layout = _decoded(found, Layout)
+    elif found.kind == Kind.BEGIN:
+        begin = _begin(found)
+        layout = None if begin is None else begin.layout
+    if layout is None or not layout.channels or not 0.0 < layout.sample_rate < math.inf:
+        return None
+    return layout
+
+
+def _begin(found: Found) -> Begin | None:
+    begin = _decoded(found, Begin)
+    if begin is None or not (0.0 < begin.sample_rate < math.inf and 0 <= begin.started_ns < 1 << 62):
+        return None
+    return begin
+
+
+def _decoded(found: Found, kind: type[T]) -> T | None:
+    try:
+        return msgspec.json.decode(found.content, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
+
+
+@contextmanager
+def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered]]]:
+    """The known values of the rig, and every planned run, from a working file: finished, being written, or left by a killed
+    session.
+
+    Raises
+    ------
+    RecordingError
+        The file is not a working file.
+    """
+    file = WorkingFile(path)
+    try:
+        yield file.known, file.runs()
+    finally:
+        file.close()
+
+
+def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
+    """The campaign of these runs, in the order of their measurement.
+
+    Raises
+    ------
+    RecordingError
+        There is no run.
+    """
+    if not runs:
+        raise RecordingError(f"{source} contains no sample; there is nothing to recover, so acquire again")
+    description = known.get("description")
+    return Campaign(
+        runs=tuple(sorted(runs, key=lambda run: run.started or datetime.max.replace(tzinfo=UTC))),
+        known={key: value for key, value in known.items() if not isinstance(value, str)},
+        description=description if isinstance(description, str) else None, source=source,
+    )  # fmt: skip

@@ -1,0 +1,83 @@
+"""Status of the blocks of a run, in sentences: losses inside the instrument, faults, disagreement of counter and clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from isorig.drivers.alignment import WIRE
+from isorig.drivers.block import Block, Status
+from isorig.drivers.instrument import Noticing, Stream
+
+#: Reasons against keeping a run, by block status; {n} blocks, the first at {s} s.
+AGAINST = {
+    Status.LOST: "The instrument lost samples internally in {n} blocks from {s} s on; give it a lower rate, or repeat the run.",
+    Status.FAULT: "The instrument reported a fault in {n} blocks from {s} s on; check it and repeat the run.",
+    Status.DISAGREES: (
+        "Counter, frame numbers and clock of the instrument disagree {n} times from {s} s on; the time axis follows the majority."
+    ),
+    Status.RESYNCED: (
+        "Bytes were lost {n} times from {s} s on; ambiguous samples are left out, and the number of missing samples is uncertain "
+        "by one each time."
+    ),
+    Status.CLOCKED: (
+        "Only the host's clock indicates lost samples, {n} times from {s} s on; their number is uncertain by about 10 ms."
+    ),
+}
+#: Information that is not a fault of the run.
+TOLD = {
+    Status.UNSURE: f"A byte or word lost from {{s}} s on would not be detected; {WIRE}.",
+}
+#: Maximum number of a driver's clauses that are printed.
+CLAUSES = 3
+
+
+@dataclass
+class Remarks:
+    """Counts the status flags of blocks.
+
+    Parameters
+    ----------
+    rate
+        Sample rate, Hz.
+    """
+
+    rate: float
+    counts: dict[Status, int] = field(default_factory=dict)
+    first: dict[Status, float] = field(default_factory=dict)
+    clauses: list[str] = field(default_factory=list)
+    returned: int = 0
+
+    def add(self, block: Block) -> None:
+        """Count the flags of a block."""
+        for status in (*AGAINST, *TOLD):
+            if block.status & status:
+                self.counts[status] = self.counts.get(status, 0) + 1
+                self.first.setdefault(status, block.first_tick / self.rate)
+
+    def end(self, instrument: Stream, returned: int) -> None:
+        """Add the driver's notices, and the number of reconnections."""
+        self.clauses += instrument.noticed if isinstance(instrument, Noticing) else ()
+        self.returned = returned
+
+    def against(self) -> Sequence[str]:
+        """Reasons against keeping the run."""
+        return tuple(self._against())
+
+    def others(self) -> Sequence[str]:
+        """Information that is not a reason against the run."""
+        return tuple(self._sentences(TOLD))
+
+    def _against(self) -> Iterator[str]:
+        yield from self._sentences(AGAINST)
+        if self.returned:
+            yield f"The connection was lost and restored {self.returned} times; the samples lost meanwhile are counted."
+        for clause in self.clauses[:CLAUSES]:
+            yield f"The driver reports: {clause}."
+        if len(self.clauses) > CLAUSES:
+            yield f"The driver reports {len(self.clauses) - CLAUSES} more of this kind."
+
+    def _sentences(self, table: dict[Status, str]) -> Iterator[str]:
+        for status, sentence in table.items():
+            if status in self.counts:
+                yield sentence.format(n=self.counts[status], s=f"{self.first[status]:.3g}")

@@ -1,0 +1,251 @@
+"""The post-run check, while the run can still be repeated: coherence, clipping, dead channels, lost samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Run, broad
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.detection import Detection, detect
+from isorig.analysis.spectra.welch import Spectra, estimate
+from isorig.rig.acquire.incoherence import incoherence
+from isorig.rig.acquire.pace import REPORTED
+from isorig.rig.acquire.recover import Recovered
+
+#: Below this median coherence within the band, a response contains more than the effect of the drive.
+COHERENT = 0.5
+#: A channel with less than this share of the strongest of its quantity is dead or not connected.
+DEAD = 1e-4
+#: Below this share of relative motion between the two bodies of a contact, it sticks.
+STUCK = 0.2
+#: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.
+DISTORTED = 0.1
+OFF_PLAN = 1e-3
+#: Samples of a channel that are processed at once: a run may be longer than memory.
+PART = 1 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether a run is worth keeping, with advice in sentences.
+
+    Parameters
+    ----------
+    good
+        Whether there is no reason against keeping it.
+    coherence
+        Median coherence of each response with the drive within its band.
+    detections
+        Noise and distortion of each response, if the drive is periodic and omits harmonics.
+    sliding
+        rms of the relative motion at a contact divided by that of its first body, the smallest of all contacts: near 0 if
+        friction holds it; None if unknown.
+    advice
+        Advice, including remarks that is not a fault.
+    """
+
+    good: bool
+    coherence: dict[str, float]
+    detections: tuple[Detection, ...]
+    sliding: float | None
+    advice: tuple[str, ...]
+
+
+def check_run(
+    found: Recovered, *, rig: RigModel, against: Sequence[str] = (), remarks: Sequence[str] = (), others: Sequence[Run] = ()
+) -> Verdict:  # fmt: skip
+    """Check a run after its measurement.
+
+    Parameters
+    ----------
+    found
+        The run.
+    rig
+        Its rig.
+    against, remarks
+        Reasons to repeat it, and further sentences.
+    others
+        Other runs of the session: repeats and other levels decide whether a low coherence is noise or a nonlinearity.
+    """
+    run, drive = found.run, rig.drive.channel
+    if run is None:
+        return Verdict(
+            good=False, coherence={}, detections=(), sliding=None,
+            advice=("No sample arrived; check the instrument and repeat the run.", *against),
+        )  # fmt: skip
+    spectra, detections, sliding = _spectra(run, drive), _detections(run, drive), _sliding(run, rig)
+    coherence = {} if spectra is None else _coherence(run, spectra, drive)
+    against = [*_on_the_way(found), *_clock(found), *against, *_channels(run), *_gain(run, found.planned_gain)]
+    remarks = [*remarks]
+    for name, value in coherence.items():
+        if value < COHERENT and spectra is not None:
+            reason = incoherence(run, spectra, name, drive, others=others, detections=detections)
+            (against if reason.kind == "noise" else remarks).append(reason.text)
+    remarks += [sentence for item in detections if (sentence := _distortion(item)) is not None]
+    if sliding is not None and sliding.share < STUCK:
+        remarks.append(f"{sliding.text}: friction was not overcome. Measure a run at a higher gain as well.")
+    return Verdict(
+        good=not against, coherence=coherence, detections=detections,
+        sliding=None if sliding is None else sliding.share, advice=(*against, *remarks)
+    )  # fmt: skip
+
+
+def _on_the_way(found: Recovered) -> Iterator[str]:
+    if found.lost:
+        yield f"{found.lost} samples were lost in transmission; repeat the run if the whole run is to be simulated."
+    if not found.finished:
+        yield f"It ended at {found.stored + found.lost} of {found.planned} samples; check the instrument and repeat the run."
+    if found.overloads:
+        yield f"The instrument reported {found.overloads} overloads; choose a larger range or a lower gain and repeat the run."
+
+
+def _clock(found: Recovered) -> Iterator[str]:
+    if found.drift is not None and found.drift.beyond(REPORTED):
+        yield (
+            f"Its clock deviates from the host's by {found.drift.percent}, more than crystals do; check sample_rate in the plan "
+            "and the instrument's clock, because the time axis is wrong by that factor."
+        )
+
+
+def _channels(run: Run) -> Iterator[str]:
+    sizes = {name: _spread(values for (values,) in _parts(run, name)).std for name in run.sensors}
+    loudest: dict[str, float] = {}
+    for name, channel in run.sensors.items():
+        loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
+    for name, channel in run.sensors.items():
+        if channel.full_scale is not None:
+            clipped = sum(int((np.abs(values) >= 0.999 * channel.full_scale).sum()) for (values,) in _parts(run, name))
+            if clipped:
+                yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
+        if sizes[name] <= DEAD * loudest[channel.quantity]:
+            yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its supply."
+
+
+def _gain(run: Run, planned: float) -> Iterator[str]:
+    gains = _spread(values for (values,) in _parts(run, "gain")) if "gain" in run.channels else None
+    if gains is not None and gains.highest - gains.lowest > OFF_PLAN * abs(run.gain):
+        yield f"The gain changed from {gains.lowest:.4g} to {gains.highest:.4g} during the run; repeat it with a constant gain."
+    elif abs(run.gain - planned) > OFF_PLAN * planned:
+        yield f"The gain was {run.gain:.4g} but the plan has {planned:.4g}; set it and repeat the run."
+
+
+def _distortion(item: Detection) -> str | None:
+    size = max(item.odd, item.even)
+    if size <= max(DISTORTED, item.noise):
+        return None
+    return (
+        f"{item.response} responds at frequencies that are not driven, with {100 * size:.0f} % of the driven ones (noise "
+        f"{100 * item.noise:.1g} %): this is distortion, which averaging does not remove."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sliding:
+    """Relative motion at the contact that moves least: its share, and a text that the first body moved with the other."""
+
+    share: float
+    text: str
+
+
+def least_sliding(
+    rig: RigModel, configuration: str, parts: Callable[[str, str], Iterable[Sequence[FloatArray]] | None]
+) -> Sliding | None:
+    """The contact of a rig with the smallest relative motion; None if no contact has sensors on both bodies.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    configuration
+        Configuration of the run.
+    parts
+        Gives the records of two channels part by part, each of shape (n,); None if one was not recorded.
+    """
+    if configuration not in rig.configurations:
+        return None
+    found = []
+    for contact, one, other in rig.sensed_contacts(configuration):
+        records = parts(one, other)
+        if records is not None:
+            found.append(Sliding(share=_relative_motion(records), text=f"The {contact.a} moved with the {contact.b}"))
+    return min(found, key=lambda item: item.share, default=None)
+
+
+def _sliding(run: Run, rig: RigModel) -> Sliding | None:
+    def parts(one: str, other: str) -> Iterable[Sequence[FloatArray]] | None:
+        return _parts(run, one, other) if {one, other} <= set(run.channels) else None
+
+    return least_sliding(rig, run.configuration, parts)
+
+
+def _relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
+    # rms of the first body's motion relative to the other divided by that of its own motion.
+    own, relative = _Spread(), _Spread()
+    for one, other in parts:
+        own.add(one)
+        relative.add(one - other)
+    return relative.std / max(own.std, 1e-30)
+
+
+class _Spread:
+    """Standard deviation and extremes of values given in parts; sums are about means (Chan, Golub and LeVeque 1983)."""
+
+    def __init__(self) -> None:
+        self._count, self._mean, self._squares = 0, 0.0, 0.0
+        self.lowest, self.highest = np.inf, -np.inf
+
+    def add(self, values: FloatArray) -> None:
+        n, mean = len(values), float(values.mean())
+        both = self._count + n
+        self._squares += float(np.square(values - mean).sum()) + (mean - self._mean) ** 2 * self._count * n / both
+        self._mean += (mean - self._mean) * n / both
+        self._count = both
+        self.lowest, self.highest = min(self.lowest, float(values.min())), max(self.highest, float(values.max()))
+
+    @property
+    def std(self) -> float:
+        return float(np.sqrt(self._squares / self._count))
+
+
+def _spread(parts: Iterable[FloatArray]) -> _Spread:
+    spread = _Spread()
+    for values in parts:
+        spread.add(values)
+    return spread
+
+
+def _parts(run: Run, *names: str) -> Iterator[Sequence[FloatArray]]:
+    for start in range(0, len(run), PART):
+        yield [run.channels[name].read(start, start + PART) for name in names]
+
+
+def _detections(run: Run, drive: str) -> tuple[Detection, ...]:
+    if run.period is None or drive not in run.channels:
+        return ()
+    try:
+        return tuple(detect(run, response=name, reference=drive) for name in run.sensors if name != drive)
+    except DataError:
+        return ()
+
+
+def _spectra(run: Run, drive: str) -> Spectra | None:
+    if drive not in run.channels or not broad([run]) or run.band is None:
+        return None
+    try:
+        return estimate([run], references=[drive], resolution=max(0.5, 8.0 / run.duration))
+    except DataError:
+        return None
+
+
+def _coherence(run: Run, spectra: Spectra, drive: str) -> dict[str, float]:
+    assert run.band is not None
+    inside = (spectra.frequency >= run.band[0]) & (spectra.frequency <= run.band[1])
+    return {
+        name: float(np.median(spectra.frf(name, drive).coherence[inside]))
+        for name in run.sensors
+        if name != drive and inside.any()
+    }

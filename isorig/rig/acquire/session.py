@@ -1,0 +1,302 @@
+"""A session: measures the runs of a plan in sequence into the working file, and converts it to a recording at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial as partial_of
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from isorig.drivers.instrument import Exciter, Noticing, Records, Sourcing, Stream, in_real_time
+from isorig.rig.acquire.analyzer_session import measure_run
+from isorig.rig.acquire.display_thread import Aside
+from isorig.rig.acquire.instruments import opened, opened_analyzer
+from isorig.rig.acquire.journal import SYNC
+from isorig.rig.acquire.locks import output_locked, port_locked
+from isorig.rig.acquire.pace import Drift
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
+from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
+from isorig.rig.acquire.recover import Recovered, WorkingFile
+from isorig.rig.acquire.remarks import Remarks
+from isorig.rig.acquire.run_check import Verdict, check_run
+from isorig.rig.acquire.sensors import refuse_sensors
+from isorig.rig.acquire.shutdown import ended_by_signals
+from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
+from isorig.rig.acquire.take import Live, take
+from isorig.rig.errors import OutputError, PlanError, RecordingError
+from isorig.rig.files.output import sweep
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taken:
+    """A measured run: its sample counts, its post-run check, and the drift of its clock."""
+
+    id: str
+    tally: Tally
+    verdict: Verdict
+    drift: Drift | None = None
+
+
+#: Decision on the next run: measure it, skip it, or end the session before it.
+Decision = Literal["take", "skip", "end"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Operator:
+    """The person at the rig, or a substitute.
+
+    Parameters
+    ----------
+    lock
+        Asks to bring the rig into a configuration; returns when it is done.
+    watch
+        Receives the live state of a run.
+    taken
+        Receives each measured run.
+    decide
+        Asked before each run, by its name, for the decision.
+    stopped
+        Polled during a run; True ends the run.
+    """
+
+    lock: Callable[[str], None]
+    watch: Callable[[Live], None]
+    taken: Callable[[Taken], None]
+    decide: Callable[[str], Decision] = lambda name: "take"
+    stopped: Callable[[], bool] = lambda: False
+
+
+def acquire(
+    plan: Plan,
+    port: str,
+    output: Path,
+    operator: Operator,
+    *,
+    resume: bool = False,
+    again: Set[str] = frozenset(),
+    force: bool = False,
+    sync: float = SYNC,
+) -> tuple[Path, list[Taken]]:
+    """Measure the runs of a plan and write them as a recording.
+
+    If the session ends early for any reason (the operator, the instrument, a full disk), the measured data are in the recording
+    or, after a kill, in the working file next to it.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    port
+        The instrument's port.
+    output
+        The recording.
+    operator
+        The operator's interface.
+    again
+        Runs to repeat although they are complete, in a resumed session.
+    resume
+        Continue an interrupted session: complete runs are kept, the others measured.
+    force
+        Start even if the pre-run check fails.
+    sync
+        Maximum loss of data in a power failure, seconds; 0 syncs every block.
+
+    Raises
+    ------
+    DriverError, RigError
+        The instrument or the disk fails.
+    """
+    aside = Aside()
+    decoupled = decoupled_operator(operator, aside)
+    try:
+        with output_locked(output), _port_locked(port), ended_by_signals():
+            _make_room(plan, output, force=force)
+            done = _done(working_file(output), output, plan, resume=resume) - _planned(again, plan)
+            if plan.instrument.analyzer:
+                taken = _with_analyzer(plan, port, output, decoupled, done, resume=resume, force=force)
+            else:
+                taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync)
+            aside.settle()
+    finally:
+        aside.end()
+    return output, taken
+
+
+def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
+    # The leftovers of killed sessions take space, too.
+    for path in (output, working_file(output)):
+        sweep(path)
+    no_room = check_room(plan, output)
+    if no_room is not None and not force:
+        raise OutputError(f"{no_room}; --force starts anyway")
+
+
+def decoupled_operator(operator: Operator, aside: Aside) -> Operator:
+    """The same operator, called from another thread, with all calls completed before a question is asked."""
+
+    def lock(configuration: str) -> None:
+        aside.settle()
+        operator.lock(configuration)
+
+    def decide(name: str) -> Decision:
+        aside.settle()
+        return operator.decide(name)
+
+    return replace(
+        operator, lock=lock, decide=decide, watch=lambda live: aside.latest(lambda: operator.watch(live)),
+        taken=lambda item: aside.each(lambda: operator.taken(item)),
+    )  # fmt: skip
+
+
+def _with_stream(
+    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, sync: float
+) -> list[Taken]:
+    partial = working_file(output)
+    taken: list[Taken] = []
+    with opened(plan, port) as instrument:
+        _check_against(instrument, plan)
+        if not force:
+            refuse_sensors(plan, instrument)
+        real_time = in_real_time(instrument)
+        lay_out(partial, plan, instrument.inputs, real_time=real_time)
+        after = ended(output) if resume else None
+        try:
+            with (
+                recording_into(partial, plan, instrument.inputs, sync=sync, after=after, real_time=real_time) as file,
+                closing(WorkingFile(partial)) as saved,
+            ):
+                configuration = ""
+                wanted = list(_wanted(plan, done))
+                for number, run, repeat, name in _decided(wanted, operator):
+                    if run.configuration != configuration:
+                        _set_up(instrument, run.configuration, operator)
+                        configuration = run.configuration
+                    if not force:
+                        refuse(name, preflight(instrument, plan, run))
+                    remarks = Remarks(plan.instrument.sample_rate)
+                    watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
+                    tally = take(instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped, force=force)
+                    found = saved.run(name)
+                    earlier = [each for item in taken if (each := saved.run(item.id).run) is not None]
+                    verdict = check_run(
+                        found, rig=plan.described(), against=remarks.against(), remarks=remarks.others(), others=earlier
+                    )
+                    taken.append(Taken(id=name, tally=tally, verdict=verdict, drift=found.drift))
+                    operator.taken(taken[-1])
+        finally:
+            keep_session(partial, output, add=resume)
+    if not output.exists():
+        raise RecordingError(f"no sample arrived, so {output} was not written; check the instrument and start again")
+    return taken
+
+
+def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], live: Live) -> None:
+    # The number of the run in the session, and the remaining seconds of the session.
+    left = live.of - live.seconds + sum(seconds[number:])
+    watch(msgspec.structs.replace(live, number=number, runs=len(seconds), left=max(left, 0.0)))
+
+
+def _with_analyzer(
+    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool
+) -> list[Taken]:
+    # A record is complete or absent: the recording is written again after each.
+    taken: list[Taken] = []
+    configuration = ""
+    with opened_analyzer(plan, port) as instrument:
+        if not force:
+            refuse_sensors(plan, instrument)
+        for _, run, _, name in _decided(list(_wanted(plan, done)), operator):
+            if run.configuration != configuration:
+                operator.lock(run.configuration)
+                configuration = run.configuration
+            if run.source is not None and isinstance(instrument, Sourcing):
+                instrument.set_source(run.source)
+            if not force:
+                refuse(name, look_at_analyzer(instrument))
+            measured, overloads = measure_run(instrument, plan, run, name)
+            if not force:
+                refuse(name, look_at_record(measured, plan))
+            keep_measured(output, plan, measured, add=resume or bool(taken))
+            found = Recovered(
+                id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
+                overloads=overloads, planned_gain=run.gain, drift=None,
+            )  # fmt: skip
+            against = [f"The driver reports: {clause}." for clause in _noticed(instrument)]
+            verdict = check_run(found, rig=plan.described(), against=against)
+            taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
+            operator.taken(taken[-1])
+    return taken
+
+
+def _noticed(instrument: Records) -> Sequence[str]:
+    return instrument.noticed if isinstance(instrument, Noticing) else ()
+
+
+def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:
+    for run in plan.runs:
+        for repeat, name in enumerate(run.ids()):
+            if name not in done:
+                yield run, repeat, name
+
+
+def _decided(wanted: Sequence[tuple[RunPlan, int, str]], operator: Operator) -> Iterator[tuple[int, RunPlan, int, str]]:
+    # The runs that the operator has confirmed, each with its number among all, from 1.
+    for number, (run, repeat, name) in enumerate(wanted, 1):
+        decision = operator.decide(name)
+        if decision == "end":
+            return
+        if decision == "take":
+            yield number, run, repeat, name
+
+
+def _check_against(instrument: Stream, plan: Plan) -> None:
+    asked = plan.instrument.sample_rate
+    highest = max(channel.input for channel in plan.channels.values())
+    rate = instrument.prepare(sample_rate=asked, channels=[channel.input for channel in plan.channels.values()])
+    if highest >= len(instrument.inputs):
+        raise PlanError(f"the instrument has {len(instrument.inputs)} inputs but the plan uses input {highest}; correct it")
+    if abs(rate / asked - 1.0) > 1e-6:
+        raise PlanError(f"the instrument's nearest rate to {asked:.9g} Hz is {rate:.9g} Hz; set sample_rate to it in the plan")
+    played = next((run.id for run in plan.runs if run.played), None)
+    if played is not None and not isinstance(instrument, Exciter):
+        raise PlanError(
+            f"run {played!r} needs a drive and a {plan.instrument.kind} instrument plays none; drive the rig by other means "
+            'and call the excitation "other"'
+        )
+
+
+def _port_locked(port: str) -> AbstractContextManager[None]:
+    # Every session has its own simulated instrument.
+    return nullcontext() if port == "virtual" else port_locked(port)
+
+
+def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:
+    if not isinstance(instrument, Exciter) or not instrument.set_configuration(configuration):
+        operator.lock(configuration)
+
+
+def _planned(names: Set[str], plan: Plan) -> Set[str]:
+    ids = [name for run in plan.runs for name in run.ids()]
+    unknown = next((name for name in sorted(names) if name not in ids), None)
+    if unknown is not None:
+        raise PlanError(f"the plan has no run {unknown!r} to repeat; it has {', '.join(ids)}")
+    return names
+
+
+def _done(partial: Path, output: Path, plan: Plan, *, resume: bool) -> Set[str]:
+    if not resume:
+        if partial.exists():
+            raise OutputError(
+                f"{partial} was left by an interrupted session; continue it with --resume, or recover and remove it"
+            )
+        return frozenset()
+    if not partial.exists() and not output.exists():
+        raise OutputError(f"neither {output} nor {partial} exists, so there is no session to continue; start without --resume")
+    if partial.exists():
+        keep_session(partial, output, add=output.exists())
+    return whole_runs(output, plan)

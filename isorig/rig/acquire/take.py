@@ -1,0 +1,197 @@
+"""One run: loads the drive into the instrument, passes its blocks to the writer and its levels to the display."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+
+import msgspec
+import numpy as np
+
+from isorig.drivers.block import Block
+from isorig.drivers.errors import DriverError, InstrumentError
+from isorig.drivers.instrument import Stream, in_real_time
+from isorig.rig.acquire.block_stream import Incoming
+from isorig.rig.acquire.drive import drive_of, load
+from isorig.rig.acquire.live_coherence import RunningCoherence
+from isorig.rig.acquire.pace import REFUSED, Pace
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
+from isorig.rig.acquire.remarks import Remarks
+
+#: Seconds between two updates of the levels.
+LOOK = 0.25
+#: Seconds between two comparisons of the sample rate with the host's clock.
+CHECKED = 1.0
+
+
+class Live(msgspec.Struct, frozen=True, kw_only=True):
+    """The live state of a run.
+
+    rms and peak of each channel in its unit since the last update, its highest peak so far, its full scale if known, and the
+    median coherence with the drive within its band so far. Then the number of the run, the number of runs, and the remaining
+    seconds of the session.
+    """
+
+    run: str
+    seconds: float
+    of: float
+    rms: dict[str, float]
+    peak: dict[str, float]
+    full_scale: dict[str, float]
+    coherence: dict[str, float]
+    overloads: int
+    lost: int
+    damaged: int
+    highest: dict[str, float] = {}
+    number: int = 1
+    runs: int = 1
+    left: float = 0.0
+
+
+class BlockSummary:
+    """Summarizes the blocks between two updates."""
+
+    def __init__(self, plan: Plan, run: RunPlan, instrument: Stream) -> None:
+        self._instrument, self._run = instrument, run
+        self._columns = {name: about.input for name, about in plan.channels.items()}
+        inputs = instrument.inputs
+        self._scale = {name: inputs[about.input].per_count / about.sensitivity for name, about in plan.channels.items()}
+        self._full = {
+            name: abs(full / about.sensitivity)
+            for name, about in plan.channels.items()
+            if (full := inputs[about.input].full_scale) is not None
+        }
+        self._rate = plan.instrument.sample_rate
+        self._coherence = (
+            None if run.band is None else RunningCoherence(tuple(self._columns), drive=plan.drive, band=run.band, rate=self._rate)
+        )
+        self._blocks: list[Block] = []
+        self._seconds = 0.0
+        self._highest = dict.fromkeys(self._columns, 0.0)
+        self._at = time.monotonic()
+
+    def add(self, block: Block) -> None:
+        """Add a block."""
+        self._blocks.append(block)
+
+    def due(self) -> bool:
+        """Whether an update is due."""
+        return time.monotonic() - self._at > LOOK
+
+    def take(self, name: str, tally: Tally) -> Live:
+        """The state since the last update."""
+        values = {}
+        if any(len(block.samples) for block in self._blocks):
+            raw = np.concatenate([block.samples for block in self._blocks])
+            values = {key: raw[:, column] * self._scale[key] for key, column in self._columns.items()}
+            if self._coherence is not None:
+                self._coherence.add(values)
+            self._seconds = self._blocks[-1].end_tick / self._rate
+            for key, v in values.items():
+                self._highest[key] = max(self._highest[key], float(np.abs(v).max()))
+        self._blocks, self._at = [], time.monotonic()
+        return Live(
+            run=name, seconds=min(self._seconds, self._run.seconds), of=self._run.seconds,
+            rms={key: float(np.sqrt(np.mean(v**2))) for key, v in values.items()},
+            peak={key: float(np.abs(v).max()) for key, v in values.items()}, full_scale=self._full,
+            coherence={} if self._coherence is None else self._coherence.medians(),
+            overloads=tally.overloads, lost=tally.lost, damaged=getattr(self._instrument, "damaged", 0),
+            highest=dict(self._highest),
+        )  # fmt: skip
+
+
+class _PaceCheck:
+    """Compares the rate of a running stream with the host's clock."""
+
+    def __init__(self, who: str, rate: float) -> None:
+        self._who, self._rate, self._pace = who, rate, Pace(rate)
+        self._blocks: list[tuple[int, float]] = []
+
+    def add(self, block: Block) -> None:
+        """Add a block.
+
+        Raises
+        ------
+        InstrumentError
+            The sample rate certainly deviates by more than `REFUSED`.
+        """
+        self._blocks.append((block.end_tick, block.host_time))
+        if block.host_time - self._blocks[0][1] < CHECKED:
+            return
+        ticks, times = np.array(self._blocks).T
+        self._blocks = []
+        self._pace.add(ticks, times)
+        drift = self._pace.drift()
+        if drift is not None and drift.beyond(REFUSED):
+            raise InstrumentError(
+                f"{self._who} has a sample rate of {self._rate * (1.0 + 1e-6 * drift.ppm):.6g} Hz by the host's clock, not "
+                f"{self._rate:g} Hz ({drift.percent}), so the run was ended; correct sample_rate or the instrument's clock, or "
+                "record it all the same with --force"
+            )
+
+
+def take(
+    instrument: Stream,
+    file: WorkingFile,
+    plan: Plan,
+    run: RunPlan,
+    repeat: int,
+    name: str,
+    watch: Callable[[Live], None],
+    remarks: Remarks,
+    stopped: Callable[[], bool] = lambda: False,
+    *,
+    force: bool = False,
+) -> Tally:
+    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` returns True.
+
+    Unless it is to `force` the run, a wrong sample rate by the host's clock ends it.
+
+    Raises
+    ------
+    DriverError, OutputError
+        The instrument or the disk fails; the data measured until then are in the file.
+    """
+    rate = plan.instrument.sample_rate
+    drive = drive_of(*plan.original(run, repeat), rate)
+    load(instrument, run, drive, plan.limits)
+    writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period)
+    summary = BlockSummary(plan, run, instrument)
+    incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
+    pace = None if force or not in_real_time(instrument) else _PaceCheck(instrument.identity, rate)
+    counted, whole = None, False
+
+    def keep(block: Block) -> None:
+        writer.put(block)
+        summary.add(block)
+        remarks.add(block)
+        if pace is not None:
+            pace.add(block)
+        if summary.due():
+            watch(summary.take(name, writer.tally))
+
+    try:
+        instrument.start()
+        for block in incoming.blocks():
+            keep(block)
+        counted = instrument.stop()
+        for block in incoming.rest():
+            keep(block)
+        whole = True
+    except BaseException:
+        # Ended by the operator, the disk or the connection: the drive must stop.
+        with suppress(DriverError):
+            instrument.stop()
+        raise
+    finally:
+        remarks.end(instrument, incoming.returned)
+        tally = writer.finish(counted, whole=whole)
+    watch(summary.take(name, tally))
+    return tally
+
+
+def columns_of(plan: Plan) -> Mapping[str, int]:
+    """The input of each channel."""
+    return {name: about.input for name, about in plan.channels.items()}

@@ -1,0 +1,78 @@
+"""The rig of a campaign: its own description, or the wire bonder with the known values of the campaign."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Literal
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.errors import AnalysisError, ModelError
+from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.rig.errors import RecordingError, RigError
+
+Baseline = Literal["coulomb", "linear"]
+
+
+def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigModel:
+    """The baseline with starting values.
+
+    The wire bonder's known masses are read from the recording; starting values for fitted parameters from the recording if
+    available, otherwise from the thesis.
+
+    Raises
+    ------
+    RecordingError
+        The campaign lacks a channel that the rig needs, or its description is unusable.
+    """
+    if campaign.description is not None:
+        try:
+            model = from_tree(tomllib.loads(campaign.description))
+        except tomllib.TOMLDecodeError as error:
+            raise RecordingError(f"{campaign.source}: the rig's description is not TOML ({error}); correct it") from None
+        except ModelError as error:
+            raise RecordingError(f"{campaign.source}: {error}") from None
+    else:
+        model = wire_bonder({**THESIS, **campaign.known}, friction=baseline == "coulomb")
+    return recorded_in(model, campaign)
+
+
+def doubts_in(campaign: Campaign) -> tuple[Doubt, ...]:
+    """Units, given values, signs and sample rates of a campaign that contradict each other; () if no run can be compared.
+
+    Only a rig with its own description or with known values is compared.
+    """
+    if campaign.description is None and not campaign.known:
+        return ()
+    try:
+        model = baseline_model(campaign)
+        if not model.sensors:
+            return ()
+        return doubts_of_records(model, prepare(campaign, model))
+    except (RigError, AnalysisError):
+        return ()
+
+
+def recorded_in(model: RigModel, campaign: Campaign) -> RigModel:
+    """The same model, if every run has its channels and a configuration of it.
+
+    Raises
+    ------
+    RecordingError
+        A channel is missing, or a configuration is unknown.
+    """
+    for run in campaign.runs:
+        for name in model.channels:
+            if name not in run.channels:
+                raise RecordingError(
+                    f"{campaign.source}: run {run.id!r} lacks channel {name!r}, which the rig's model needs "
+                    f"(it has {', '.join(sorted(run.channels))}); measure it or remove the run"
+                )
+        if run.configuration not in model.configurations:
+            raise RecordingError(
+                f"{campaign.source}: run {run.id!r} has configuration {run.configuration!r}; the rig has "
+                f"{', '.join(model.configurations)}, so correct it"
+            )
+    return model

@@ -1,0 +1,83 @@
+"""rig characterize: the rig's parameters with standard uncertainties."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+
+def characterize(
+    campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], model: str | None = None
+) -> None:
+    """Fit a rig's free parameters to all runs, and write the parameter table with standard uncertainties.
+
+    For the wire bonder these are masses, frequencies, damping ratios and friction, and the values from the thesis's method for
+    each set-up. For another rig they are the parameters of its description, and the frequency and damping ratio of its modes.
+
+    Example: rig characterize campaign.h5 -o parameters
+
+    Example: rig characterize campaign.h5 --model diagnosis/model.json -o corrected
+
+    Parameters
+    ----------
+    campaign
+        A recording; for the wire bonder with locked and unlocked runs.
+    output
+        The folder for parameters.json, parameters.csv, the fitted model.json, fits.html with every fit and its data, and for
+        the wire bonder set-ups.png and error-surface.png.
+    model
+        The model to fit instead of the recording's own rig: the model.json of rig diagnose, whose corrected values and causes
+        are fitted again and listed by their paths, or a description.
+    """
+    from rich.console import Console
+
+    from isorig.analysis.wording import of_signal
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
+    from isorig.rig.files.recording import read
+    from isorig.rig.files.rigfile import read_rig
+    from isorig.rig.report.fits import fits_page
+    from isorig.rig.terminal import show_table
+    from isorig.rig.thesis.four_set_ups import about, write_set_ups
+
+    measured = read(campaign)
+    given = None if model is None else read_rig(model)
+    with Console(stderr=True).status("reading") as status:
+        found = characterize_campaign(measured, status.update, given)
+        if found.head_mass is None or given is not None:
+            write_text(output / "fits.html", fits_page(measured, found))
+            more: dict[str, Any] = {} if model is None else {"model": model}
+        else:
+            status.update("evaluating the set-ups separately")
+            more = {"set_ups": about(write_set_ups(output, measured, found))}
+    path = write_characterization(output, measured, found, more)
+    head = {} if found.head_mass is None else {"head_mass": found.head_mass}
+    table = {**head, **found.table}
+    # A note that applies to several values is printed once.
+    common = next((note for note, count in Counter(e.note for e in table.values() if e.note).most_common(1) if count > 1), "")
+    rows = [
+        (
+            name, "–" if e.value is None else f"{e.value:.6g}", "–" if e.std is None else f"{e.std:.2g}", e.unit, e.method,
+            "*" if e.note and e.note == common else e.note,
+        )
+        for name, e in table.items()
+    ]  # fmt: skip
+    for doubt in found.doubts:
+        print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
+    title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {100 * found.floor:.2g} %"
+    show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
+    if common:
+        print(f"* {common}")
+    for level in drive_levels(measured, found.fit.model.drive.channel):
+        size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"
+        print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
+    if not found.calibrated:
+        print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")
+    if found.noise:
+        print(found.noise)
+    for fault in found.faults:
+        print(fault.text)
+    print(path)

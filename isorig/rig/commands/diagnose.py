@@ -1,0 +1,103 @@
+"""rig diagnose: what the simulation gets wrong, and the identified cause."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from isorig.rig.diagnose_many import Outcome
+
+
+#: Default time limit for the search for causes in one recording, seconds.
+LIMIT = 300.0
+
+
+def diagnose(
+    *campaigns: Path,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    baseline: Literal["coulomb", "linear"] = "coulomb",
+    tolerance: float = 0.0,
+    seconds: float = LIMIT,
+    scheduler: str | None = None,
+    again: bool = False,
+) -> None:
+    """Show what the baseline's simulation gets wrong, identify the cause, extend the model and measure the improvement.
+
+    Example: rig diagnose campaign.h5 -o diagnosis
+
+    Parameters
+    ----------
+    campaigns
+        Recordings, or one folder of them.
+    output
+        The folder for findings.json, baseline.json, model.json and report.html; several recordings get one folder each in it, and
+        summary.csv lists all of them.
+    baseline
+        The wire bonder with Coulomb friction, or without any.
+    tolerance
+        Error, as a share of the signal, that counts as adequate: with 0.05, a baseline with an error below 5 % is adequate.
+    seconds
+        Limit of processor time for one recording: the search for causes then ends with a partial answer; inf for no limit.
+    scheduler
+        For several recordings: the Dask scheduler that distributes them, by its address or the file that it writes; its workers
+        must see the same files.
+    again
+        For several recordings: diagnose also those that already have an answer.
+    """
+    from rich.console import Console
+
+    from isorig.rig.diagnose_many import diagnose_file, diagnose_files, recordings_in, summary, time_limit
+    from isorig.rig.errors import RecordingError, RigError
+    from isorig.rig.files.output import write_text
+
+    if not 0.0 <= tolerance < math.inf:
+        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
+    limit = time_limit(seconds)
+    files = recordings_in(campaigns)
+    console = Console(stderr=True)
+    if len(files) == 1 and not campaigns[0].is_dir():
+        with console.status(f"{files[0].name}: reading") as status:
+            outcome = diagnose_file(
+                files[0], output, baseline, lambda text: status.update(f"{files[0].name}: {text}"),
+                tolerance=tolerance, limit=limit,
+            )  # fmt: skip
+        _say_all(outcome, output)
+        return
+    outcomes: list[Outcome] = []
+    with console.status(f"0 of {len(files)} recordings diagnosed") as status:
+        jobs = [(f, output / f.stem) for f in files]
+        for outcome in diagnose_files(jobs, baseline, scheduler=scheduler, again=again, tolerance=tolerance, limit=limit):
+            outcomes.append(outcome)
+            status.update(f"{len(outcomes)} of {len(files)} recordings diagnosed")
+            _say(outcome, output / outcome.campaign)
+            write_text(output / "summary.csv", summary(outcomes))
+    print(output / "summary.csv")
+    refused = [o for o in outcomes if o.refusal]
+    if refused:
+        raise RecordingError(f"{len(refused)} of {len(files)} recordings could not be used; first: {refused[0].refusal}")
+
+
+def _say(outcome: Outcome, folder: Path) -> None:
+    if outcome.refusal:
+        print(f"{outcome.campaign}: refused; {outcome.refusal}")
+        return
+    if outcome.doubts:
+        print(f"{outcome.campaign}: CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {outcome.doubts}")
+    print(f"{outcome.campaign}: {outcome.answer}")
+    print(f"  {folder / 'report.html'}")
+
+
+def _say_all(outcome: Outcome, folder: Path) -> None:
+    from isorig.rig.diagnose_many import answer_in
+    from isorig.rig.report.conclusion import conclude
+
+    found = answer_in(folder)
+    said = conclude(found, str(folder))
+    _say(outcome, folder)
+    for sentence in (said.ruled_out, *found["remarks"], said.next):
+        if sentence:
+            print(sentence)

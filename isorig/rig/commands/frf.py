@@ -1,0 +1,244 @@
+"""rig frf: transfer functions with coherence and error bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import log10
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from isorig.analysis.campaign import Campaign
+    from isorig.analysis.spectra.welch import Frf
+    from isorig.rig.transfer import Transfer
+
+    #: Transfer functions, sentences on faulty records, and remarks.
+    Found = tuple[list[Transfer], Sequence[str], Sequence[str]]
+
+#: Seconds between two readings of a recording that is being made.
+LOOK = 2.0
+#: File name extensions of recordings; files of other programs have other ones.
+HDF5 = (".h5", ".hdf5", ".hdf")
+AS_THEY_ARE = "These are transfer functions of another program, written as they are: options of the estimate have no effect."
+
+
+def frf(
+    campaign: Path,
+    *others: Path,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    reference: tuple[str, ...] = (),
+    response: tuple[str, ...] = (),
+    resolution: float = 0.25,
+    estimator: Literal["H1", "H2", "Hv"] = "H1",
+    window: Literal["hann", "hamming", "blackman", "flattop", "rectangular"] = "hann",
+    overlap: float = 0.5,
+    view: tuple[Literal["bode", "parts", "nyquist"], ...] = ("bode",),
+    band: tuple[float, float] | None = None,
+    follow: bool = False,
+) -> None:
+    """Estimate transfer functions, averaged over the runs of each configuration and gain.
+
+    Runs of unnamed excitation whose reference consists of hammer pulses are evaluated as a hammer test: each hit is cut out with
+    a pre-trigger, checked, windowed and averaged with the others. Double hits, overloads, weak hits and hits on a rig that still
+    vibrates are rejected; each rejection is printed.
+
+    Example: rig frf campaign.h5 --reference table --response heatblock -o frf
+
+    Example: rig frf before.h5 after.h5 -o compared
+
+    Parameters
+    ----------
+    campaign
+        A recording, or a file of another program (.uff, .mat, .csv ...) that contains transfer functions.
+    others
+        Further ones, overlaid in the figures and on the page; each gets a folder of its own for its tables.
+    output
+        The folder for a figure and a table of each transfer function, the page frf.html, and frf.json. For a periodic drive,
+        also noise and distortion from its periods. Faulty records are reported, and left out if there are others. The tables
+        have 95 % limits of the magnitude, corrected for leakage at narrow peaks; where there are none (nan), a sentence states
+        the reason.
+    reference
+        The channel that drives, once for each channel if several drive at the same time (MIMO). The default are the drives of
+        the rig's description, of the wire bonder the head.
+    response
+        The response channels; by default all others.
+    resolution
+        Frequency resolution, Hz.
+    estimator
+        H1 is unbiased by noise on the response, H2 by noise on the reference; Hv (total least squares) allows for noise on all
+        channels.
+    window
+        The window of the segments. Hammer tests use a force window, and an exponential window if a response still rings.
+    overlap
+        Overlap of the segments, 0 to 0.95 of their length.
+    view
+        Figures: magnitude, phase and coherence (bode), real and imaginary part (parts), complex plane (nyquist). Repeatable.
+    band
+        Lowest and highest frequency of the figures, Hz; by default the band of the drive.
+    follow
+        For a recording that is being written: estimate repeatedly from the available data until it is finished.
+    """
+    from isorig.analysis.errors import DataError
+    from isorig.rig.acquire.follow import follow as followed
+    from isorig.rig.exchange.reading import READERS
+    from isorig.rig.exchange.responses import read_responses
+    from isorig.rig.files.output import write_text
+    from isorig.rig.files.recording import open_recording
+    from isorig.rig.files.rigfile import references_of
+    from isorig.rig.report.frequency import frf_page
+    from isorig.rig.transfer import faults_in, limits_in_words, transfer_functions, unnamed_excitation
+
+    if band is not None and not 0.0 <= band[0] < band[1]:
+        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
+
+    def found_in(measured: Campaign) -> Found:
+        drives = reference or references_of(measured)
+        wrong = faults_in(measured, drives[0])
+        found = transfer_functions(
+            measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
+            overlap=overlap, found=wrong,
+        )  # fmt: skip
+        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], limits_in_words(found)
+
+    def foreign(path: Path) -> bool:
+        return path.suffix.lower() in READERS and path.suffix.lower() not in HDF5
+
+    def found_of(path: Path) -> Found:
+        if foreign(path):
+            read = _chosen(read_responses(path), path, reference, response)
+            return read, (), (AS_THEY_ARE, *limits_in_words(read))
+        with open_recording(path) as measured:
+            return found_in(measured)
+
+    def write(found: Mapping[str, Found], name: str) -> None:
+        several = len(found) > 1
+        shown = [(f"{stem}: {item.label}" if several else item.label, item) for stem, each in found.items() for item in each[0]]
+        _pictures(shown, output, view, band)
+        for stem, each in found.items():
+            _tell(*each, output / stem if several else output, f"{stem}.h5" if several else name)
+        remarks = [
+            f"{stem}: {text}" if several else text for stem, each in found.items() for text in (*each[1], *each[2])
+        ]  # fmt: skip
+        page = frf_page(shown, name, remarks)
+        write_text(output / "frf.html", page)
+
+    paths = (campaign, *others)
+    if follow and others:
+        raise DataError("--follow reads one recording that is being written; give one")
+    if len({path.stem for path in paths}) < len(paths):
+        raise DataError("two recordings have the same name; rename one, because the curves and folders are named after them")
+    if not follow or foreign(campaign):
+        write({path.stem: found_of(path) for path in paths}, " and ".join(path.name for path in paths))
+        print(output)
+        return
+    for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
+        try:
+            found = found_in(measured)
+        except DataError:
+            if finished:
+                raise
+            # There is no broad-band run yet.
+            continue
+        seconds = sum(run.duration for run in measured.runs)
+        write({campaign.stem: found}, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
+    print(output)
+
+
+def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Sequence[str]) -> list[Transfer]:
+    from isorig.analysis.errors import DataError
+    from isorig.rig.transfer import imported
+
+    found = [frf for frf in frfs if (not reference or frf.reference in reference) and (not response or frf.response in response)]
+    if not found:
+        has = ", ".join(f"{frf.response} over {frf.reference}" for frf in frfs[:8])
+        raise DataError(f"{path} has no transfer function of these channels but {has}; name those")
+    return imported(found, path.stem)
+
+
+def _pictures(
+    found: Sequence[tuple[str, Transfer]],
+    output: Path,
+    views: Sequence[Literal["bode", "parts", "nyquist"]],
+    band: tuple[float, float] | None,
+) -> None:
+    from isorig.rig.figures import frf_view, periods_figure, save
+
+    for response, reference in dict.fromkeys((item.response, item.reference) for _, item in found):
+        same = {label: item for label, item in found if (item.response, item.reference) == (response, reference)}
+        reached = min(item.band[0] for item in same.values()), max(item.band[1] for item in same.values())
+        for view in dict.fromkeys(views):
+            figure = frf_view({label: item.within_band() for label, item in same.items()}, band or reached, view)
+            save(figure, output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png"))
+        if any(item.periods is not None for item in same.values()):
+            periods = {label: item.periods for label, item in same.items() if item.periods is not None}
+            save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
+
+
+def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:
+    import numpy as np
+
+    from isorig.rig.files.output import write_csv, write_json
+    from isorig.rig.terminal import show_table
+    from isorig.rig.transfer import about
+
+    for item in found:
+        value = item.frf
+        columns = {
+            "frequency_hz": value.frequency, "real": value.value.real, "imag": value.value.imag, "magnitude": np.abs(value.value),
+            "magnitude_std": value.magnitude_std, "magnitude_low": item.limits.low, "magnitude_high": item.limits.high,
+            "leakage": item.limits.leakage, "largest_reference_noise": item.limits.reference_noise,
+            "phase_std_rad": value.phase_std, "coherence": value.coherence,
+        }  # fmt: skip
+        if value.multiple_coherence is not None:
+            columns["multiple_coherence"] = value.multiple_coherence
+        write_csv(output / f"{item.name}.csv", columns)
+        if (by := item.periods) is not None:
+            columns = {
+                "frequency_hz": by.frequency, "real": by.value.real, "imag": by.value.imag, "magnitude": np.abs(by.value),
+                "magnitude_std": by.magnitude_std, "phase_std_rad": by.phase_std, "noise": by.noise, "distortion": by.distortion,
+            }  # fmt: skip
+            write_csv(output / f"{item.name}-periods.csv", columns)
+    rows = [about(item) for item in found]
+    content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
+    write_json(output / "frf.json", content)
+    several = len({item.frf.reference for item in found}) > 1
+    show_table(
+        f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
+        (
+            "response over reference" if several else "response",
+            "set-up",
+            "gain",
+            "avg",
+            "band, Hz",
+            "peak, Hz",
+            "magnitude (95 %)",
+            "coh.",
+        ),
+        [_row(row, several) for row in rows],
+    )
+    hammers = dict.fromkeys(text for row in rows if "hammer" in row for text in row["hammer"]["text"])
+    for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row), *remarks]:
+        print(sentence)
+
+
+def _row(result: dict[str, Any], several: bool) -> list[str]:
+    band, peak = result["band_hz"], result["peak"]
+    averages = "–" if result["averages"] is None else f"{result['averages']:.0f}"
+    return [
+        f"{result['response']} / {result['reference']}" if several else result["response"],
+        result["configuration"],
+        f"{result['gain']:g}", averages, f"{band[0]:.3g}–{band[1]:.3g}", f"{peak['frequency_hz']:.2f}",
+        _magnitude(peak), f"{result['median_coherence']:.3f}",
+    ]  # fmt: skip
+
+
+def _magnitude(peak: dict[str, Any]) -> str:
+    # To two or three digits of the width of its limits.
+    if peak["magnitude_limits"] is None:
+        return f"{peak['magnitude']:.3g} (none)"
+    low, high = peak["magnitude_limits"]
+    width = max(high - low, 1e-6 * high)
+    digits = min(6, int(log10(high / width)) + 3) if width > 0.0 else 3
+    return f"{peak['magnitude']:.{digits}g} ({low:.{digits}g}–{high:.{digits}g})"

@@ -1,0 +1,68 @@
+"""rig import: converts measurements of other programs to a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def import_(
+    files: Annotated[list[Path], Parameter(negative=())],
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    data: Path | None = None,
+    draft: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Import files of other programs according to a mapping, as one recording.
+
+    Supported are MATLAB, CSV and other text, LVM, universal (UFF 58 and 58b), TDMS, WAV, HDF5, JSON, NPY and NPZ files. Let
+    --draft propose the mapping from the files, correct it, then import. For a rig other than the wire bonder, a description is
+    proposed as well, which rig describe shows.
+
+    Example: rig import --draft run1.mat run2.mat -o mapping.toml, then: rig import mapping.toml -o campaign.h5
+
+    Parameters
+    ----------
+    files
+        The mapping; with --draft the measured files.
+    output
+        The recording to write; with --draft the mapping.
+    data
+        The folder of the files named in the mapping; by default the mapping's own.
+    draft
+        Propose a mapping from the files.
+    """
+    from isorig.rig.baseline import doubts_in
+    from isorig.rig.errors import PlanError
+    from isorig.rig.exchange.draft import draft_mapping
+    from isorig.rig.exchange.importing import import_campaign, shortcomings
+    from isorig.rig.exchange.reading import read_foreign
+    from isorig.rig.files.output import write_text
+
+    if draft:
+        rig_file = output.with_name(f"{output.stem}-rig.toml")
+        proposed = draft_mapping([read_foreign(path) for path in files], output.parent, rig_file.name)
+        write_text(output, proposed.mapping)
+        if proposed.description and rig_file.exists():
+            print(f"{rig_file} exists and is kept as the rig's description.")
+        elif proposed.description:
+            write_text(rig_file, proposed.description)
+            print(f"{rig_file} is proposed as the rig's description; correct it, or let rig describe --new ask for one.")
+    elif len(files) > 1 or files[0].suffix.lower() != ".toml":
+        raise PlanError(f"{files[0]} is not a mapping; propose one with rig import --draft, then import that")
+    else:
+        campaign = import_campaign(files[0], output, data=data)
+        for run in campaign.runs:
+            if run.gaps:
+                lost = sum(gap.count for gap in run.gaps)
+                print(f"run {run.id!r}: the file has no value of {lost} samples; they are kept as {len(run.gaps)} gaps")
+            if run.repeat_of is not None:
+                print(f"run {run.id!r} has the drive of run {run.repeat_of!r} and is stored as its repeat")
+        for sentence in shortcomings(campaign):
+            print(sentence)
+        for doubt in doubts_in(campaign):
+            print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
+    print(output)

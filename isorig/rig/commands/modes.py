@@ -1,0 +1,109 @@
+"""rig modes: natural frequencies, damping ratios and shapes from all transfer functions of a set-up at once."""
+
+from __future__ import annotations
+
+from math import isclose
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+
+def modes(
+    campaign: Path,
+    *,
+    band: tuple[float, float],
+    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    configuration: str | None = None,
+    gain: float | None = None,
+    reference: tuple[str, ...] = (),
+    response: tuple[str, ...] = (),
+    resolution: float = 0.25,
+    count: int | None = None,
+) -> None:
+    """Find the modes in a band that all transfer functions of one set-up share, with their shapes.
+
+    Example: rig modes campaign.h5 --band 140 190 --configuration locked --gain 7 --reference table -o modes
+
+    Parameters
+    ----------
+    campaign
+        A recording.
+    band
+        Lowest and highest frequency, Hz.
+    output
+        The folder for modes.json, modes.csv, and modes.html with the shapes in motion and the stabilization diagram.
+    configuration, gain
+        The set-up; by default the first that covers the band.
+    reference
+        The channel that drives, once for each if several drive at the same time; by default those of the rig's description.
+    response
+        The response channels; by default all others that record the same quantity as the first.
+    resolution
+        Frequency resolution of the transfer functions, Hz.
+    count
+        Number of modes to keep, the clearest; by default as many as the errors justify.
+    """
+    import numpy as np
+
+    from isorig.analysis.errors import DataError
+    from isorig.analysis.spectra.modal import modal_analysis
+    from isorig.analysis.wording import sized
+    from isorig.rig.files.output import write_csv, write_json, write_text
+    from isorig.rig.files.recording import open_recording
+    from isorig.rig.files.rigfile import references_of
+    from isorig.rig.report.modes import modes_page
+    from isorig.rig.terminal import show_table
+    from isorig.rig.transfer import Transfer, transfer_functions
+
+    if not 0.0 <= band[0] < band[1]:
+        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
+    with open_recording(campaign) as measured:
+        found = transfer_functions(
+            measured, reference=reference or references_of(measured), responses=response, resolution=resolution
+        )
+    setups: dict[str, list[Transfer]] = {}
+    for item in found:
+        if (configuration is None or item.configuration == configuration) and (gain is None or isclose(item.gain, gain)):
+            setups.setdefault(item.label, []).append(item)
+    chosen = next((same for same in setups.values() if same[0].band[0] <= band[0] and band[1] <= same[0].band[1]), None)
+    if chosen is None:
+        has = "; ".join(dict.fromkeys(f"{item.label}: {item.band[0]:g} to {item.band[1]:g} Hz" for item in found))
+        raise DataError(
+            f"no such set-up of {campaign.name} covers {band[0]:g} to {band[1]:g} Hz ({has}); give another band or set-up"
+        )
+    # One power of i omega for all: responses of another quantity are left out, unless they were asked for.
+    chosen = [item for item in chosen if response or item.units == chosen[0].units]
+    model = modal_analysis(chosen, band, count=count)
+    rows: list[dict[str, Any]] = [
+        {
+            "frequency_hz": mode.frequency, "frequency_std": mode.frequency_std, "damping": mode.damping,
+            "damping_std": mode.damping_std, "collinearity": mode.collinearity,
+            "shape": {name: [part.real, part.imag] for name, part in zip(model.responses, mode.shape.tolist(), strict=True)},
+        }
+        for mode in model.modes
+    ]  # fmt: skip
+    content = {
+        "format": "rig-modes", "format_version": 1, "campaign": campaign.name, "set_up": chosen[0].label,
+        "band_hz": list(band), "responses": list(model.responses), "references": list(model.references), "modes": rows,
+        "misfit": model.misfit, "warnings": list(model.warnings),
+    }  # fmt: skip
+    write_json(output / "modes.json", content)
+    keys = ("frequency_hz", "frequency_std", "damping", "damping_std", "collinearity")
+    write_csv(output / "modes.csv", {key: np.array([row[key] for row in rows]) for key in keys})
+    page = modes_page(model, f"{campaign.name}, {chosen[0].label}", chosen[0].units, ())
+    write_text(output / "modes.html", page)
+    show_table(
+        f"{campaign.name}, {chosen[0].label}",
+        ("Hz", "damping ratio", "shape"),
+        [
+            (
+                sized(mode.frequency, "Hz", mode.frequency_std).removesuffix(" Hz"), sized(mode.damping, "1", mode.damping_std),
+                ", ".join(f"{name} {part:+.2f}" for name, part in zip(model.responses, mode.shape.real, strict=True)),
+            )
+            for mode in model.modes
+        ],
+    )  # fmt: skip
+    for warning in model.warnings:
+        print(warning)
+    print(output / "modes.html")

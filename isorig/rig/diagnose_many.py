@@ -1,0 +1,355 @@
+"""Diagnosis of many campaigns: in parallel through Dask, skipping those with an answer, with one summary."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import logging
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from importlib.metadata import version
+from itertools import islice
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+import msgspec
+
+from isorig.analysis.parallel import cores
+from isorig.rig.baseline import Baseline
+from isorig.rig.errors import REFUSALS, RigError, TimeLimitError
+from isorig.rig.files.output import cell
+
+LOOPBACK = "127.0.0.1:0"
+#: Seconds to wait for a scheduler's file to appear: its processes start concurrently.
+FILE_PATIENCE = 30.0
+#: Seconds that jobs wait at a scheduler without workers: enough for a worker to restart.
+WORKER_PATIENCE = 300.0
+#: Seconds between checks of the workers while no result arrives.
+LOOK = 1.0
+#: Waiting jobs per running job: enough to keep workers busy, few enough to be cancelled quickly.
+WAITING = 3
+
+J = TypeVar("J")
+R = TypeVar("R")
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of the summary.
+
+    `cut_short` states that the time limit ended the search for causes; `refusal` is the reason why a recording could not be used,
+    otherwise empty; `doubts` lists implausible units or given values, to be checked first; `answer` is the answer in a sentence.
+    """
+
+    campaign: str
+    verdict: str = ""
+    causes: str = ""
+    locations: str = ""
+    holdout_baseline: float | None = None
+    holdout_extended: float | None = None
+    noise_floor: float | None = None
+    cut_short: bool = False
+    refusal: str = ""
+    doubts: str = ""
+    answer: str = ""
+
+
+def diagnose_file(
+    file: Path,
+    folder: Path,
+    baseline: Baseline,
+    tell: Callable[[str], None] = lambda text: None,
+    *,
+    tolerance: float = 0.0,
+    limit: float | None = None,
+    page: bool = True,
+) -> Outcome:
+    """Diagnose one recording into a folder.
+
+    Parameters
+    ----------
+    file, folder
+        The recording, and the folder for the answer.
+    baseline
+        Name of the baseline.
+    tell
+        Called with a line for each stage.
+    tolerance
+        Error, as a share of the signal, that counts as adequate.
+    limit
+        Seconds after which the search for causes ends; the answer is then what was found so far, and states this. The time is
+        checked before every fit, so it may take up to one fit longer.
+    page
+        Whether to write report.html too.
+
+    Raises
+    ------
+    TimeLimitError
+        The time ended before the baseline was fitted; nothing is written then.
+    RigError, AnalysisError
+        The recording cannot be used; nothing is written then.
+    """
+    from isorig.analysis.diagnose.diagnosis import diagnose
+    from isorig.analysis.errors import OutOfTimeError
+    from isorig.rig.baseline import baseline_model
+    from isorig.rig.files.findings import write_findings
+    from isorig.rig.files.recording import read
+
+    # The processor's time: other work on the computer does not count.
+    end = None if limit is None else time.process_time() + limit
+
+    def stage(text: str) -> None:
+        if end is not None and time.process_time() > end:
+            raise OutOfTimeError(f"{file} took longer than the limit of {limit:g} s")
+        tell(text)
+
+    tell("reading")
+    campaign = read(file)
+    try:
+        found = diagnose(campaign, baseline_model(campaign, baseline), tolerance=tolerance, progress=stage)
+    except OutOfTimeError as late:
+        raise TimeLimitError(f"{late}, before the baseline was fitted; increase it with --seconds") from None
+    tell("writing the answer")
+    write_findings(folder, found, campaign, {"baseline": baseline, **fingerprint(file)}, limit=limit, page=page)
+    return _outcome(folder)
+
+
+def diagnose_files(
+    jobs: Sequence[tuple[Path, Path]],
+    baseline: Baseline,
+    *,
+    scheduler: str | None = None,
+    again: bool = False,
+    tolerance: float = 0.0,
+    limit: float | None = None,
+) -> Iterator[Outcome]:
+    """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
+
+    Parameters
+    ----------
+    jobs
+        Recording and folder.
+    baseline
+        Name of the baseline.
+    scheduler
+        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
+    again
+        Whether to diagnose recordings that already have an answer.
+    tolerance, limit
+        As for `diagnose_file`.
+    """
+    left = []
+    for file, folder in jobs:
+        if (
+            not again
+            and file.is_file()
+            and answered(folder, {"baseline": baseline, **fingerprint(file)}, tolerance=tolerance, limit=limit)
+        ):
+            yield _outcome(folder)
+        else:
+            left.append((str(file.resolve()), str(folder.resolve()), baseline, tolerance, limit))
+    for job, outcome in shared_out(_answer, left, scheduler):
+        yield outcome if isinstance(outcome, Outcome) else _refused(Path(job[0]), str(outcome))
+
+
+def time_limit(seconds: float | None) -> float | None:
+    """The same seconds; None for infinity.
+
+    Raises
+    ------
+    RigError
+        They are not a valid time limit.
+    """
+    if seconds is not None and not seconds > 0.0:
+        raise RigError(f"--seconds is {seconds:g}; give a positive time, or inf for no limit")
+    return None if seconds is not None and math.isinf(seconds) else seconds
+
+
+def _answer(job: tuple[str, str, Baseline, float, float | None]) -> Outcome:
+    file, folder, baseline, tolerance, limit = job
+    try:
+        return diagnose_file(Path(file), Path(folder), baseline, tolerance=tolerance, limit=limit)
+    except (*REFUSALS, OSError) as refusal:
+        return _refused(Path(file), str(refusal))
+
+
+def _refused(file: Path, why: str) -> Outcome:
+    return Outcome(campaign=file.stem, verdict="refused", refusal=why)
+
+
+def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | None = None) -> Iterator[tuple[J, R | Exception]]:
+    """Do jobs in parallel, yielding each with its result as it arrives, or with the exception that ended it.
+
+    Few jobs wait at a time, so that no longer taking results stops the rest. If a worker dies, another one does its job; a job
+    that ends several workers results in an exception.
+
+    Parameters
+    ----------
+    function
+        The work to do; it and the jobs must be picklable if there is a scheduler.
+    jobs
+        Consumed on demand.
+    scheduler
+        Address of a Dask scheduler, or the file that it writes (`--scheduler-file`, ending in .json); threads of this process if
+        None.
+
+    Raises
+    ------
+    RigError
+        No scheduler answers at the address, or it has had no worker for `WORKER_PATIENCE`.
+    """
+    waiting = iter(jobs)
+    first = list(islice(waiting, 1))
+    if not first:
+        return
+    import dask
+    from dask.distributed import Client, Future
+
+    # Its warnings about cancelled work are expected here.
+    logging.getLogger("distributed").setLevel(logging.ERROR)
+    # Within the process; listening sockets use the loopback interface only.
+    own = {
+        "processes": False, "n_workers": 1, "threads_per_worker": cores(),
+        "dashboard_address": LOOPBACK, "worker_dashboard_address": LOOPBACK,
+    }  # fmt: skip
+    # Its worker is in this process; a suspended computer must not count as a dead worker.
+    settings = {"distributed.scheduler.worker-ttl": None} if scheduler is None else {}
+    with dask.config.set(settings):
+        try:
+            client = Client(_address(scheduler)) if scheduler else Client(**own)
+        except (OSError, ValueError) as error:
+            raise RigError(f"no Dask scheduler answers at {scheduler} ({error}); start one, or leave out --scheduler") from None
+        with client:
+            done: SimpleQueue[Future[Any]] = SimpleQueue()
+            of: dict[Future[Any], J] = {}
+
+            def submit(job: J) -> None:
+                future = client.submit(function, job, pure=False)
+                of[future] = job
+                future.add_done_callback(done.put)
+
+            for job in first:
+                submit(job)
+            room = max(sum(client.nthreads().values()), 1) * (1 + WAITING)
+            for job in islice(waiting, room):
+                submit(job)
+            worked = time.monotonic()
+            while of:
+                try:
+                    future = done.get(timeout=LOOK)
+                except Empty:
+                    with suppress(OSError):  # a lost scheduler cancels the futures
+                        worked = time.monotonic() if client.nthreads() else worked
+                    if time.monotonic() > worked + WORKER_PATIENCE:
+                        raise RigError(
+                            f"the Dask scheduler at {scheduler} has had no worker for {WORKER_PATIENCE:.0f} s; start workers "
+                            "and repeat the command, which keeps finished answers"
+                        ) from None
+                    continue
+                if future.status == "cancelled":
+                    raise RigError(f"the Dask scheduler at {scheduler} was lost; finished answers are kept, so start again")
+                failure = future.exception()
+                yield of.pop(future), future.result() if failure is None else failure
+                worked = time.monotonic()
+                for job in islice(waiting, 1):
+                    submit(job)
+
+
+def _address(scheduler: str) -> str:
+    # Address of a scheduler given by address or by file.
+    if not scheduler.endswith(".json"):
+        return scheduler
+    end = time.monotonic() + FILE_PATIENCE
+    while True:
+        try:
+            return str(msgspec.json.decode(Path(scheduler).read_bytes())["address"])
+        except (OSError, msgspec.DecodeError, KeyError, TypeError) as error:
+            if time.monotonic() > end:
+                why = error.strerror if isinstance(error, OSError) else "it contains no address"
+                raise RigError(
+                    f"{scheduler} cannot be read as the file of a Dask scheduler ({why}); start one with --scheduler-file "
+                    f"{scheduler}, or give its address"
+                ) from None
+        time.sleep(0.1)
+
+
+def fingerprint(file: Path) -> dict[str, str]:
+    """Origin of a result: the recording's name and hash, and the version of this program.
+
+    Raises
+    ------
+    RigError
+        The file cannot be read.
+    """
+    try:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RigError(f"{file} cannot be read ({error.strerror}); give the path of a recording") from None
+    return {"recording": file.name, "sha256": digest, "version": program_version()}
+
+
+def program_version() -> str:
+    """The version of this program: an answer of another version may differ."""
+    return version("isorig")
+
+
+def answered(folder: Path, origin: dict[str, str], *, tolerance: float = 0.0, limit: float | None = None) -> bool:
+    """Whether the folder has findings for that baseline, recording, version and tolerance that more time would not change."""
+    try:
+        found = answer_in(folder)
+        enough = not found["cut_short"] or (limit is not None and limit <= found["time_limit_s"])
+        return bool(found["origin"] == origin and found["tolerance"] == tolerance and enough)
+    except (OSError, msgspec.DecodeError, KeyError, TypeError):
+        return False
+
+
+def answer_in(folder: Path) -> dict[str, Any]:
+    """The content of a folder's findings.json, which this program wrote."""
+    found: dict[str, Any] = msgspec.json.decode((folder / "findings.json").read_bytes())
+    return found
+
+
+def _outcome(folder: Path) -> Outcome:
+    from isorig.rig.report.conclusion import conclude
+
+    found = answer_in(folder)
+    return Outcome(
+        campaign=Path(found["origin"]["recording"]).stem, verdict=found["verdict"],
+        causes="+".join(step["cause"] for step in found["steps"]),
+        locations="+".join(step["location"] for step in found["steps"]),
+        holdout_baseline=found["holdout"]["baseline"], holdout_extended=found["holdout"]["extended"],
+        noise_floor=found["holdout"]["noise_floor"], cut_short=found["cut_short"],
+        doubts=" ".join(doubt["text"] for doubt in found.get("doubts", ())), answer=conclude(found).answer,
+    )  # fmt: skip
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """The summary of many campaigns as CSV, in the order of their names."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, Outcome.__struct_fields__, lineterminator="\n")
+    table.writeheader()
+    for outcome in sorted(outcomes, key=lambda o: o.campaign):
+        table.writerow({key: cell(value) for key, value in msgspec.structs.asdict(outcome).items()})
+    return text.getvalue()
+
+
+def recordings_in(given: Sequence[Path]) -> list[Path]:
+    """The given recordings; a folder stands for all of its .h5 files.
+
+    Raises
+    ------
+    RigError
+        There is none, or two have the same name.
+    """
+    files = [f for place in given for f in (sorted(place.glob("*.h5")) if place.is_dir() else [place])]
+    if not files:
+        raise RigError("no recording was given; give a file, or a folder that contains .h5 files")
+    names = [file.stem for file in files]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RigError(f"two recordings are named {twice!r}; rename one, because each answer goes to a folder of that name")
+    return files

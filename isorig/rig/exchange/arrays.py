@@ -1,0 +1,132 @@
+"""Arrays of other programs: JSON, and numpy's .npy and .npz; nothing is unpickled."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.missing import completed
+from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.exchange.tree import NAMES, table_of
+from isorig.rig.files.hdf_walk import EXPANSION, SPARE
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.output import reason
+
+#: Maximum bytes of a JSON file: in memory it takes about ten times as many.
+JSON_MOST = 256 << 20
+#: Maximum nesting of lists and objects.
+DEEP = 16
+
+
+def read_json(path: Path) -> ForeignTable:
+    """Arrays of a JSON file: of an object by its keys, of a list of objects by their keys or names; null is a lost sample."""
+    try:
+        content = msgspec.json.decode(content_of(path, JSON_MOST))
+    except msgspec.DecodeError as error:
+        raise RecordingError(f"{path} is not complete JSON ({error}); write it again or copy it again from its source") from None
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise RecordingError(f"{path} is not readable JSON ({reason(error)}); write it as arrays by name") from None
+    found = table_of(path, _flattened("", content, 0))
+    columns, remarks = completed(found.columns)
+    return ForeignTable(
+        path=path, columns=columns, numbers=found.numbers, spectra=found.spectra, remarks=(*found.remarks, *remarks)
+    )
+
+
+def read_npy(path: Path) -> ForeignTable:
+    """The array of a .npy file; the fields of a structured array by their names."""
+    try:
+        with path.open("rb") as file:
+            values = np.lib.format.read_array(file, allow_pickle=False)
+    except (ValueError, EOFError, TypeError, MemoryError, SyntaxError) as error:
+        raise RecordingError(
+            f"{path} cannot be read as a .npy file ({reason(error)}); save plain numbers with numpy.save"
+        ) from None
+    return table_of(path, _fields("data", values))
+
+
+def read_npz(path: Path) -> ForeignTable:
+    """The arrays of a .npz file by their names."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            declared = sum(item.file_size for item in archive.infolist())
+        if declared > EXPANSION * path.stat().st_size + SPARE:
+            raise RecordingError(
+                f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it "
+                "without compression"
+            )
+        with np.load(path, allow_pickle=False) as archived:
+            stored = {name: archived[name] for name in archived.files}
+    except RecordingError:
+        raise
+    except Exception as error:
+        # zipfile, zlib and numpy raise many kinds of errors on damaged bytes.
+        raise RecordingError(
+            f"{path} cannot be read as a .npz file ({reason(error)}); save plain arrays of numbers with numpy.savez"
+        ) from None
+    # A member that is no array is returned as its bytes.
+    remarks = [f"{name!r} is not an array and is left out" for name, values in stored.items() if isinstance(values, bytes)]
+    arrays = {name: values for name, values in stored.items() if not isinstance(values, bytes)}
+    return table_of(path, [item for name, values in arrays.items() for item in _fields(name, values)], remarks)
+
+
+def _fields(name: str, values: Any) -> Iterator[tuple[str, Any]]:
+    if values.dtype.names:
+        yield from ((f"{name}.{key}" if name != "data" else key, values[key]) for key in values.dtype.names)
+    elif values.dtype.kind in "US" and values.size == 1:
+        yield name, str(values.ravel()[0])
+    else:
+        yield name, values
+
+
+def _flattened(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    if depth > DEEP or isinstance(value, bool) or value is None:
+        return
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flattened(f"{name}.{key}" if name else str(key), inner, depth + 1)
+    elif isinstance(value, list):
+        yield from _listed(name, value, depth)
+    elif isinstance(value, int | float | str):
+        yield name, value
+
+
+def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]]:
+    numbers = _numbers(value)
+    if numbers is not None:
+        yield name or "data", numbers
+    elif value and all(isinstance(item, dict) for item in value):
+        plain = set.intersection(*(set(item) for item in value))
+        rows = {key: _numbers([item[key] for item in value]) for key in value[0] if key in plain}
+        if len(value) > 1 and any(values is not None and values.ndim == 1 for values in rows.values()):
+            # Rows of a table: {"t": 0.0, "x": 1.0}, {"t": 0.1, ...}
+            yield from ((f"{name}.{key}" if name else key, values) for key, values in rows.items() if values is not None)
+            return
+        for k, item in enumerate(value):
+            label = next((str(item[key]) for key in NAMES if isinstance(item.get(key), str | int)), str(k))
+            yield from _flattened(f"{name}.{label}" if name else label, item, depth + 1)
+    else:
+        for k, item in enumerate(value):
+            if isinstance(item, dict | list):
+                yield from _flattened(f"{name}[{k}]" if name else f"data[{k}]", item, depth + 1)
+
+
+def _numbers(value: list[Any]) -> Any:
+    # The list as an array of numbers, null as NaN; None if it is not one.
+    try:
+        values = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        return None
+    whole = values.ndim >= 1 and values.size > 0 and not _has_words(value)
+    return values if whole else None
+
+
+def _has_words(value: Any) -> bool:
+    # numpy would accept "1.5" and true as numbers.
+    return any(_has_words(item) if isinstance(item, list) else isinstance(item, str | bool) for item in value)

@@ -1,0 +1,314 @@
+"""Proposes a mapping from the content of files; guesses are marked."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import MOTION, ROTARY
+from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
+from isorig.rig.exchange.mapping import RESERVED
+from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
+from isorig.rig.exchange.tree import PLAIN
+from isorig.rig.exchange.units import UNITS, known_unit
+from isorig.rig.files.recording import GAIN
+from isorig.rig.files.rigtext import description_text
+
+#: Words in the name of a channel that records the imposed motion of a base.
+BASES = ("base", "ground", "floor", "foundation", "basis", "boden")
+#: Words in a column's name, and the wire bonder's channel that they denote.
+WORDS = (("heatblock", "heatblock"), ("heat", "heatblock"), ("prey", "heatblock"), ("table", "table"), ("head", "head"),
+         ("drive", "head"), ("motor", "motor"))  # fmt: skip
+
+#: Words in a column's name, and the unit guessed if the file does not give it.
+QUANTITIES = (
+    ("force", "N"), ("kraft", "N"), ("displacement", "m"), ("position", "m"), ("weg", "m"), ("angular_velocity", "rad/s"),
+    ("velocity", "m/s"), ("current", "A"), ("strom", "A"), ("voltage", "V"), ("spannung", "V"), ("torque", "N m"),
+    ("angle", "rad"), ("winkel", "rad"),
+)  # fmt: skip
+#: Endings of names that are more often a letter than a unit: the axis of a sensor, a second channel.
+AMBIGUOUS = ("A", "V", "m", "1", "in")
+#: Columns with fewer values next to longer ones are settings, not records.
+SHORT = 16
+
+
+@dataclass(frozen=True)
+class _Part:
+    # Columns of a file with a common sampling: name in the draft, and source with its column.
+    table: ForeignTable
+    group: str
+    columns: dict[str, tuple[str, Column]]
+    time: str | None
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A mapping in TOML, and a description in TOML of a rig other than the wire bonder; "" if there is none."""
+
+    mapping: str
+    description: str = ""
+
+
+def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str = "rig.toml") -> Draft:
+    """A mapping: one run for each commonly sampled part of a file, with the channels that it has.
+
+    If the columns are not those of the wire bonder, a description of a rig is proposed too.
+
+    Parameters
+    ----------
+    tables
+        Content of the files.
+    folder
+        Folder of the mapping.
+    description_file
+        Name of the description's file in that folder.
+
+    Raises
+    ------
+    RecordingError
+        None of them contains a time record.
+    """
+    parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
+    if not parts:
+        raise RecordingError(_no_records(tables))
+    lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
+    lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
+    # A column is one channel in all parts that have it; if parts have different columns, each lists its own.
+    places = dict.fromkeys(place for part in parts for place in part.columns)
+    names: dict[str, str] = {}
+    first = {place: next(part.columns[place] for part in parts if place in part.columns) for place in places}
+    bonder = _is_bonder(place for place in places)
+    for place in places:
+        names[place] = _name(place, first[place][1], set(names.values()), WORDS if bonder else ())
+    if bonder:
+        known = "# What is known beforehand, SI: head_mass, motor_mass, heatblock_mass, table_mass, friction_force ..."
+        lines += ["[rig]", known, ""]
+    else:
+        lines += [
+            "# The rig's description: masses, springs, drive, sensors. See docs/describe.md; rig describe --new asks for one.",
+            f"description = {_quoted(description_file)}    # ?", "",
+        ]  # fmt: skip
+    for place in places:
+        lines += _channel(names[place], *first[place])
+    ids: set[str] = set()
+    for part in parts:
+        own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
+        other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
+        lines += _run(part, own, other, folder, ids)
+    if bonder:
+        return Draft("\n".join(lines))
+    setups = {_configuration(part) for part in parts}
+    return Draft("\n".join(lines), _rig({names[place]: first[place] for place in places}, setups))
+
+
+def _is_bonder(places: Iterable[str]) -> bool:
+    # Two of its channels by name, and none that says it is something else than an acceleration.
+    plain = [re.sub(r"\W+", "_", place).strip("_").lower() for place in places]
+    found = {channel for name in plain for channel in [next((c for word, c in WORDS if word in name), None)] if channel}
+    other = any(word in name for name in plain for word, _ in QUANTITIES if any(w in name for w, _ in WORDS))
+    return len(found) >= 2 and not other
+
+
+def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
+    # One body a motion sensor, in a row from the ground; the first channel that is no motion drives the last of them.
+    kinds = {name: UNITS[_unit_of(name, column, place)].quantity for name, (place, column) in channels.items() if name != GAIN}
+    moved = next((name for name in kinds if any(word in name for word in BASES)), next(iter(kinds), "drive"))
+    drive = next((name for name, kind in kinds.items() if kind not in MOTION), moved)
+    sensed = [name for name, kind in kinds.items() if name != drive and kind in MOTION] or ["first"]
+    bodies = tuple(
+        Body(name=f"body_{name}", mass=1.0, motion="rotation" if kinds.get(name) in ROTARY else "straight") for name in sensed
+    )
+    links = tuple(
+        Link(name=f"link_{name}", a=f"body_{name}", b=f"body_{sensed[k - 1]}" if k else GROUND, stiffness=1000.0, damping=1.0)
+        for k, name in enumerate(sensed)
+    )
+    quantity = kinds.get(drive, "force")
+    # A measured motion of a base is imposed.
+    based = quantity in MOTION and any(word in drive for word in BASES)
+    if based:
+        turns: Literal["straight", "rotation"] = "rotation" if quantity in ROTARY else "straight"
+        bodies = (Body(name=f"body_{drive}", mass=1.0, motion=turns), *bodies)
+        links = (msgspec.structs.replace(links[0], b=f"body_{drive}"), *links[1:])
+    pushed = Drive(channel=drive, quantity=quantity, factor=1.0, pushes={f"body_{sensed[-1]}": 1.0})
+    model = RigModel(
+        name="rig", bodies=bodies, links=links,
+        drive=Drive(channel=drive, quantity=quantity, imposes=f"body_{drive}") if based else pushed,
+        sensors=tuple(Sensor(channel=name, body=f"body_{name}", quantity=kinds[name]) for name in sensed if name in kinds),
+        configurations={name: Configuration() for name in sorted(setups, reverse=True)},
+        free=tuple(f"links.{link.name}.{key}" for link in links for key in ("stiffness", "damping")),
+    )  # fmt: skip
+    drive_note = "? factor: force per unit of the channel"
+    if based:
+        drive_note = "? the channel is the imposed motion of the base; if it is a force instead, give pushes and factor"
+    elif kinds.get(drive) in MOTION:
+        drive_note = (
+            '? factor: force per unit of the channel; if it is the motion of a base, add that body and write imposes = "BODY"\n'
+            "in place of pushes and factor"
+        )
+    return description_text(model, {
+        "": "Proposed from the columns of the files: how many bodies there are and how they are joined is a guess,\n"
+        "and so is every number. Correct it after docs/describe.md, then call rig describe with this file.",
+        "bodies": "? kg, for a rotation kg m^2",
+        "links": "? stiffness and damping: N/m and N s/m, for a rotation N m/rad and N m s/rad",
+        "drive": drive_note,
+    })  # fmt: skip
+
+
+def _no_records(tables: Sequence[ForeignTable]) -> str:
+    path = tables[0].path
+    spectra = [spectrum for table in tables for spectrum in table.spectra]
+    kinds = {spectrum.kind for spectrum in spectra}
+    if "transfer_function" in kinds:
+        count = sum(spectrum.kind == "transfer_function" for spectrum in spectra)
+        return (
+            f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those too"
+        )
+    if spectra:
+        text = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
+        return (
+            f"{path} contains only spectra without phase ({text}); neither modes nor parameters can be fitted to them, so export "
+            "the time records or the transfer functions"
+        )
+    remarks = "; ".join(remark for table in tables for remark in table.remarks)
+    return f"{path} contains no time record{f' ({remarks})' if remarks else ''}; export the time records as columns"
+
+
+def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
+    """Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run."""
+    groups: dict[str, dict[str, tuple[str, Column]]] = {}
+    for source, column in table.columns.items():
+        found = re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
+        group, name = ("", source) if found is None else (found["before"] or found["after"] or "", found["name"])
+        groups.setdefault(group, {})[name] = (source, column)
+    alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
+    if alike and alike[0][1] == len(groups) and not _one_each(groups):
+        return groups
+    return {"": {source: (source, column) for source, column in table.columns.items()}} if table.columns else {}
+
+
+def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
+    # Structures with one plain array each (a.values, b.values) are channels, not runs.
+    # The same holds for groups that name their only channel.
+    single = all(len(columns) == 1 for columns in groups.values())
+    named = all(name in PLAIN or column.label for columns in groups.values() for name, (_, column) in columns.items())
+    return len(groups) > 1 and single and named
+
+
+def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
+    # Columns of equal length and rate were sampled together; clocks belong to the records of their length.
+    clocks = {name: len(column.values) for name, (_, column) in columns.items() if is_time(name, column)}
+    sampled: dict[tuple[int, float | None], dict[str, tuple[str, Column]]] = {}
+    for name, (source, column) in columns.items():
+        if name not in clocks and len(column.values) > 1:
+            sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
+    longest = max((size for size, _ in sampled), default=0)
+    return [
+        _Part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
+        for (size, _), there in sampled.items()
+        if size >= (SHORT if table.spectra else min(SHORT, longest))
+    ]
+
+
+def _channel(name: str, source: str, column: Column) -> list[str]:
+    found = known_unit(column.unit)
+    values = np.asarray(column.values, dtype=np.float64)
+    finite = values[np.isfinite(values)]
+    extent = f" from {finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""
+    absent = "by the column's name" if _unit_in(source) and not column.unit else "not given by the file"
+    note = "" if found else f"    # ? {f'the file gives {column.unit!r}' if column.unit else absent}"
+    sensitivity = "1.0    # ? column's unit per unit, e.g. V per m/s^2"
+    if column.sensitivity != 1.0:
+        sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
+    return [
+        f"[channels.{name}]    # {len(values)} values{extent}",
+        f"source = {_quoted(source)}",
+        f"unit = {_quoted(_unit_of(name, column, source))}{note}",
+        f"sensitivity = {sensitivity}",
+        'place = ""',
+        "",
+    ]
+
+
+def _unit_of(name: str, column: Column, source: str = "") -> str:
+    guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
+    return known_unit(column.unit) or ("1" if name == GAIN else _unit_in(source) or guess)
+
+
+def _unit_in(source: str) -> str | None:
+    # The unit at the end of a column's name: encoder_angle_deg, force_kN, Kraft (N).
+    found = re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", source)
+    return known_unit(found[1]) if found and found[1] not in AMBIGUOUS else None
+
+
+def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[str, str]]) -> str:
+    plain = re.sub(r"\W+", "_", column.label or source).strip("_").lower() or "channel"
+    if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:
+        return GAIN
+    name = next((channel for word, channel in words if word in plain and channel not in taken), plain)
+    if name in (*RESERVED, GAIN) or not name.isidentifier():
+        name = f"channel_{name}"
+    while name in taken:
+        name += "_2"
+    return name
+
+
+def _told(part: _Part) -> str:
+    return re.split(r"[./]", part.group)[-1] or part.table.path.stem
+
+
+def _configuration(part: _Part) -> str:
+    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", _told(part), re.IGNORECASE)
+    return "unlocked" if locked is None else "locked"
+
+
+def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str]) -> list[str]:
+    table, group = part.table, part.group
+    text = _told(part)
+    name = text if text not in ids else f"{text}_{len(ids)}"
+    ids.add(name)
+    guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
+    gain = _number(table, group, ("gain",)) or (float(guess[1]) if guess else 1.0)
+    rate = next(column.sample_rate for _, column in part.columns.values())
+    lines = [
+        "[[runs]]",
+        f"id = {_quoted(name)}",
+        f"file = {_quoted(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
+        f'configuration = "{_configuration(part)}"    # ?',
+        f"gain = {gain}    # ?",
+        'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
+    ]
+    if part.time is not None:
+        lines.append(f"time = {_quoted(part.time)}")
+        unit = time_unit(part.time, table.columns[part.time])
+        if not table.columns[part.time].unit or seconds_per(unit) != 1.0:
+            lines.append(f"time_unit = {_quoted(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))
+    elif rate is not None:
+        lines.append(f"sample_rate = {rate!r}")
+    else:
+        lines.append("# sample_rate = 1024.0    # ? not given by the file; required for the import")
+    if own:
+        lines.append(f"channels = [{', '.join(_quoted(name) for name in own)}]")
+    if other:
+        lines.append(f"sources = {{ {', '.join(f'{name} = {_quoted(source)}' for name, source in other.items())} }}")
+    return [*lines, ""]
+
+
+def _number(table: ForeignTable, group: str, names: Sequence[str]) -> float | None:
+    # A single number in the file, next to the columns or at its top.
+    places = [f"{group}.{name}" if group else name for name in names] + list(names)
+    return next((table.numbers[place] for place in places if place in table.numbers), None)
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a TOML basic string.
+    return msgspec.json.encode(text).decode()

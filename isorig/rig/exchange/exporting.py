@@ -1,0 +1,261 @@
+"""Export formats for other programs: samples, transfer functions and parameter tables as frames, .mat and universal files."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.rig.errors import PlanError
+from isorig.rig.exchange.table import STREAMED
+from isorig.rig.exchange.uff import FREQUENCY, REFERENCE, RESPONSE, TIME
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.output import cell, replaced
+from isorig.rig.files.recording import GAIN
+from isorig.rig.transfer import Transfer
+
+#: Dataset 58: ordinate data types by SI unit (SDRC universal file; 8 displacement, 11 velocity, 12 acceleration, 13 force).
+ORDINATES = {"m": 8, "m/s": 11, "m/s^2": 12, "N": 13}
+#: Function type of a coherence; maximum length of a line, and of an entity's name.
+COHERENCE, LINE, UFF_NAME = 6, 80, 10
+#: Directions of dataset 58 as written in mappings and recordings.
+DIRECTIONS = {f"{sign}{axis}": (-k if sign == "-" else k) for k, axis in enumerate("xyz", 1) for sign in ("", "+", "-")}
+#: Maximum length of a field name in MATLAB.
+MATLAB_NAME = 63
+
+
+def samples_frame(run: Run) -> pd.DataFrame:
+    """The samples of a run in SI: time in s, and a column for each channel, its unit in brackets."""
+    columns = {f"{name} [{channel.unit}]": channel.read() for name, channel in run.channels.items()}
+    return pd.DataFrame({"time [s]": np.arange(len(run)) / run.sample_rate, **columns})
+
+
+def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
+    """Transfer functions, a row for each frequency: identification, frequency in Hz, value, standard deviations, coherence."""
+    return pd.concat(
+        [
+            pd.DataFrame(
+                {
+                    "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
+                    "gain": item.gain, "frequency_hz": item.frf.frequency, "real": item.frf.value.real,
+                    "imag": item.frf.value.imag, "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std,
+                    "coherence": item.frf.coherence,
+                }
+            )
+            for item in found
+        ],
+        ignore_index=True,
+    )  # fmt: skip
+
+
+def parameters_frame(path: Path) -> pd.DataFrame:
+    """The table of a parameters.json, or the baseline's parameters of a findings.json.
+
+    Raises
+    ------
+    PlanError
+        The file is neither.
+    """
+    try:
+        content = msgspec.json.decode(content_of(path))
+    except OSError as error:
+        raise PlanError(f"{path} cannot be read ({error.strerror}); give a parameters.json or a findings.json") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise PlanError(f"{path} is not JSON ({error}); give a parameters.json or a findings.json") from None
+    kind = content.get("format") if isinstance(content, dict) else None
+    try:
+        table = content["parameters"] if kind == "rig-parameters" else content["baseline"]["parameters"]
+        rows = [{"name": name, **row} for name, row in table.items()]
+        if any(not isinstance(value, str | int | float | None) for row in rows for value in row.values()):
+            raise PlanError(
+                f"{path} has a parameter that is neither a number nor text; give a file that rig characterize or diagnose wrote"
+            )
+    except (KeyError, TypeError, AttributeError):
+        rows = []
+    if not rows:
+        raise PlanError(f"{path} contains no parameter table (its format is {kind!r}); give a parameters.json or a findings.json")
+    return pd.DataFrame(rows)
+
+
+def write_frame(frame: pd.DataFrame, path: Path) -> None:
+    """Write a frame as .csv or .parquet, atomically."""
+    with replaced(path) as temporary:
+        if path.suffix.lower() == ".parquet":
+            frame.to_parquet(temporary, index=False)
+        else:
+            texts = {str(name): column.map(cell) for name, column in frame.select_dtypes(exclude="number").items()}
+            frame.assign(**texts).rename(columns=cell).to_csv(temporary, index=False, lineterminator="\n")
+
+
+def write_matlab(content: Mapping[str, Any], path: Path) -> None:
+    """Write a tree of arrays, numbers and text as a version 5 .mat file, compressed, atomically."""
+    from scipy.io import savemat
+
+    with replaced(path) as temporary:
+        savemat(str(temporary), dict(content), appendmat=False, do_compression=True, long_field_names=True, oned_as="column")
+
+
+def samples_tree(campaign: Campaign) -> dict[str, Any]:
+    """The campaign as a tree: runs.<id> with sample_rate, gain, configuration and the channels in SI; rig; units."""
+    taken: set[str] = set()
+    runs = {
+        _name(run.id, taken): {
+            "id": run.id, "configuration": run.configuration, "gain": run.gain, "sample_rate": run.sample_rate,
+            "excitation": run.excitation,
+            **_fields({STREAMED if name == GAIN else name: channel.read() for name, channel in run.channels.items()}),
+        }
+        for run in campaign.runs
+    }  # fmt: skip
+    units = {name: channel.unit for run in campaign.runs for name, channel in run.channels.items()}
+    return {"runs": runs, "units": _fields(units), "rig": dict(campaign.known) or {"note": "no known values"}}
+
+
+def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
+    """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, std, coherence."""
+    taken: set[str] = set()
+    return {
+        "frf": {
+            _name(f"{item.frf.response}_{item.configuration}_gain{item.gain:g}", taken): {
+                "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
+                "gain": item.gain, "frequency": item.frf.frequency, "H": item.frf.value,
+                "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
+            }
+            for item in found
+        }
+    }  # fmt: skip
+
+
+def frame_tree(frame: pd.DataFrame) -> dict[str, Any]:
+    """A parameter table as a tree: parameters.<name> with value, std, unit."""
+    taken: set[str] = set()
+    rows = frame.replace({None: np.nan}).to_dict("records")
+    return {"parameters": {_name(str(row["name"]), taken): _fields(row) for row in rows}}
+
+
+def _fields(values: Mapping[Any, Any]) -> dict[str, Any]:
+    taken: set[str] = set()
+    return {_name(str(key), taken): value for key, value in values.items()}
+
+
+def _name(text: str, taken: set[str]) -> str:
+    # A field name in MATLAB starts with a letter, has letters, digits and underscores, and at most 63 of them.
+    plain = re.sub(r"\W", "_", text, flags=re.ASCII)
+    name = (plain if plain[:1].isalpha() else f"x{plain}")[: MATLAB_NAME - 3]
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
+    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line has the run."""
+    short = next((run.id for run in campaign.runs if len(run) < 2), None)
+    if short is not None:
+        raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")
+    points = _Points(campaign)
+    return [_si_units()] + [
+        points.dataset(
+            1, channel.name, "", np.arange(len(run)) / run.sample_rate, channel.read(), (TIME, "s"), binary,
+            f"{run.id}, {run.configuration}, gain {run.gain:g}",
+        )
+        for run in campaign.runs
+        for channel in run.channels.values()
+    ]  # fmt: skip
+
+
+def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, Any]]:
+    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58, after the units (164, SI).
+
+    In text: the package writes half the size of complex values to the header of a binary dataset.
+    """
+    points = _Points(campaign)
+    sets = [_si_units()]
+    for item in found:
+        frf, description = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
+        for kind, values in ((4, frf.value), (6, frf.coherence)):
+            sets.append(
+                points.dataset(kind, frf.response, frf.reference, frf.frequency, values, (FREQUENCY, "Hz"), False, description)
+            )
+    return sets
+
+
+class _Points:
+    """Identification of a campaign's channels in a universal file: a name of ten characters, node, direction and unit of each."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
+        self._units = {name: channel.unit for name, channel in channels.items()}
+        self._nodes = {name: k for k, name in enumerate(channels, 1)}
+        self._directions = {name: DIRECTIONS.get(c.about.get("direction", "").strip().lower(), 0) for name, c in channels.items()}
+        self._names: dict[str, str] = {}
+        for name in channels:
+            short = name[:UFF_NAME]
+            if short in self._names.values():
+                end = f"~{self._nodes[name]}"
+                short = name[: UFF_NAME - len(end)] + end
+            self._names[name] = short
+
+    def dataset(
+        self,
+        kind: int,
+        response: str,
+        reference: str,
+        x: FloatArray,
+        values: Any,
+        axis: tuple[int, str],
+        binary: bool,
+        description: str,
+    ) -> dict[str, Any]:
+        """A dataset 58; `reference` is empty for a time record, and a coherence has no unit."""
+        import pyuff
+
+        above = self._units[response] if kind != COHERENCE else "1"
+        below = self._units[reference] if reference and kind != COHERENCE else ""
+        return dict(
+            pyuff.prepare_58(
+                binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
+                id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
+                rsp_ent_name=self._names[response], rsp_node=self._nodes[response], rsp_dir=self._directions[response],
+                ref_ent_name=self._names.get(reference, "NONE"), ref_node=self._nodes.get(reference, 0),
+                ref_dir=self._directions.get(reference, 0), abscissa_spacing=1, data=values, x=x,
+                abscissa_spec_data_type=axis[0], abscissa_axis_units_lab=axis[1],
+                ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
+                orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
+                abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0, num_pts=len(x),
+                ord_data_type=6 if np.iscomplexobj(values) else 4, z_axis_value=0.0,
+            )
+        )  # fmt: skip
+
+
+def _si_units() -> dict[str, Any]:
+    import pyuff
+
+    return dict(
+        pyuff.prepare_164(
+            units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0
+        )
+    )  # fmt: skip
+
+
+def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write datasets atomically."""
+    import pyuff
+
+    with replaced(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
+        # The package uses the name's extension, and appends to existing files.
+        universal = temporary.with_name(temporary.name + ".uff")
+        try:
+            file = pyuff.UFF(str(universal))
+            # Not "overwrite", which loses the header of a first binary dataset.
+            file.write_sets(list(sets), "add")
+            universal.replace(temporary)
+        finally:
+            universal.unlink(missing_ok=True)

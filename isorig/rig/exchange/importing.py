@@ -1,0 +1,300 @@
+"""Converts files of other programs to a campaign, according to a mapping."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, Channel, Gap, IntArray, Run, Samples
+from isorig.analysis.diagnose.repeats import same_drive
+from isorig.analysis.fitting.trials import SHORTEST
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import did_you_mean
+from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.exchange.clock import column_rate, is_time
+from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
+from isorig.rig.exchange.reading import read_foreign
+from isorig.rig.exchange.table import Column, ForeignTable
+from isorig.rig.exchange.units import UNITS, known_unit, unit
+from isorig.rig.files.recording import Extra, write
+from isorig.rig.files.rigfile import read_description
+
+#: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
+RATE_AGREES = 5e-3
+#: Attributes of a sensor in a mapping.
+SENSOR = ("sensor", "place", "direction")
+
+
+def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = None) -> Campaign:
+    """Read the files named in a mapping and write them as one recording, atomically.
+
+    Parameters
+    ----------
+    mapping_path
+        The mapping.
+    output
+        The recording to write.
+    data
+        The folder of the files; that of the mapping if None.
+
+    Raises
+    ------
+    PlanError, RecordingError
+        In one sentence: the file, run, channel or key, what was found, what to do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import isorig as iso
+    >>> lines = ["time,shaker,motor"] + [f"{k / 256},{k % 7},{k % 5}" for k in range(1024)]
+    >>> _ = Path("bench.csv").write_text("\\n".join(lines))
+    >>> _ = Path("mapping.toml").write_text('''
+    ... [[runs]]
+    ... id = "a"
+    ... file = "bench.csv"
+    ... configuration = "unlocked"
+    ... gain = 1.0
+    ... time = "time"
+    ... [channels.head]
+    ... source = "shaker"
+    ... unit = "m/s^2"
+    ... [channels.motor]
+    ... source = "motor"
+    ... unit = "g"
+    ... ''')
+    >>> run = iso.import_campaign(Path("mapping.toml"), Path("imported.h5")).runs[0]
+    >>> run.sample_rate, float(run.read("motor").max())
+    (256.0, 39.2266)
+    """
+    mapping = read_mapping(mapping_path)
+    folder = data if data is not None else mapping_path.parent
+    model, description = wire_bonder(), None
+    if mapping.description is not None:
+        model, description = read_description(mapping_path.parent / mapping.description)
+        _has_channels(mapping, model, str(mapping_path))
+    for wanted in mapping.runs:
+        if wanted.configuration not in model.configurations:
+            raise PlanError(
+                f"{mapping_path}: run {wanted.id!r} has the configuration {wanted.configuration!r}; {model.name} has "
+                f"{', '.join(model.configurations)}, so correct it{did_you_mean(wanted.configuration, model.configurations)}"
+                + ("" if mapping.description else ", or give the rig's own description with description = FILE.toml")
+            )
+    tables: dict[str, ForeignTable] = {}
+    runs = []
+    for wanted in mapping.runs:
+        if wanted.file not in tables:
+            tables[wanted.file] = read_foreign(folder / wanted.file)
+        runs.append(_run(wanted, mapping, tables[wanted.file]))
+    campaign = Campaign(runs=tuple(runs), known=mapping.rig, description=description, source=str(output))
+    campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
+    # The format allows additional attributes.
+    attributes = {
+        name: {key: value for key in SENSOR if (value := getattr(channel, key))} for name, channel in mapping.channels.items()
+    }  # fmt: skip
+    write(output, campaign, {run.id: Extra(channels=attributes) for run in runs})
+    return campaign
+
+
+def _has_channels(mapping: Mapping, model: RigModel, here: str) -> None:
+    absent = next((name for name in model.channels if name not in mapping.channels), None)
+    if absent is not None:
+        own = ", ".join(mapping.channels)
+        raise PlanError(
+            f"{here} has no channel {absent!r}{did_you_mean(absent, mapping.channels)}, which the description "
+            f"{mapping.description} names; the mapping has {own}, so rename one of them, add the channel, or remove it from the "
+            "description"
+        )
+
+
+def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
+    here = f"{table.path}, run {wanted.id!r}"
+    sources = {
+        name: wanted.sources.get(name, channel.source) for name, channel in mapping.channels.items()
+        if not wanted.channels or name in wanted.channels
+    }  # fmt: skip
+    columns = {name: _column(table, source, f"{here}: channel {name!r}") for name, source in sources.items()}
+    lengths = {name: len(column.values) for name, column in columns.items()}
+    if len(set(lengths.values())) > 1:
+        text = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise RecordingError(
+            f"{here} has columns of unequal length ({text}); map columns with a common sampling, each group as a run with "
+            "its own channels = [...]"
+        )
+    total = next(iter(lengths.values()))
+    first, last = wanted.samples or (0, total)
+    if last > total:
+        raise PlanError(f"{here} requests samples up to {last}, but its columns have {total}; correct samples")
+    lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
+    lost = lost[(lost >= first) & (lost < last)]
+    kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
+    return Run(
+        id=wanted.id, configuration=wanted.configuration, sample_rate=_rate(wanted, columns, table, here), gain=wanted.gain,
+        channels={
+            name: channel_of(name, mapping.channels[name], column, kept, f"{here}: channels.{name}")
+            for name, column in columns.items()
+        },
+        excitation=wanted.excitation, started=wanted.started, band=wanted.band, period=wanted.period, use=wanted.use,
+        repeat_of=wanted.repeat_of, usable_to=wanted.usable_to, gaps=_gaps(lost - first), spectra=table.spectra,
+    )  # fmt: skip
+
+
+def _gaps(lost: IntArray) -> tuple[Gap, ...]:
+    # Successive lost samples are one gap.
+    rows = np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1)
+    return tuple(Gap(first_tick=int(row[0]), count=len(row)) for row in rows if len(row))
+
+
+def _column(table: ForeignTable, name: str, here: str) -> Column:
+    if name not in table.columns:
+        why = next((f" ({remark})" for remark in table.remarks if repr(name) in remark), "")
+        raise PlanError(
+            f"{here} refers to column {name!r}, which is absent{why or did_you_mean(name, table.columns)}; the file has "
+            f"{', '.join(table.columns) or 'no records'}"
+        )
+    return table.columns[name]
+
+
+def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | slice, here: str) -> Channel:
+    """A channel in SI: the file's values are kept as raw samples, and the mapping becomes scale and offset.
+
+    Raises
+    ------
+    PlanError
+        The file gives another unit of the same quantity than the mapping.
+    RecordingError
+        A value is not finite.
+    """
+    meant = unit(wanted.unit, here)
+    said = known_unit(column.unit)
+    if said is not None and wanted.sensitivity == 1.0 and said != known_unit(wanted.unit):
+        other = UNITS[said]
+        if other.quantity == meant.quantity and other.factor != meant.factor:
+            raise PlanError(
+                f"{here} has unit {wanted.unit!r}, but the file gives {said!r}, {other.factor / meant.factor:.6g} times as much; "
+                f"write unit = {said!r}, and if the file is wrong also sensitivity = {other.factor / meant.factor:.6g}"
+            )
+    values = column.values[kept]
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        at = int(np.flatnonzero(~np.isfinite(values))[0])
+        row = int(np.arange(len(column.values))[kept][at])
+        raise RecordingError(
+            f"{here}: column {wanted.source!r} contains {values[at]} at sample {row}; recordings have finite values only, so cut "
+            "the run with samples = [first, last + 1] or correct the file"
+        )
+    # The format stores numbers; logical values become 0 and 1.
+    samples: Samples = np.ascontiguousarray(values.astype(np.uint8) if values.dtype.kind == "b" else values)
+    return Channel(
+        name=name, samples=samples, quantity=wanted.quantity or meant.quantity, unit=meant.si,
+        scale=meant.factor / wanted.sensitivity, offset=meant.factor * wanted.offset,
+        full_scale=None if wanted.range is None else meant.factor * wanted.range,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Rate:
+    # A sample rate, its source (a value of `rate_from`), words for it, and its time column if the mapping does not name it.
+    hertz: float
+    source: str
+    words: str
+    unused: str = ""
+
+
+def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here: str) -> float:
+    found = _rates(wanted, columns, table, here)
+    if wanted.rate_from is None and all(rate.unused for rate in found):
+        hint = f" = {found[0].unused!r}" if found else " = the time column"
+        raise PlanError(f"{here} has no common sample rate; give sample_rate in Hz, or time{hint}")
+    chosen = [rate for rate in found if wanted.rate_from in (None, rate.source)]
+    if not chosen:
+        have = ", ".join(dict.fromkeys(rate.source for rate in found)) or "none"
+        raise PlanError(f"{here} has rate_from {wanted.rate_from!r}, but no such sample rate; there are: {have}")
+    other = next((rate for rate in chosen if abs(rate.hertz / chosen[0].hertz - 1.0) > RATE_AGREES), None)
+    if other is not None:
+        raise PlanError(
+            f"{here} has {chosen[0].words}, but {other.words}; correct the wrong one, or state which is right with rate_from = "
+            f"{chosen[0].source!r} or {other.source!r}"
+        )
+    return chosen[0].hertz
+
+
+def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here: str) -> list[_Rate]:
+    # All sample rates that the mapping, time columns of the same length and the file's header give.
+    found = []
+    if wanted.time is not None:
+        column = _column(table, wanted.time, here)
+        length = len(next(iter(columns.values())).values)
+        if len(column.values) != length:
+            raise PlanError(
+                f"{here}: column {wanted.time!r} has {len(column.values)} values but the channels have {length}; give "
+                "sample_rate, or the time column of these channels"
+            )
+        hertz = column_rate(wanted.time, column, f"{here}: column {wanted.time!r}", wanted.time_unit)
+        found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by its time column {wanted.time!r}"))
+    if wanted.sample_rate is not None:
+        found.insert(0, _Rate(wanted.sample_rate, "mapping", f"sample_rate = {wanted.sample_rate:.6g} Hz in the mapping"))
+    rates = {column.sample_rate for column in columns.values() if column.sample_rate is not None}
+    if len(rates) == 1 and all(column.sample_rate is not None for column in columns.values()):
+        hertz = rates.pop()
+        found.append(_Rate(hertz, "file", f"{hertz:.6g} Hz by the file itself"))
+    if wanted.time is None:
+        found += _unused_clocks(wanted, columns, table)
+    return found
+
+
+def _unused_clocks(wanted: RunMap, columns: dict[str, Column], table: ForeignTable) -> list[_Rate]:
+    # Time columns next to the channels that the mapping does not name.
+    sources = [channel for channel in table.columns if any(table.columns[channel] is used for used in columns.values())]
+    length = len(next(iter(columns.values())).values)
+    found = []
+    for name, column in table.columns.items():
+        around = re.split(r"[./][^./]*$", name)[0] if re.search(r"[./]", name) else ""
+        near = any(source.startswith(around) for source in sources)
+        if name not in sources and near and len(column.values) == length and is_time(name, column):
+            hertz = column_rate(name, column, name, wanted.time_unit)
+            found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by the time column {name!r} of the file", name))
+    return found
+
+
+def shortcomings(campaign: Campaign) -> list[str]:
+    """Runs that are too short for fits, or for their band, in sentences."""
+    found = []
+    for run in campaign.runs:
+        begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
+        if run.band is not None and run.duration * run.band[1] < 1.0:
+            found.append(
+                f"{begin}, less than one period of the highest frequency in its band, {run.band[1]:g} Hz: check the sample rate, "
+                "time_unit and band."
+            )
+        elif len(run) < SHORTEST:
+            found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
+    return found
+
+
+def repeats(campaign: Campaign, references: Sequence[str]) -> Campaign:
+    """The same campaign with `repeat_of` of every run that has the drive of an earlier one, to `SAME_DRIVE`.
+
+    Parameters
+    ----------
+    campaign
+        The runs; those that have a `repeat_of` keep it.
+    references
+        The channels that drive.
+    """
+    runs: list[Run] = []
+    for run in campaign.runs:
+        first = next((other.id for other in runs if other.repeat_of is None and _same_drive(other, run, references)), None)
+        runs.append(run if run.repeat_of is not None or first is None else replace(run, repeat_of=first))
+    return replace(campaign, runs=tuple(runs))
+
+
+def _same_drive(one: Run, other: Run, references: Sequence[str]) -> bool:
+    if one.configuration != other.configuration or one.sample_rate != other.sample_rate or len(one) != len(other):
+        return False
+    if not all(name in run.channels for run in (one, other) for name in references):
+        return False
+    return bool(references) and all(same_drive(one.read(name), other.read(name)) for name in references)

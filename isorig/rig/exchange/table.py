@@ -1,0 +1,78 @@
+"""Content of a file of another program, for all formats: columns by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import IntArray, Spectrum
+
+#: Maximum number of columns from one multidimensional array.
+COLUMNS_MOST = 256
+
+#: Name of the streamed gain in files whose `gain` is a single number for the run.
+STREAMED = "gain_streamed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """A record of a file.
+
+    Parameters
+    ----------
+    values
+        As stored, shape (n,).
+    sample_rate
+        Hz, if given by the file.
+    unit
+        Unit of the physical value, if given by the file.
+    sensitivity
+        Conversion to that unit: physical value = values / sensitivity.
+    lost
+        Indices of samples without a value in the file.
+    label
+        The channel's name according to the file, where the column's key does not contain it.
+    """
+
+    values: NDArray[Any]
+    sample_rate: float | None = None
+    unit: str = ""
+    sensitivity: float = 1.0
+    lost: IntArray | None = None
+    label: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForeignTable:
+    """The columns of a file, the single numbers next to them, its spectra, and remarks on its content."""
+
+    path: Path
+    columns: Mapping[str, Column]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    spectra: tuple[Spectrum, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def vectors_of(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """A vector by its name; a multidimensional array as vectors along its longest axis, named name[0], name[1] ... or name[0,2]
+    ...
+
+    Empty if the array would become more than `COLUMNS_MOST` vectors.
+    """
+    values = np.squeeze(np.asarray(values))
+    if values.ndim == 1:
+        return {name: values}
+    if values.ndim == 0 or values.size == 0:
+        return {}
+    along = np.moveaxis(values, int(np.argmax(values.shape)), 0)
+    if values.size // along.shape[0] > COLUMNS_MOST:
+        return {}
+    flat = along.reshape(along.shape[0], -1)
+    places = product(*(range(n) for n in along.shape[1:]))
+    return {f"{name}[{','.join(map(str, place))}]": flat[:, k] for k, place in enumerate(places)}

@@ -1,0 +1,205 @@
+"""Converts named arrays, numbers and texts of a file to a table; searches for rates, units and frequency axes near them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import FloatArray, Spectrum
+from isorig.rig.exchange.clock import is_time
+from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
+
+#: Names of a sample rate (Hz) and of a sample interval (s), in lower case without separators.
+RATES = frozenset((
+    "fs", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency", "srate", "fsamp", "fsample", "abtastrate",
+    "samplespersecond", "fshz", "sampleratehz",
+))  # fmt: skip
+STEPS = frozenset((
+    "dt", "ts", "deltat", "tsample", "sampletime", "sampleinterval", "samplinginterval", "samplingperiod", "samplingtime",
+    "increment", "xincrement", "xincr", "wfincrement", "delta", "dts",
+))  # fmt: skip
+FREQUENCIES = frozenset(("f", "freq", "freqs", "frequency", "frequencies", "frequenz", "hz", "fhz", "freqhz", "frequencyhz"))
+#: Parts of a structure with its abscissa, and generic names that add nothing to their structure's name.
+ABSCISSAE = ("x_values", "x", "abscissa", "time", "quantity")
+UNIT_WORDS = ("unit", "units")
+#: Separator after an array's name for its own attributes (attributes of a dataset).
+OWN = "#"
+PLAIN = frozenset(("values", "value", "data", "y", "samples", "signal", "h"))
+#: Keys of a structure that name it, in order of preference, and structures that only contain the array (Simulink's `signals`).
+NAMES = ("name", "channel", "label", "id", "title")
+WRAPPERS = ("signals",)
+#: A real column of transfer functions with values between 0 and this is a coherence.
+COHERENT = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class _Content:
+    # Content of a file, by name.
+    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    numbers: dict[str, float] = field(default_factory=dict)
+    words: dict[str, str] = field(default_factory=dict)
+
+
+def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str] = (), dot: str = ".") -> ForeignTable:
+    """A table of a file's items.
+
+    Parameters
+    ----------
+    path
+        The file.
+    items
+        Name and array, number or text; names are preceded by their structures, joined by `dot`.
+    remarks
+        Findings.
+    dot
+        Separator between the parts of a name.
+    """
+    content = _sorted(items)
+    columns: dict[str, Column] = {}
+    spectra: list[Spectrum] = []
+    said = list(remarks)
+    for name, values in content.arrays.items():
+        vectors = vectors_of(name, values)
+        if not vectors:
+            said.append(f"{name!r} has the shape {values.shape}, more than {COLUMNS_MOST} records, and is left out")
+            continue
+        axis = _frequencies(name, len(next(iter(vectors.values()))), content, dot)
+        if values.dtype.kind == "c" and axis is None:
+            said.append(f"{name!r} is complex but has no frequency axis of its length; it is left out")
+        elif axis is not None:
+            if _leaf(name, dot) not in FREQUENCIES:
+                spectra += _spectra(vectors, axis, content, dot, len(spectra))
+        else:
+            rate, unit = _rate(name, content, dot), _word(name, content, dot)
+            label = _label(name, content, dot) if len(vectors) == 1 else ""
+            columns |= {one: Column(values=vector, sample_rate=rate, unit=unit, label=label) for one, vector in vectors.items()}
+    return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
+
+
+def _sorted(items: Iterable[tuple[str, Any]]) -> _Content:
+    content = _Content()
+    for name, value in items:
+        if isinstance(value, str):
+            content.words[name] = value
+            continue
+        values = np.asarray(value)
+        if values.dtype.kind not in "biufc" or values.size == 0:
+            continue
+        if values.size > 1:
+            content.arrays[name] = values
+        elif values.dtype.kind != "c":
+            content.numbers[name] = float(values.ravel()[0])
+    return content
+
+
+def _leaf(name: str, dot: str) -> str:
+    return re.sub(r"[\W_]", "", name.rsplit(dot, 1)[-1].lower())
+
+
+def _around(name: str, dot: str) -> list[str]:
+    # The structures around a name, innermost first, each with its separator.
+    parts = name.split(dot)[:-1]
+    return [dot.join(parts[:k]) + dot for k in range(len(parts), 0, -1)] + [""]
+
+
+def _near(name: str, found: Mapping[str, float], dot: str) -> Iterable[tuple[str, float]]:
+    # The items in the same structure as a name or in one around it, and in their abscissae: leaf and value, nearest first.
+    places = [f"{before}{part}" for before in _around(name, dot) for part in ("", *(f"{each}{dot}" for each in ABSCISSAE))]
+    for place in (f"{name}{OWN}{dot}", *places):
+        for other, value in found.items():
+            if other.startswith(place) and dot not in other[len(place) :]:
+                yield other, value
+
+
+def _rate(name: str, content: _Content, dot: str) -> float | None:
+    for other, number in _near(name, content.numbers, dot):
+        leaf = _leaf(other, dot)
+        if leaf in RATES and number > 0.0:
+            return number
+        if leaf in STEPS and number > 0.0:
+            return 1.0 / number
+    # The logger of the Cambridge laboratory (peer package pydvma): indata with buflen samples at freq.
+    if {"buflen", "freq"} <= content.numbers.keys():
+        return content.numbers["freq"]
+    return None
+
+
+def _label(name: str, content: _Content, dot: str) -> str:
+    # The name that a structure gives its array: a text next to it, or the structure's own name if it is not an element of a list.
+    before = _around(name, dot)[0]
+    if not before or _leaf(name, dot) not in PLAIN:
+        return ""
+    words = {key[len(before) :].lower(): text for key, text in content.words.items() if key.startswith(before)}
+    said = next((words[key] for key in NAMES if words.get(key)), "")
+    parts = [part for part in before.removesuffix(dot).split(dot) if part.lower() not in WRAPPERS]
+    return said or (parts[-1] if parts and not parts[-1].endswith("]") else "")
+
+
+def _word(name: str, content: _Content, dot: str) -> str:
+    # The unit of an array: name_unit, units.name in a structure around it, or its own structure's unit if its name is generic.
+    before, leaf = _around(name, dot), name.rsplit(dot, 1)[-1]
+    places = [f"{name}_{word}" for word in UNIT_WORDS] + [f"{each}units{dot}{leaf}" for each in before]
+    if _leaf(name, dot) in PLAIN:
+        places += [f"{before[0]}{part}{word}" for part in ("", f"quantity{dot}") for word in (*UNIT_WORDS, "label")]
+    return next((content.words[place] for place in places if place in content.words), "")
+
+
+def _frequencies(name: str, size: int, content: _Content, dot: str) -> FloatArray | None:
+    # The frequency axis of an array, Hz; None if it is not a function of frequency.
+    for before in _around(name, dot):
+        near = {
+            key[len(before) :]: np.squeeze(values) for key, values in content.arrays.items()
+            if key.startswith(before) and dot not in key[len(before) :] and np.squeeze(values).shape == (size,)
+        }  # fmt: skip
+        axis = next((v for k, v in near.items() if _leaf(k, dot) in FREQUENCIES and v.dtype.kind in "iuf" and _ascends(v)), None)
+        if axis is not None:
+            timed = any(is_time(key, Column(values=values)) for key, values in near.items())
+            return None if timed else np.asarray(axis, dtype=np.float64)
+        step = content.numbers.get(f"{before}x_values{dot}increment")
+        if step and content.words.get(f"{before}x_values{dot}quantity{dot}label", "").lower() == "hz":
+            return np.asarray(content.numbers.get(f"{before}x_values{dot}start_value", 0.0) + step * np.arange(size))
+    if {"npts", "freq"} <= content.numbers.keys() and size == int(content.numbers["npts"]) // 2 + 1:
+        return np.asarray(np.fft.rfftfreq(int(content.numbers["npts"]), 1.0 / content.numbers["freq"]))
+    return None
+
+
+def _ascends(values: NDArray[Any]) -> bool:
+    return bool(np.isfinite(values).all() and values[0] >= 0.0 and (np.diff(values) > 0.0).all())
+
+
+def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Content, dot: str, before: int) -> list[Spectrum]:
+    found: list[Spectrum] = []
+    for name, values in vectors.items():
+        plain = re.sub(r"\[[\d,]*\]$", "", name)
+        response = _text_near(plain, content, dot, ("response", "output")) or name
+        reference = _text_near(plain, content, dot, ("reference", "input"))
+        is_complex = values.dtype.kind == "c"
+        coherent = is_complex and not values.imag.any() and bool((values.real >= 0.0).all() and (values.real <= COHERENT).all())
+        leaf = _leaf(plain, dot)
+        kind = "coherence" if coherent or leaf.startswith("coh") else "transfer_function" if is_complex else _real_kind(leaf)
+        if kind == "coherence" and found and found[-1].kind == "transfer_function":
+            # A coherence follows the function to which it belongs.
+            response, reference = found[-1].response, found[-1].reference
+        found.append(
+            Spectrum(
+                name=f"{before + len(found):03d}", kind=kind, response=response, reference=reference, frequency=axis,
+                values=values.real.astype(np.float64) if kind == "coherence" or not is_complex else values.astype(np.complex128),
+                unit=_word(plain, content, dot) or "1",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _real_kind(leaf: str) -> str:
+    return "power_spectral_density" if "psd" in leaf or "pxx" in leaf else "spectrum"
+
+
+def _text_near(name: str, content: _Content, dot: str, wanted: Sequence[str]) -> str:
+    before = _around(name, dot)[0]
+    return next((content.words[before + word] for word in wanted if before and before + word in content.words), "")

@@ -1,0 +1,237 @@
+"""Universal file format: type 58 and its binary form 58b (SDRC universal file, dataset 58, function at nodal DOF; 164, units)."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray, Spectrum
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.clock import even_rate, seconds_per
+from isorig.rig.exchange.table import Column, ForeignTable
+from isorig.rig.exchange.units import known_unit
+from isorig.rig.files.output import reason
+
+#: Function types of dataset 58 over frequency, and their names in the recording format.
+KINDS = {
+    2: "auto_spectrum", 3: "cross_spectrum", 4: "transfer_function", 5: "transfer_function", 6: "coherence",
+    9: "power_spectral_density", 12: "spectrum",
+}  # fmt: skip
+GENERAL, TIME_RESPONSE = 0, 1
+#: Specific data types of dataset 58: SI unit, and the exponents of length and force for conversion from its unit system.
+TYPES = {8: ("m", 1, 0), 9: ("N", 0, 1), 11: ("m/s", 1, 0), 12: ("m/s^2", 1, 0), 13: ("N", 0, 1)}
+#: Data types of the abscissa: time and frequency.
+TIME, FREQUENCY = 17, 18
+AXES = {
+    0: "",
+    1: "+x",
+    -1: "-x",
+    2: "+y",
+    -2: "-y",
+    3: "+z",
+    -3: "-z",
+    4: "+rx",
+    -4: "-rx",
+    5: "+ry",
+    -5: "-ry",
+    6: "+rz",
+    -6: "-rz",
+}
+#: Lines of text at the start of a dataset.
+ID_LINES = ("id1", "id2", "id3", "id4", "id5")
+#: Text before a channel's full name in the fourth and fifth line of a dataset written by this program.
+RESPONSE, REFERENCE = "response ", "reference "
+#: Hz per unit of frequency, in lower case.
+FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 0.5 / np.pi, "rpm": 1.0 / 60.0}
+
+
+@dataclass(frozen=True)
+class _System:
+    # A unit system as given by dataset 164: file units per m and per N.
+    name: str = ""
+    length: float = 1.0
+    force: float = 1.0
+
+
+def read_uff(path: Path) -> ForeignTable:
+    """Time records as columns, functions of frequency as spectra; others are left out with a remark.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged, or nothing in it can be used: why.
+    """
+    columns: dict[str, Column] = {}
+    spectra: list[Spectrum] = []
+    remarks: list[str] = []
+    system = _System()
+    sets = _sets(path)
+    names = {end: _names(sets, end) for end in ("rsp", "ref")}
+    labels = _labels(sets)
+    for place, item in enumerate(sets, 1):
+        if item.get("type") == 164:
+            system = _system(item)
+            continue
+        if item.get("type") != 58:
+            continue
+        response, reference = (names[end][place - 1] for end in ("rsp", "ref"))
+        here = f"function {place} ({response})"
+        x, values = np.asarray(item["x"], dtype=np.float64), np.asarray(item["data"])
+        count = int(item["num_pts"])
+        if len(values) < count:
+            raise RecordingError(
+                f"{path}, {here} has {len(values)} of {count} values: the file was truncated; copy it again from its source"
+            )
+        x, values = x[:count], values[:count]
+        said = _function(item, (response, reference), labels[place - 1], x, values, system, columns, spectra)
+        if said:
+            remarks.append(f"{here} {said}; it is left out")
+    if not columns and not spectra and remarks:
+        raise RecordingError(f"{path} contains nothing usable: {remarks[0]}")
+    return ForeignTable(path=path, columns=columns, spectra=tuple(spectra), remarks=tuple(remarks))
+
+
+def _sets(path: Path) -> list[dict[str, Any]]:
+    import pyuff
+
+    try:
+        # The package prints its progress.
+        with contextlib.redirect_stdout(io.StringIO()):
+            file = pyuff.UFF(str(path))
+            places = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (58, 164)]
+            return [file.read_sets(k) for k in places]
+    except Exception as error:
+        # The package raises bare exceptions for anything unexpected.
+        raise RecordingError(
+            f"{path} cannot be read as a universal file ({reason(error)}); export it again as dataset 58"
+        ) from None
+
+
+def _system(item: Mapping[str, Any]) -> _System:
+    length, force = float(item.get("length") or 1.0), float(item.get("force") or 1.0)
+    if not (0.0 < length < np.inf and 0.0 < force < np.inf):
+        return _System()
+    return _System(str(item.get("units_description", "")).strip(), length, force)
+
+
+def _function(
+    item: Mapping[str, Any], names: tuple[str, str], label: str, x: FloatArray, values: Any, system: _System,
+    columns: dict[str, Column], spectra: list[Spectrum],
+) -> str:  # fmt: skip
+    # Add a function to the columns or the spectra; otherwise return why it is neither.
+    kind, axis_unit, over = int(item.get("func_type", 0)), _label(item, "abscissa_axis_units_lab"), _over(item)
+    if over == FREQUENCY and kind in (GENERAL, *KINDS):
+        return _spectrum(item, names, x * FREQUENCY_UNITS.get(axis_unit.lower(), 1.0), values, system, spectra)
+    if over != TIME or kind not in (GENERAL, TIME_RESPONSE) or np.iscomplexobj(values) or len(x) < 2:
+        text = f"function type {kind} with {len(x)} {'complex' if np.iscomplexobj(values) else 'real'} values"
+        along = {TIME: "time", FREQUENCY: "frequency"}.get(over, f"an abscissa of type {over} in {axis_unit or 'no unit'}")
+        return f"is of {text} over {along}, neither a time record nor a function of frequency"
+    rate = _rate(item, x, seconds_per(axis_unit or "s") or 1.0)
+    if isinstance(rate, str):
+        return rate
+    unit, sensitivity = _unit(item, "ordinate", system)
+    name = _unused(names[0], columns)
+    columns[name] = Column(values=values, sample_rate=rate, unit=unit, sensitivity=sensitivity, label=label)
+    return ""
+
+
+def _over(item: Mapping[str, Any]) -> int:
+    # Type of the abscissa: its data type if given, otherwise by its unit, otherwise as required by the function type.
+    kind, axis = int(item.get("func_type", 0)), int(item.get("abscissa_spec_data_type", 0))
+    unit = _label(item, "abscissa_axis_units_lab")
+    if axis not in (0, 1):
+        return axis
+    if unit:
+        return TIME if seconds_per(unit) is not None else FREQUENCY if unit.lower() in FREQUENCY_UNITS else axis
+    return TIME if kind == TIME_RESPONSE else FREQUENCY if kind in KINDS else axis
+
+
+def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float | str:
+    if int(item.get("abscissa_spacing", 1)) == 0:
+        try:
+            return even_rate(x, "its abscissa", factor)
+        except RecordingError as error:
+            return f"has an uneven abscissa ({error})"
+    step = (float(item.get("abscissa_inc") or 0.0) or float(x[-1] - x[0]) / (len(x) - 1)) * factor
+    if not 0.0 < step < np.inf:
+        return f"has the sample interval {step:g} s"
+    # The increment has six digits: an integer rate within its rounding is used.
+    whole = round(1.0 / step)
+    return float(whole) if abs(1.0 / step - whole) <= 5e-6 * whole else 1.0 / step
+
+
+def _names(sets: Sequence[Mapping[str, Any]], end: str) -> list[str]:
+    # A name with several nodes or directions gets them appended.
+    plain = [_place(item, end) for item in sets]
+    dofs = [(item.get(f"{end}_node", 0), item.get(f"{end}_dir", 0)) for item in sets]
+    several = {name for name in plain if len({dof for other, dof in zip(plain, dofs, strict=True) if other == name}) > 1}
+    return [
+        f"{name} {dof[0]}{AXES.get(int(dof[1]), '')}" if name in several else name for name, dof in zip(plain, dofs, strict=True)
+    ]
+
+
+def _labels(sets: Sequence[Mapping[str, Any]]) -> list[str]:
+    # The first ID line that differs between the channels names them; the same line for all is the title of the measurement.
+    functions = [item for item in sets if item.get("type") == 58]
+    for line in ID_LINES:
+        texts = [_label(item, line) for item in functions]
+        if len(set(texts)) > 1 and all(texts) and not any(text.startswith((RESPONSE, REFERENCE)) for text in texts):
+            return [_label(item, line) if item.get("type") == 58 else "" for item in sets]
+    return [""] * len(sets)
+
+
+def _place(item: Mapping[str, Any], end: str) -> str:
+    lines = (str(item.get(line, "")).strip() for line in ("id4", "id5"))
+    mark = RESPONSE if end == "rsp" else REFERENCE
+    whole = next((line[len(mark) :] for line in lines if line.startswith(mark)), "")
+    name = _label(item, f"{end}_ent_name")
+    return whole or name or f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}"
+
+
+def _label(item: Mapping[str, Any], key: str) -> str:
+    text = str(item.get(key, "")).strip()
+    return "" if text.upper() == "NONE" else text
+
+
+def _unit(item: Mapping[str, Any], part: str, system: _System) -> tuple[str, float]:
+    # Unit and sensitivity: the axis label gives the unit of the values, otherwise the unit system (164) and the data type do.
+    label, kind = _label(item, f"{part}_axis_units_lab"), int(item.get(f"{part}_spec_data_type", 0))
+    si, length, force = TYPES.get(kind, ("", 0, 0))
+    factor = system.length**length * system.force**force
+    known = known_unit(label)
+    if known is not None and (factor == 1.0 or known != si):
+        return known, 1.0
+    # If the label is the SI unit but the unit system is not SI, the values are in the unit system: labels are for display.
+    return (si or label), factor
+
+
+def _unused(name: str, taken: Mapping[str, Column]) -> str:
+    return name if name not in taken else next(f"{name}#{k}" for k in range(2, len(taken) + 3) if f"{name}#{k}" not in taken)
+
+
+def _spectrum(
+    item: Mapping[str, Any], names: tuple[str, str], frequency: FloatArray, values: Any, system: _System,
+    spectra: list[Spectrum],
+) -> str:  # fmt: skip
+    if len(frequency) < 2 or not (np.isfinite(frequency).all() and (np.diff(frequency) > 0.0).all()):
+        return "has frequencies that are not ascending"
+    kind = KINDS.get(int(item.get("func_type", 0)), "transfer_function" if np.iscomplexobj(values) else "spectrum")
+    above, below = _unit(item, "ordinate", system), _unit(item, "orddenom", system)
+    scale = below[1] / above[1] if kind == "transfer_function" else 1.0
+    numbers = values.astype(np.complex128) if np.iscomplexobj(values) else values.astype(np.float64)
+    unit = (
+        "1" if above[0] == below[0] or not above[0] else f"{above[0]}/({below[0]})" if below[0] and below[0] != "1" else above[0]
+    )
+    spectra.append(
+        Spectrum(
+            name=f"{len(spectra):03d}", kind=kind, response=names[0], reference=names[1], frequency=frequency,
+            values=numbers * scale, unit=unit,
+        )
+    )  # fmt: skip
+    return ""

@@ -1,0 +1,506 @@
+"""The recording format, version 1: reader, writer, validator. All values SI.
+
+Required attributes are checked when a file is opened, samples when they are read. Unknown attributes, datasets and groups are
+ignored.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, get_args
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, Quantity, Run, Samples, Spectrum
+from isorig.rig.errors import OutputError, RecordingError
+from isorig.rig.files.hdf import opened
+from isorig.rig.files.output import reason, replaced, reserve
+
+FORMAT, VERSION = "rig-recording", 1
+UNITS = frozenset(SI_UNIT.values())
+#: Datasets of a run that are not channels; "gain" is one, although no sensor recorded it.
+NOT_CHANNELS = frozenset({"gaps", "timing"})
+GAIN = "gain"
+#: Rows of a chunk, and of the blocks for reading and writing.
+ROWS = 1 << 16
+#: Written files can be read by HDF5 1.10 (2016) and newer.
+LIBVER = ("v110", "v110")
+#: The wire bonder's channels.
+SENSORS = ("head", "motor", "table", "heatblock")
+#: Maximum length of a gap in ticks: a day at 100 kHz is 2**33.
+LOST_MOST = 1 << 40
+#: Largest magnitude of a value in its SI unit: sums of squares of such values are finite.
+VALUE_MOST = 1e100
+#: Maximum sizes of a recording's parts.
+RUNS_MOST, CHANNELS_MOST, SPECTRA_MOST = 2000, 256, 1000
+#: Optional attributes of a channel that describe its sensor.
+SENSOR = ("sensor", "place", "direction", "serial_number", "calibrated")
+
+
+class Stored:
+    """Raw samples on disk: read by slice, with a check of each slice; their values are raw * `scale` + `offset`."""
+
+    def __init__(self, dataset: h5py.Dataset, where: str, *, scale: float = 1.0, offset: float = 0.0) -> None:
+        self._dataset, self._where = dataset, where
+        self._scale, self._offset = abs(scale), abs(offset)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n,)."""
+        return tuple(self._dataset.shape)
+
+    def __getitem__(self, key: slice, /) -> NDArray[Any]:
+        """The samples of a slice.
+
+        Raises
+        ------
+        RecordingError
+            They cannot be read, are not finite, or their values are too large to compute with.
+        """
+        try:
+            raw = np.asarray(self._dataset[key])
+        except (OSError, RuntimeError, MemoryError) as error:
+            raise RecordingError(f"{self._where} cannot be read ({reason(error)}); copy the file again from its source") from None
+        if raw.dtype.kind == "f" and not np.isfinite(raw).all():
+            at = int(np.flatnonzero(~np.isfinite(raw))[0])
+            raise RecordingError(
+                f"{self._where} holds {raw[at]} at sample {at + (key.start or 0)}; "
+                "recordings contain finite numbers only, so cut the run or measure it again"
+            )
+        if raw.dtype.kind in "iuf" and raw.size:
+            size = max(abs(float(raw.min())), abs(float(raw.max()))) * self._scale + self._offset
+            if not size <= VALUE_MOST:
+                raise RecordingError(
+                    f"{self._where} holds values of up to {size:.3g} with scale {self._scale:g}; at most {VALUE_MOST:g} is "
+                    "read, so correct its scale and offset"
+                )
+        return raw
+
+
+@contextmanager
+def open_recording(path: str | Path) -> Iterator[Campaign]:
+    """The campaign in a file; its channels are read from disk on demand.
+
+    Raises
+    ------
+    In one sentence, with the run, the channel, the value found and what to do.
+        In one sentence, naming the run, the channel, the value found and what to do.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> with iso.open_recording("campaign.h5") as campaign:
+    ...     first = campaign.runs[0].channel("table").read(0, 100)
+    >>> first.shape
+    (100,)
+    """
+    path = Path(path)
+    with opened(path) as file:
+        try:
+            campaign = _campaign(file, path)
+        except RecordingError:
+            raise
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"{path} is damaged ({reason(error)}); copy it again from its source") from None
+        yield campaign
+
+
+def read(path: str | Path) -> Campaign:
+    """The campaign in a file, loaded into memory and checked sample by sample.
+
+    Raises
+    ------
+    RecordingError
+        As for `open_recording`.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> [(run.id, run.configuration, run.gain) for run in iso.read("campaign.h5").runs]
+    [('u70', 'unlocked', 70.0), ('u7', 'unlocked', 7.0), ('l70', 'locked', 70.0), ('l7', 'locked', 7.0)]
+    """
+    with open_recording(path) as campaign:
+        return replace(campaign, runs=tuple(_loaded(run) for run in campaign.runs))
+
+
+def _loaded(run: Run) -> Run:
+    channels = {name: replace(channel, samples=channel.samples[:]) for name, channel in run.channels.items()}
+    return replace(run, channels=channels)
+
+
+def _campaign(file: h5py.File, path: Path) -> Campaign:
+    where = str(path)
+    found = _text(file.attrs.get("format"), f"{where}: the attribute format")
+    if found != FORMAT:
+        raise RecordingError(f"{where} has format {found!r}, not {FORMAT!r}; give a recording, or import the file first")
+    version = file.attrs.get("format_version")
+    if not isinstance(version, int | np.integer) or int(version) != VERSION:
+        raise RecordingError(f"{where} has format_version {version!r}, but this program reads {VERSION}; convert the file")
+    if not isinstance(file.get("runs"), h5py.Group) or not len(file["runs"]):
+        raise RecordingError(f"{where} contains no runs; record or import at least one")
+    if len(file["runs"]) > RUNS_MOST:
+        raise RecordingError(f"{where} contains {len(file['runs'])} runs; at most {RUNS_MOST} are read, so split it")
+    runs = [_run(group, name, where) for name, group in file["runs"].items()]
+    if all(run.started is not None for run in runs):
+        runs.sort(key=lambda run: run.started or datetime.max)
+    known, description = _known(file, where)
+    return Campaign(runs=tuple(runs), known=known, description=description, source=where)
+
+
+def _known(file: h5py.File, where: str) -> tuple[Mapping[str, float], str | None]:
+    if not isinstance(file.get("rig"), h5py.Group):
+        return {}, None
+    known: dict[str, float] = {}
+    description = None
+    for key, value in file["rig"].attrs.items():
+        if key == "description":
+            description = _text(value, f"{where}: rig attribute 'description'", lines=True)
+        elif isinstance(value, int | float | np.number):
+            if not math.isfinite(float(value)) or (key.endswith("_mass") and float(value) <= 0.0):
+                raise RecordingError(f"{where}: rig attribute {key!r} is {value}; give a finite value, a mass above zero")
+            known[key] = float(value)
+    return known, description
+
+
+def _run(group: Any, name: str, where: str) -> Run:
+    here = f"{where}: run {name!r}"
+    if not isinstance(group, h5py.Group):
+        raise RecordingError(f"{here} is not a group; a run is a group with channels")
+    if len(group) > CHANNELS_MOST:
+        raise RecordingError(f"{here} contains {len(group)} channels; at most {CHANNELS_MOST} are read, so split it")
+    unprintable = next((key for key in (name, *group) if not key.isprintable()), None)
+    if unprintable is not None:
+        raise RecordingError(f"{where} contains {unprintable!r}, a name that cannot be displayed; rename it")
+    attrs = group.attrs
+    for key in ("configuration", "sample_rate", "gain"):
+        if key not in attrs:
+            raise RecordingError(f"{here} lacks the attribute {key!r}; every run needs it, so add it")
+    rate = _number(attrs["sample_rate"], f"{here}: sample_rate")
+    if rate <= 0.0:
+        raise RecordingError(f"{here} has sample_rate {rate:g} Hz; it must be positive and finite, so correct it")
+    channels = _channels(group, here)
+    lengths = {key: len(channel) for key, channel in channels.items()}
+    if len(set(lengths.values())) > 1:
+        text = ", ".join(f"{key} {n}" for key, n in lengths.items())
+        raise RecordingError(f"{here} has channels of unequal length ({text}); cut them to one length")
+    if min(lengths.values()) == 0:
+        raise RecordingError(f"{here} has no samples; measure it again or remove it")
+    use = _text(attrs.get("use", "fit"), f"{here}: use")
+    if use not in ("fit", "holdout"):
+        raise RecordingError(f'{here} has use {use!r}; it is "fit" or "holdout", so correct it')
+    return Run(
+        id=name, configuration=_text(attrs["configuration"], f"{here}: configuration"), sample_rate=rate,
+        gain=_number(attrs["gain"], f"{here}: gain"), channels=channels,
+        excitation=_text(attrs.get("excitation", "other"), f"{here}: excitation"), started=_started(attrs, here),
+        band=_band(attrs, here), period=_period(attrs, here), use="holdout" if use == "holdout" else "fit",
+        repeat_of=_text(attrs["repeat_of"], f"{here}: repeat_of") if "repeat_of" in attrs else None,
+        gaps=_gaps(group, here, min(lengths.values())), usable_to=_usable_to(attrs, here, rate), spectra=_spectra(group, here),
+    )  # fmt: skip
+
+
+def _channels(group: h5py.Group, here: str) -> dict[str, Channel]:
+    for key, item in group.items():
+        if item is None:
+            raise RecordingError(f"{here}: {key!r} links to data that are not in the file; copy it again with its data")
+        if key in SENSORS and not isinstance(item, h5py.Dataset):
+            raise RecordingError(f"{here}: {key!r} is a group; a channel is a dataset of numbers, so write it again")
+    channels = {
+        key: _channel(item, key, here)
+        for key, item in group.items()
+        if key not in NOT_CHANNELS and isinstance(item, h5py.Dataset)
+    }
+    if not channels.keys() - {GAIN}:
+        raise RecordingError(f"{here} has no channel; a run needs at least one")
+    return channels
+
+
+def _channel(dataset: h5py.Dataset, name: str, where: str) -> Channel:
+    here = f"{where}, channel {name!r}"
+    if dataset.ndim != 1:
+        raise RecordingError(f"{here} has {dataset.ndim} dimensions; a channel has one, so store it flat")
+    if dataset.dtype.kind not in "iuf":
+        raise RecordingError(f"{here} contains {dataset.dtype} values; a channel contains numbers, so convert it")
+    usual = ("gain", "1") if name == GAIN else ("acceleration", "m/s^2")
+    quantity = _text(dataset.attrs.get("quantity", usual[0]), f"{here}: quantity")
+    if quantity not in get_args(Quantity):
+        raise RecordingError(f"{here} has quantity {quantity!r}; allowed are {', '.join(get_args(Quantity))}, so correct it")
+    unit = _text(dataset.attrs.get("unit", usual[1]), f"{here}: unit")
+    if unit not in UNITS:
+        raise RecordingError(f"{here} has unit {unit!r}; allowed are {', '.join(sorted(UNITS))}, so convert it to SI")
+    scale = _number(dataset.attrs.get("scale", 1.0), f"{here}: scale")
+    if scale == 0.0:
+        raise RecordingError(f"{here} has scale 0, which makes every value the same; give the sensor's scale")
+    full = None if "range" not in dataset.attrs else _number(dataset.attrs["range"], f"{here}: range")
+    if full is not None and full <= 0.0:
+        raise RecordingError(f"{here} has range {full:g}; a full scale is positive, so correct it")
+    offset = _number(dataset.attrs.get("offset", 0.0), f"{here}: offset")
+    return Channel(
+        name=name, samples=Stored(dataset, here, scale=scale, offset=offset), quantity=quantity,  # type: ignore[arg-type]
+        unit=unit, scale=scale, offset=offset, full_scale=full,
+        about={key: _text(dataset.attrs[key], f"{here}: {key}") for key in SENSOR if key in dataset.attrs},
+    )  # fmt: skip
+
+
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool | str | bytes) or np.ndim(value) != 0 or not isinstance(value, int | float | np.number):
+        raise RecordingError(f"{what} is {value!r}, not a number; correct it")
+    number = float(value)
+    if not math.isfinite(number):
+        raise RecordingError(f"{what} is {number}; it must be finite, so correct it")
+    return number
+
+
+def _text(value: Any, what: str, *, lines: bool = False) -> str:
+    if isinstance(value, bytes):
+        try:
+            value = value.decode()
+        except UnicodeDecodeError:
+            raise RecordingError(f"{what} is not UTF-8 text; write it again") from None
+    if not isinstance(value, str):
+        raise RecordingError(f"{what} is {'missing' if value is None else repr(value)}, not text; write it again")
+    if not (lines or value.isprintable()):
+        # It would reach the terminal as it is.
+        raise RecordingError(f"{what} is {reason(ValueError(repr(value)))}, which cannot be displayed; write it again")
+    return value
+
+
+def _started(attrs: Any, where: str) -> datetime | None:
+    if "started" not in attrs:
+        return None
+    text = _text(attrs["started"], f"{where}: started")
+    try:
+        started = datetime.fromisoformat(text)
+    except ValueError:
+        raise RecordingError(f"{where} has started {text!r}; it is ISO 8601 with an offset, so correct it") from None
+    if started.tzinfo is None:
+        raise RecordingError(f"{where} has started {text!r} without an offset from UTC; add one, e.g. +00:00")
+    return started
+
+
+def _band(attrs: Any, where: str) -> tuple[float, float] | None:
+    if "band" not in attrs:
+        return None
+    values = np.asarray(attrs["band"])
+    if values.shape != (2,) or values.dtype.kind not in "iuf" or not (0.0 <= values[0] < values[1] < math.inf):
+        raise RecordingError(f"{where} has band {attrs['band']!r}; it is [low, high] in Hz with low < high, so correct it")
+    return float(values[0]), float(values[1])
+
+
+def _usable_to(attrs: Any, where: str, rate: float) -> float | None:
+    if "usable_to" not in attrs:
+        return None
+    highest = _number(attrs["usable_to"], f"{where}: usable_to")
+    if not 0.0 < highest <= rate / 2.0:
+        raise RecordingError(
+            f"{where} has usable_to {highest:g} Hz; it is above zero and at most half the sample rate, so correct it"
+        )
+    return highest
+
+
+def _period(attrs: Any, where: str) -> int | None:
+    if "period" not in attrs:
+        return None
+    period = _number(attrs["period"], f"{where}: period")
+    if period < 2 or period != round(period):
+        raise RecordingError(f"{where} has period {period:g}; it is a whole number of samples above 1, so correct it")
+    return int(period)
+
+
+def _gaps(group: h5py.Group, where: str, stored: int) -> tuple[Gap, ...]:
+    if "gaps" not in group:
+        return ()
+    table = group["gaps"]
+    if not isinstance(table, h5py.Dataset) or table.dtype.names is None or {"first_tick", "count"} - set(table.dtype.names):
+        raise RecordingError(f"{where} has gaps without the columns first_tick and count; write the table again")
+    if table.ndim != 1 or len(table) > stored + 1:
+        raise RecordingError(f"{where} has {table.size} gaps but {stored} samples; a gap is between two samples, so correct it")
+    rows = table[:]
+    gaps = tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in rows)
+    for gap in gaps:
+        if gap.first_tick < 0 or gap.count < 1:
+            raise RecordingError(
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap starts at tick 0 or later "
+                "and has at least one, so correct it"
+            )
+    lost = end = 0
+    for gap in sorted(gaps, key=lambda gap: gap.first_tick):
+        if not end <= gap.first_tick <= stored + lost or gap.count > LOST_MOST:
+            raise RecordingError(
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}, beyond the end at {stored + lost} ticks or "
+                "inside another gap; correct the table"
+            )
+        lost, end = lost + gap.count, gap.first_tick + gap.count
+    return gaps
+
+
+def _spectra(group: h5py.Group, where: str) -> tuple[Spectrum, ...]:
+    if not isinstance(group.get("spectra"), h5py.Group):
+        return ()
+    if len(group["spectra"]) > SPECTRA_MOST:
+        raise RecordingError(f"{where} contains {len(group['spectra'])} spectra; at most {SPECTRA_MOST} are read, so split it")
+    return tuple(_spectrum(item, name, f"{where}, spectrum {name!r}") for name, item in group["spectra"].items())
+
+
+def _spectrum(group: Any, name: str, here: str) -> Spectrum:
+    if not isinstance(group, h5py.Group) or not all(isinstance(group.get(k), h5py.Dataset) for k in ("frequency", "values")):
+        raise RecordingError(f"{here} lacks the datasets frequency and values; a spectrum needs both, so write it again")
+    frequency, values = np.asarray(group["frequency"][()]), np.asarray(group["values"][()])
+    if frequency.dtype.kind not in "iuf" or values.dtype.kind not in "iufc":
+        raise RecordingError(
+            f"{here} contains {frequency.dtype} and {values.dtype} values; a spectrum contains numbers, so convert them"
+        )
+    if frequency.ndim != 1 or frequency.shape != values.shape:
+        raise RecordingError(f"{here} has {values.shape} values at {frequency.shape} frequencies; make them equally long")
+    if not (np.isfinite(frequency).all() and np.isfinite(values).all()):
+        raise RecordingError(f"{here} contains values that are not finite; measure it again or remove it")
+    if (np.diff(frequency) <= 0.0).any():
+        raise RecordingError(f"{here} has frequencies that are not ascending; sort them")
+    attrs = group.attrs
+    return Spectrum(
+        name=name, kind=_text(attrs.get("kind", "transfer_function"), f"{here}: kind"),
+        response=_text(attrs.get("response"), f"{here}: response"),
+        reference=_text(attrs.get("reference", ""), f"{here}: reference"),
+        frequency=frequency.astype(np.float64),
+        values=values.astype(np.complex128) if values.dtype.kind == "c" else values.astype(np.float64),
+        unit=_text(attrs.get("unit", "1"), f"{here}: unit"),
+        averages=int(_number(attrs.get("averages", 1), f"{here}: averages")),
+        window=_text(attrs.get("window", ""), f"{here}: window"),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extra:
+    """Data of a run in addition to the format.
+
+    Parameters
+    ----------
+    attributes, channels
+        Attributes of the run, and of its channels by name.
+    tables
+        Datasets by name.
+    """
+
+    attributes: Mapping[str, float | str] = field(default_factory=dict)
+    channels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    tables: Mapping[str, Samples] = field(default_factory=dict)
+
+
+def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | None = None) -> None:
+    """Write a campaign as a recording atomically, with additional data of its runs (by id).
+
+    Samples are copied to the file block by block. Everything in the file has a checksum.
+
+    Raises
+    ------
+    RecordingError
+        The campaign contains something that a reader would reject.
+    OutputError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> campaign = iso.read("campaign.h5")
+    >>> iso.write("unlocked.h5", iso.Campaign(runs=campaign.select(configuration="unlocked"), known=campaign.known))
+    >>> len(iso.read("unlocked.h5").runs)
+    2
+    """
+    for run in campaign.runs:
+        for what, name in (("run", run.id), *(("channel", name) for name in run.channels)):
+            if not name or "/" in name or name in (".", ".."):
+                raise RecordingError(f"a {what} has the name {name!r}; give it a name without a slash")
+    with replaced(path) as temporary:
+        try:
+            # Format bounds: files of HDF5 1.10 (2016) have checksums on all metadata.
+            with h5py.File(temporary, "w", libver=LIBVER):
+                pass
+            reserve(temporary, _room(campaign, extras or {}))
+            with h5py.File(temporary, "r+", libver=LIBVER) as file:
+                _write(file, campaign, extras or {})
+        except OSError as error:
+            raise OutputError(f"{path} could not be written ({reason(error)}); choose another place with -o") from None
+        with h5py.File(temporary, "r") as file:
+            for run in _campaign(file, Path(path)).runs:
+                for channel in run.channels.values():
+                    for start in range(0, len(channel), ROWS):
+                        channel.samples[start : start + ROWS]
+
+
+def _room(campaign: Campaign, extras: Mapping[str, Extra]) -> int:
+    # Whole chunks of samples, and metadata; unused space is released when the file is closed.
+    stored: list[Samples] = [table for extra in extras.values() for table in extra.tables.values()]
+    stored += [channel.samples for run in campaign.runs for channel in run.channels.values()]
+    stored += [values for run in campaign.runs for s in run.spectra for values in (s.frequency, s.values)]
+    size = sum(_rounded(samples.shape[0]) * np.asarray(samples[:1]).dtype.itemsize for samples in stored)
+    size += sum(len(run.gaps) for run in campaign.runs) * 16
+    return size + size // 64 + 4096 * len(stored) + (1 << 16)
+
+
+def _rounded(rows: int) -> int:
+    return rows if rows <= ROWS else -(-rows // ROWS) * ROWS
+
+
+def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> None:
+    _set_attributes(file, {"format": FORMAT, "format_version": VERSION})
+    _set_attributes(file.create_group("rig"), dict(campaign.known) | {"description": campaign.description})
+    for run in campaign.runs:
+        extra = extras.get(run.id, Extra())
+        group = file.create_group(f"runs/{run.id}")
+        _set_attributes(
+            group,
+            {
+                "configuration": run.configuration, "sample_rate": run.sample_rate, "gain": run.gain,
+                "excitation": run.excitation, "use": run.use, "band": run.band, "period": run.period,
+                "started": None if run.started is None else run.started.isoformat(), "repeat_of": run.repeat_of,
+                "usable_to": run.usable_to, **extra.attributes,
+            },
+        )  # fmt: skip
+        for channel in run.channels.values():
+            about = {"quantity": channel.quantity, "unit": channel.unit, "scale": channel.scale, "offset": channel.offset}
+            about |= channel.about
+            about |= {"range": channel.full_scale, **extra.channels.get(channel.name, {})}
+            # A constant gain is the same number repeated.
+            _set_attributes(store(group, channel.name, channel.samples, compressed=channel.quantity == "gain"), about)
+        if run.gaps:
+            store(group, "gaps", np.array([(g.first_tick, g.count) for g in run.gaps], [("first_tick", "i8"), ("count", "i8")]))
+        for name, table in extra.tables.items():
+            store(group, name, table)
+        for spectrum in run.spectra:
+            inside = group.create_group(f"spectra/{spectrum.name}")
+            store(inside, "frequency", spectrum.frequency)
+            store(inside, "values", spectrum.values)
+            _set_attributes(
+                inside,
+                {
+                    "kind": spectrum.kind, "response": spectrum.response, "reference": spectrum.reference,
+                    "unit": spectrum.unit, "averages": spectrum.averages, "window": spectrum.window,
+                },
+            )  # fmt: skip
+
+
+def _set_attributes(item: Any, attributes: Mapping[str, Any]) -> None:
+    # Text of fixed length: HDF5 stores text of variable length outside of the checksums.
+    for key, value in attributes.items():
+        if isinstance(value, str):
+            encoded = value.encode()
+            item.attrs.create(key, encoded, dtype=h5py.string_dtype("utf-8", max(len(encoded), 1)))
+        elif value is not None:
+            item.attrs[key] = value
+
+
+def store(group: h5py.Group, name: str, samples: Samples, *, compressed: bool = False) -> h5py.Dataset:
+    """Write a dataset with checksums, block by block."""
+    n, first = samples.shape[0], np.asarray(samples[:1])
+    chunk = min(max(n, 1), ROWS)
+    how = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compressed else {}
+    dataset = group.create_dataset(name, (n,), first.dtype, chunks=(chunk,), fletcher32=True, **how)
+    for start in range(0, n, chunk):
+        dataset[start : start + chunk] = samples[start : start + chunk]
+    return dataset

@@ -1,0 +1,198 @@
+"""The open questions of a diagnosis, for planning the next run: rivals.json, with every remaining cause as a fitted model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.diagnose.step import Entry
+from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.excess import excess
+from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.trials import noise_levels
+from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
+from isorig.analysis.proposals.prediction import Variant
+from isorig.rig.errors import PlanError
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.models import free_of, free_tree
+from isorig.rig.files.output import write_json
+
+NAME = "rivals.json"
+#: Number of causes compared if none is named: the best ones, at most one of each kind and place.
+UNDECIDED = 3
+AGAIN = "diagnose the recording again with this version of the program"
+
+
+class TakenRun(msgspec.Struct, frozen=True, kw_only=True):
+    """An existing run, as far as its drive can be generated again: `drive_rms` and `drive_peak` are of the recorded channel."""
+
+    id: str
+    configuration: str
+    excitation: str
+    gain: float
+    seconds: float
+    start_time: float
+    drive_rms: float
+    drive_peak: float
+    band: tuple[float, float] | None = None
+    period: float | None = None
+    repeat_of: str | None = None
+
+
+class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A cause as a fitted model; cause and location are empty for the model without one."""
+
+    cause: str
+    location: str
+    model: dict[str, Any]
+    free: list[dict[str, Any]]
+    covariance: list[list[float]]
+
+    def variant(self) -> Variant:
+        """The same as an object in memory."""
+        return Variant(
+            cause=self.cause, location=self.location, model=from_tree(self.model),
+            free=tuple(free_of(tree) for tree in self.free), covariance=np.array(self.covariance).reshape(len(self.free), -1),
+        )  # fmt: skip
+
+
+class OpenSet(msgspec.Struct, frozen=True, kw_only=True):
+    """Causes that are still possible.
+
+    `why` is "indistinguishable" if the diagnosis says so and "undecided" if none was named. `twins` have the same equations as
+    one of the models, so that no run of this rig distinguishes them: pairs of cause and location. `unfitted` were not fitted in
+    full, so that no run can be proposed for them.
+    """
+
+    why: Literal["indistinguishable", "undecided"]
+    models: list[FittedModel]
+    twins: list[tuple[str, str]] = []
+    unfitted: list[tuple[str, str]] = []
+
+
+class Rivals(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that a proposal needs from a diagnosis."""
+
+    campaign: str
+    verdict: str
+    baseline: str
+    sample_rate: float
+    noise: dict[str, float]
+    known: dict[str, float | str]
+    runs: list[TakenRun]
+    explains: FittedModel
+    open: list[OpenSet]
+    named: list[tuple[str, str]]
+    ruled_out: list[tuple[str, str]]
+    worst: str = ""
+    format: Literal["rig-rivals"] = "rig-rivals"
+    format_version: Literal[1] = 1
+
+
+def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str]) -> Path:
+    """Write rivals.json next to the findings."""
+    model = diagnosis.extended.model
+    drive = model.drive.channel
+    content = Rivals(
+        campaign=origin["recording"], verdict=diagnosis.verdict, baseline=origin["baseline"],
+        sample_rate=campaign.runs[0].sample_rate, noise=noise_levels(campaign, [each.channel for each in model.drives]),
+        known={**campaign.known, **({} if campaign.description is None else {"description": campaign.description})},
+        runs=[_taken(campaign, run, drive) for run in campaign.runs], explains=_model("", "", diagnosis.extended),
+        open=_open(diagnosis), named=[(step.cause, step.location) for step in diagnosis.steps],
+        ruled_out=[(item.cause, item.location) for item in diagnosis.considered if item.standing == "ruled out"],
+        worst=max(diagnosis.discrepancies, key=lambda d: d.size).run if diagnosis.discrepancies else "",
+    )  # fmt: skip
+    return write_json(folder / NAME, content)
+
+
+def read_rivals(folder: Path) -> Rivals:
+    """Read the rivals.json of a diagnosis.
+
+    Raises
+    ------
+    PlanError
+        The folder contains no diagnosis, or one of an older version.
+    """
+    path = folder / NAME
+    try:
+        found = msgspec.json.decode(content_of(path), type=Rivals)
+        for each in (found.explains, *(model for one in found.open for model in one.models)):
+            each.variant()
+    except FileNotFoundError:
+        if (folder / "findings.json").is_file():
+            raise PlanError(f"{folder} has findings.json but no {NAME}; {AGAIN}") from None
+        raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
+    except OSError as error:
+        raise PlanError(f"{path} cannot be read ({error.strerror}); give the folder that rig diagnose -o wrote") from None
+    except (msgspec.MsgspecError, ModelError, TypeError, ValueError, UnicodeDecodeError, RecursionError):
+        raise PlanError(f"{path} is damaged or of another version; {AGAIN}") from None
+    return found
+
+
+def _taken(campaign: Campaign, run: Run, drive: str) -> TakenRun:
+    values = run.read(drive)
+    return TakenRun(
+        id=run.id, configuration=run.configuration, excitation=run.excitation, gain=run.gain, seconds=run.duration,
+        start_time=campaign.seconds_since_start(run), drive_rms=float(values.std()), drive_peak=float(np.abs(values).max()),
+        band=run.band, period=None if run.period is None else run.period / run.sample_rate, repeat_of=run.repeat_of,
+    )  # fmt: skip
+
+
+def _open(diagnosis: Diagnosis) -> list[OpenSet]:
+    found = []
+    last = -1
+    for step in diagnosis.steps:
+        own = (step.cause, step.location)
+        last = max((k for k, (_, entries) in enumerate(diagnosis.searched) if own in _keys(entries)), default=last)
+        entries = diagnosis.searched[last][1]
+        keys = {own, *step.indistinguishable}
+        models = [_model(*entry.candidate.key, entry.fit) for entry in _best_of_each(entries) if entry.candidate.key in keys]
+        fitted = {(model.cause, model.location) for model in models}
+        equal = {entry.candidate.twin for entry in entries if entry.candidate.key in fitted}
+        twins, unfitted = sorted((keys - fitted) & equal), sorted(keys - fitted - equal)
+        if len(keys) > 1 and models:
+            found.append(OpenSet(why="indistinguishable", models=models, twins=twins, unfitted=unfitted))
+    if diagnosis.verdict in ("unexplained", "partly explained") and last < len(diagnosis.searched) - 1:
+        score, entries = diagnosis.searched[-1]
+        ranked = sorted(entries, key=lambda entry: excess(entry.score.error, 0.0 * score.error))
+        places: dict[tuple[str, str], Entry] = {}
+        for entry in ranked:
+            places.setdefault(entry.place, entry)
+        models = [_model(*entry.candidate.key, entry.fit) for entry in list(places.values())[:UNDECIDED]]
+        if len(models) > 1:
+            found.append(OpenSet(why="undecided", models=models))
+    return found
+
+
+def _keys(entries: Sequence[Entry]) -> set[tuple[str, str]]:
+    return {entry.candidate.key for entry in entries}
+
+
+def _best_of_each(entries: Sequence[Entry]) -> list[Entry]:
+    best: dict[tuple[str, str], Entry] = {}
+    for entry in sorted(entries, key=lambda entry: entry.score.figure):
+        best.setdefault(entry.candidate.key, entry)
+    return list(best.values())
+
+
+def _model(cause: str, location: str, fitted: Fit) -> FittedModel:
+    return fitted_model(cause, location, fitted.model, fitted.free, fitted.covariance)
+
+
+def fitted_model(cause: str, location: str, model: RigModel, free: Sequence[Free], covariance: FloatArray) -> FittedModel:
+    """A fitted model as stored in the file."""
+    return FittedModel(
+        cause=cause, location=location, model=to_tree(model), free=[free_tree(each) for each in free],
+        covariance=np.nan_to_num(covariance).tolist(),
+    )  # fmt: skip
+
+
+def model_of(found: Rivals) -> RigModel:
+    """The rig that explains the runs best."""
+    return from_tree(found.explains.model)

@@ -1,0 +1,150 @@
+"""The cause of a change: diagnoses the campaign after it with the fit from before it as the baseline."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.fitting.solve import base_parameters
+from isorig.analysis.model.parameter_units import unit_of
+from isorig.rig.diagnose_many import shared_out
+from isorig.rig.errors import REFUSALS
+from isorig.rig.files.models import read_model
+from isorig.rig.fleet.catalogue import Catalogue, key_of
+from isorig.rig.fleet.history import FALSE_PER_MONTH, Fleet, Incident, Rig, followed
+from isorig.rig.fleet.sentences import incident_words
+
+#: Number of explanations stored for a change.
+KEPT = 8
+
+
+class Question(msgspec.Struct, frozen=True, kw_only=True):
+    """A change whose cause is searched for.
+
+    Parameters
+    ----------
+    catalogue
+        Folder of the catalogue.
+    name
+        Name of the file with the explanations.
+    rig, version, baseline
+        The rig, and the diagnoses used.
+    before, after
+        Content of the recording before the change, and of the one that raised the alarm.
+    path
+        Path of the latter.
+    levels, scatter
+        Level of each parameter before the change, and its campaign-to-campaign scatter (relative for a positive parameter).
+    changed
+        The parameters that raised an alarm.
+    """
+
+    catalogue: str
+    name: str
+    rig: str
+    version: str
+    baseline: str
+    before: str
+    after: str
+    path: str
+    levels: dict[str, float]
+    scatter: dict[str, float]
+    changed: tuple[str, ...]
+
+
+def name_of(fleet: Fleet, incident: Incident) -> str:
+    """Name of the file with a change's explanations."""
+    rig = fleet.rigs[incident.rig]
+    parts = (rig.name, rig.version, fleet.baseline, rig.campaigns[incident.alarm].content, str(incident.last_before))
+    return hashlib.sha256("|".join(parts).encode()).hexdigest()[:24]
+
+
+def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[Question]:
+    """The changes whose cause was not searched for yet."""
+    known = catalogue.explained()
+    for incident in fleet.incidents:
+        name = name_of(fleet, incident)
+        # A cause that the diagnoses name from then on is the cause of the change.
+        if name not in known and not incident.named:
+            rig = fleet.rigs[incident.rig]
+            levels, scatter = _before(fleet, rig, incident)
+            yield Question(
+                catalogue=str(catalogue.folder.resolve()), name=name, rig=rig.name, version=rig.version, baseline=fleet.baseline,
+                before=rig.campaigns[incident.last_before].content, after=rig.campaigns[incident.alarm].content,
+                path=rig.campaigns[incident.alarm].path, levels=levels, scatter=scatter,
+                changed=tuple(track.name for track, _ in incident.changes),
+            )  # fmt: skip
+
+
+def _before(fleet: Fleet, rig: Rig, incident: Incident) -> tuple[dict[str, float], dict[str, float]]:
+    begun = max((i.first for i in rig.incidents if i.first < incident.first), default=0)
+    levels, scatter = {}, {}
+    for name, track in rig.tracks.items():
+        own = [k for k, campaign in enumerate(track.campaigns) if begun <= campaign <= incident.last_before]
+        if own:
+            weights = 1.0 / track.series.variance(fleet.scatter[name].variance)[own]
+            level = float(np.average(track.series.value[own], weights=weights))
+            levels[name] = track.plain(level)
+            relative = 1.0 if track.log else 1.0 / max(abs(level), 1e-300)
+            scatter[name] = relative * math.sqrt(fleet.scatter[name].variance + 1.0 / float(weights.sum()))
+    return levels, scatter
+
+
+def explain(question: Question) -> str:
+    """Search for the cause of a change and store its explanations; returns why not, if recording or earlier fit are unusable."""
+    try:
+        _explain(question)
+    except (*REFUSALS, OSError) as refusal:
+        return str(refusal)
+    return ""
+
+
+def _explain(question: Question) -> None:
+    from isorig.analysis.trends.difference import explanations
+    from isorig.rig.files.recording import read
+
+    catalogue = Catalogue(Path(question.catalogue))
+    folder = catalogue.diagnosis(key_of(question.before, question.version, question.baseline))
+    # The model that the rig was followed with: its baseline, or that with a cause named before.
+    earlier = read_model(folder / "model.json")[0]
+    known = [f for f in base_parameters(earlier) if f.path in question.levels]
+    earlier = earlier.replace({f.path: question.levels[f.path] for f in known})
+    scatter = {
+        f.path: question.scatter[f.path] * (1.0 if f.log else abs(question.levels[f.path])) for f in known
+    }  # fmt: skip
+    found = explanations(read(question.path), earlier, scatter, suspected=question.changed)
+    common = {name: getattr(question, name) for name in ("rig", "before", "after", "version", "baseline")}
+    rows: list[dict[str, object]] = [
+        {
+            **common, "rank": rank, "cause": e.cause, "location": e.location, "parameter": e.parameter, "old": e.old,
+            "new": e.new, "std": e.std, "unit": e.unit or unit_of(e.parameter), "share": e.share, "alike": e.alike,
+        }
+        for rank, e in enumerate(found[:KEPT])
+    ]  # fmt: skip
+    # A row without a cause records that the search was done.
+    blank = {"cause": "", "location": "", "parameter": "", "unit": "", "alike": False} | dict.fromkeys(
+        ("old", "new", "std", "share"), math.nan
+    )
+    catalogue.put_change(question.name, rows or [{**common, "rank": 0, **blank}])
+
+
+def search_causes(
+    catalogue: Catalogue, baseline: str, *, scheduler: str | None = None, false_per_month: float = FALSE_PER_MONTH
+) -> Iterator[str]:
+    """Track the fleet, search for the causes of new changes, and yield a line for each.
+
+    A cause that cannot be searched for (its recording is gone) is reported and tried again the next time.
+    """
+    answers = catalogue.answers()
+    if not (answers[answers.baseline == baseline].started.notna()).any():
+        return
+    fleet = followed(answers, baseline, false_per_month=false_per_month)
+    by_name = {name_of(fleet, incident): incident for incident in fleet.incidents}
+    for question, failure in shared_out(explain, questions(catalogue, fleet), scheduler):
+        sentence = incident_words(fleet, by_name[question.name], None if failure else catalogue.change(question.name))
+        yield sentence + (f"; its cause cannot be determined: {failure}" if failure else "")

@@ -1,0 +1,435 @@
+"""History of a fleet: each rig's parameters over time, its changes, and outlying rigs, computed from the catalogue."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.trends.change import Change
+from isorig.analysis.trends.cusum import FEWEST, thresholds
+from isorig.analysis.trends.follow import Followed, follow
+from isorig.analysis.trends.scatter import Scatter, scatter_of
+from isorig.analysis.trends.series import Series
+from isorig.analysis.trends.siblings import Siblings, siblings
+from isorig.rig.errors import RigError
+from isorig.rig.fleet.catalogue import SUPERSEDED, WITHOUT
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Allowed false alarms per month in the whole fleet, and the days of a month.
+FALSE_PER_MONTH, MONTH = 1.0, 365.25 / 12.0
+#: Days between campaigns, if the interval of a rig is unknown.
+WEEK = 7.0
+#: Probability that a rig of a fleet without outliers is called an outlier.
+ODD_RISK = 0.05
+#: A cause is new if this many of this many successive campaigns name it, and as many before named no similar cause.
+NAMED, OF, CLEAN = 2, 3, 3
+#: Size of a parameter's change, in standard deviations, above which it dates a change better than the name of a cause.
+PLAIN = 8.0
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """A campaign of a rig from its answer: date, named causes, and recording."""
+
+    name: str
+    started: float
+    verdict: str
+    causes: frozenset[str]
+    alike: frozenset[str]
+    content: str
+    path: str
+
+    @property
+    def date(self) -> datetime:
+        """Its start."""
+        return date_of(self.started)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """One parameter of one rig.
+
+    Parameters
+    ----------
+    name, unit
+        The parameter's path, or cause, place and name.
+    log
+        Whether the logarithm is tracked (if the parameter is positive throughout the fleet), so that differences are relative.
+    campaigns
+        Index of each value's campaign in the rig's list.
+    series
+        The tracked values.
+    followed
+        The result of tracking.
+    """
+
+    name: str
+    unit: str
+    log: bool
+    campaigns: tuple[int, ...]
+    series: Series
+    followed: Followed
+
+    def plain(self, value: float) -> float:
+        """A level as the parameter's value."""
+        return math.exp(value) if self.log else value
+
+    def moved(self, change: Change) -> str:
+        """A change in words: its size, with the standard uncertainty."""
+        if self.log:
+            share, std = math.expm1(change.after - change.before), math.exp(change.after - change.before) * change.std
+            return f"{with_std(100.0 * share, 100.0 * std)} %"
+        return f"{with_std(change.after - change.before, change.std)} {self.unit}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """A cause that the diagnoses of a rig name from some campaign on, and did not name before."""
+
+    cause: str
+    first: int
+    alarm: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Incident:
+    """A date on which a rig changed: all changes of that date.
+
+    Parameters
+    ----------
+    rig
+        Its name.
+    changes
+        The parameters that changed, the most significant first.
+    named
+        Causes named from then on.
+    last_before, first_after
+        Indices of the rig's campaigns between which it happened, with 95 % certainty.
+    first
+        Index of the most likely first campaign after it.
+    alarm
+        Index of the campaign that raised the first alarm.
+    """
+
+    rig: str
+    changes: tuple[tuple[Track, Change], ...]
+    named: tuple[Named, ...]
+    last_before: int
+    first_after: int
+    first: int
+    alarm: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig:
+    """One rig.
+
+    Parameters
+    ----------
+    name
+        The folder of its recordings.
+    campaigns
+        The tracked campaigns, in order of time.
+    version
+        The version of the program of all their diagnoses.
+    waiting
+        Number of campaigns not diagnosed by this version yet, or only by a newer one: they are not tracked.
+    tracks
+        Parameters by name.
+    incidents
+        The latest last.
+    """
+
+    name: str
+    campaigns: tuple[Campaign, ...]
+    version: str
+    waiting: int
+    tracks: Mapping[str, Track]
+    incidents: tuple[Incident, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """All rigs.
+
+    Parameters
+    ----------
+    baseline
+        Of the diagnoses.
+    rigs
+        By name.
+    scatter
+        Campaign-to-campaign variance of each parameter.
+    limits
+        Thresholds of each parameter's CUSUM charts.
+    false_per_month
+        Allowed false alarms per month in the whole fleet.
+    siblings
+        Each parameter compared with the other rigs: names of the rigs, and the comparison.
+    notes
+        Sentences about recordings that could not be used or tracked.
+    """
+
+    baseline: str
+    rigs: Mapping[str, Rig]
+    scatter: Mapping[str, Scatter]
+    limits: Mapping[str, tuple[float, ...]]
+    false_per_month: float
+    siblings: Mapping[str, tuple[tuple[str, ...], Siblings]]
+    notes: tuple[str, ...]
+
+    @property
+    def incidents(self) -> list[Incident]:
+        """Those of all rigs, the latest first."""
+        found = [incident for rig in self.rigs.values() for incident in rig.incidents]
+        return sorted(found, key=lambda i: self.rigs[i.rig].campaigns[i.alarm].started, reverse=True)
+
+
+def with_std(value: float, std: float) -> str:
+    """A value with a sign and its standard uncertainty of one digit, both to the same decimal.
+
+    Examples
+    --------
+    >>> with_std(27.314, 0.0123), with_std(-0.5, 12.0)
+    ('+27.31 ± 0.01', '-0 ± 10')
+    """
+    if not 0.0 < std < math.inf:
+        return f"{value:+.3g} ± {std:.1g}"
+    decimals = -math.floor(math.log10(float(f"{std:.1g}")))
+    return f"{round(value, decimals):+.{max(decimals, 0)}f} ± {round(std, decimals):.{max(decimals, 0)}f}"
+
+
+def date_of(days: float) -> datetime:
+    """The date from a number of days since 1970."""
+    return EPOCH + timedelta(days=days)
+
+
+def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = FALSE_PER_MONTH) -> Fleet:
+    """Track every parameter of every rig.
+
+    Parameters
+    ----------
+    answers
+        From the catalogue.
+    baseline
+        The diagnoses to use.
+    false_per_month
+        Allowed false alarms per month in the whole fleet.
+
+    Raises
+    ------
+    RigError
+        No campaign can be tracked, or the rate is not positive.
+    """
+    if not false_per_month > 0.0:
+        raise RigError(f"the rate of false alarms is {false_per_month:g} a month; give a positive one")
+    mine = answers[(answers.baseline == baseline) & (answers.verdict != SUPERSEDED)]
+    usable = mine[~mine.verdict.isin(WITHOUT)]
+    dated = usable[usable.started.notna()].sort_values(["rig", "started", "content"], kind="stable")
+    notes = [
+        f"{row.rig} {row.campaign}: {row.verdict}; {row.reason}"
+        for row in mine[mine.verdict.isin(WITHOUT)].drop_duplicates(["content"], keep="last").itertuples()
+        if not (usable.content == row.content).any()
+    ]
+    notes += [
+        f"{row.rig} {row.campaign} is not tracked: the recording does not give its start time"
+        for row in usable[usable.started.isna()].drop_duplicates("content").itertuples()
+    ]
+    if not len(dated):
+        why = f"; {notes[0]}" if notes else ""
+        raise RigError(f"no campaign was diagnosed with the {baseline} baseline yet{why}; run rig fleet update first")
+    chosen = {str(name): _one_version(rows) for name, rows in dated.groupby("rig", sort=True)}
+    positive = dated.groupby("parameter").value.min() > 0.0
+    campaigns = {name: _campaigns(rows) for name, (rows, _, _) in chosen.items()}
+    causes = {name: _named(own) for name, own in campaigns.items()}
+    raw = {name: _raw_tracks(rows, positive, _without(causes[name], campaigns[name])) for name, (rows, _, _) in chosen.items()}
+    by_name: dict[str, list[Series]] = {}
+    for tracks in raw.values():
+        for name, (_, _, series) in tracks.items():
+            by_name.setdefault(name, []).append(series)
+    scatter = {name: scatter_of(series) for name, series in by_name.items()}
+    rate = false_per_month / max(_tests_per_month(raw.values()), 2.0 * false_per_month)
+    limits = {name: thresholds(rate, _coarse(s.freedom)) for name, s in scatter.items() if _coarse(s.freedom) >= FEWEST}
+    rigs = {}
+    for name, (_, version, waiting) in chosen.items():
+        own = {
+            parameter: Track(
+                name=parameter, unit=unit, log=bool(positive[parameter]), campaigns=at, series=series,
+                followed=follow(series, scatter[parameter].variance, limits.get(parameter, (math.inf, math.inf))),
+            )
+            for parameter, (at, unit, series) in raw[name].items()
+        }  # fmt: skip
+        rigs[name] = Rig(
+            name=name, campaigns=campaigns[name], version=version, waiting=waiting, tracks=own,
+            incidents=_incidents(name, own, causes[name]),
+        )  # fmt: skip
+    return Fleet(
+        baseline=baseline, rigs=rigs, scatter=scatter, limits=limits, false_per_month=false_per_month,
+        siblings=_siblings(rigs), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _one_version(rows: pd.DataFrame) -> tuple[pd.DataFrame, str, int]:
+    # A new program version can itself change values, so a rig is tracked in one version only: the newest of those that have
+    # diagnosed most of its campaigns. Until the newest version has diagnosed as many, its campaigns wait.
+    counts = rows.groupby("version").content.nunique()
+    version = max(counts.index, key=lambda v: (counts[v], _ordered(v)))
+    return rows[rows.version == version], str(version), int(rows.content.nunique() - counts[version])
+
+
+def _ordered(version: str) -> tuple[tuple[int, str], ...]:
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in version.split("."))
+
+
+def _without(named: Sequence[Named], campaigns: Sequence[Campaign]) -> frozenset[int]:
+    # Campaigns of a rig with a cause whose model lacks it: their values are biased and not compared. A cause that `OF` successive
+    # campaigns do not name is gone.
+    found: set[int] = set()
+    for one in named:
+        absent: list[int] = []
+        for k in range(one.first, len(campaigns)):
+            if one.cause in campaigns[k].causes or one.cause in campaigns[k].alike:
+                found.update(absent)
+                absent = []
+            else:
+                absent.append(k)
+                if len(absent) >= OF:
+                    absent = []
+                    break
+        found.update(absent)
+    return frozenset(found)
+
+
+def _raw_tracks(
+    rows: pd.DataFrame, positive: pd.Series[bool], left_out: frozenset[int]
+) -> dict[str, tuple[tuple[int, ...], str, Series]]:
+    at = _in_rig(rows)
+    days = _days(rows)
+    names, units = (rows[k].tolist() for k in ("parameter", "unit"))
+    values, stds = (rows[k].to_numpy(np.float64) for k in ("value", "std"))
+    places: dict[str, list[int]] = {}
+    compared = np.isfinite(values) & np.isfinite(stds) & ~np.isin(at, list(left_out))
+    for k in np.flatnonzero(compared).tolist():
+        places.setdefault(names[k], []).append(k)
+    found = {}
+    for name, own in places.items():
+        value, std = values[own], stds[own]
+        if positive[name]:
+            value, std = np.log(value), std / value
+        found[name] = (tuple(at[own].tolist()), units[own[0]], Series(time=days[own], value=value, std=std))
+    return found
+
+
+def _in_rig(rows: pd.DataFrame) -> NDArray[np.int64]:
+    # Index of each row's campaign in the rig's list: rows are sorted by time, those of a campaign are adjacent.
+    content = rows.content.tolist()
+    fresh = [False, *(a != b for a, b in pairwise(content))]
+    return np.cumsum(fresh)
+
+
+def _days(rows: pd.DataFrame) -> FloatArray:
+    return np.asarray((rows.started - EPOCH) / timedelta(days=1), dtype=np.float64)
+
+
+def _campaigns(rows: pd.DataFrame) -> tuple[Campaign, ...]:
+    first = np.flatnonzero(np.diff(_in_rig(rows), prepend=-1))
+    columns = (rows[k].iloc[first].tolist() for k in ("campaign", "verdict", "cause", "alike", "content", "path"))
+    return tuple(
+        Campaign(
+            name=name, started=day, verdict=verdict, causes=_split(cause), alike=_split(alike), content=content, path=path
+        )
+        for name, verdict, cause, alike, content, path, day in zip(*columns, _days(rows)[first].tolist(), strict=True)
+    )  # fmt: skip
+
+
+def _split(causes: str) -> frozenset[str]:
+    return frozenset(part for part in causes.split(" + ") if part)
+
+
+def _tests_per_month(rigs: Iterable[Mapping[str, tuple[tuple[int, ...], str, Series]]]) -> float:
+    total = 0.0
+    for tracks in rigs:
+        for _, _, series in tracks.values():
+            steps = np.diff(series.time)
+            total += MONTH / max(float(np.median(steps)) if len(steps) else WEEK, 1e-3)
+    return total
+
+
+def _coarse(freedom: float) -> float:
+    # Thresholds are computed once for each step of a tenth.
+    return float(1.1 ** np.floor(np.log(max(freedom, 1.0)) / np.log(1.1)))
+
+
+def _named(campaigns: Sequence[Campaign]) -> list[Named]:
+    found = []
+    for cause in sorted(frozenset().union(*(c.causes for c in campaigns))):
+        named = [cause in c.causes for c in campaigns]
+        near = [cause in c.causes or cause in c.alike for c in campaigns]
+        clean, standing = 0, False
+        for k in range(len(campaigns)):
+            recent = range(max(k - OF + 1, 0), k + 1)
+            if not standing and named[k] and sum(named[i] for i in recent) >= NAMED:
+                first = next(i for i in recent if named[i])
+                if clean >= CLEAN:
+                    found.append(Named(cause=cause, first=first, alarm=k))
+                standing = True
+            # Successive campaigns without a similar cause before the tested ones.
+            before = near[max(k - OF + 1, 0)]
+            clean = 0 if before else clean + (k - OF + 1 >= 0)
+            if standing and not any(near[i] for i in recent):
+                standing = False
+    return found
+
+
+def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[Named]) -> tuple[Incident, ...]:
+    # Changes with overlapping intervals (from the last campaign before to the alarm) belong to one date.
+    pieces: list[tuple[int, int, int, int, int, Any]] = []
+    for track in tracks.values():
+        for change in track.followed.changes:
+            first, early, late, alarm = (track.campaigns[k] for k in (change.first, change.earliest, change.latest, change.alarm))
+            pieces.append((max(early - 1, 0), late, first, alarm, 0, (track, change)))
+    pieces += [(max(n.first - 1, 0), n.first, n.first, n.alarm, 1, n) for n in named]
+    groups: list[list[tuple[int, int, int, int, int, Any]]] = []
+    reach = -1
+    for piece in sorted(pieces, key=lambda p: p[:5]):
+        if groups and piece[0] < reach:
+            groups[-1].append(piece)
+        else:
+            groups.append([piece])
+            reach = -1
+        reach = max(reach, piece[1], piece[3])
+    return tuple(_incident(rig, group) for group in groups)
+
+
+def _incident(rig: str, group: Sequence[tuple[int, int, int, int, int, Any]]) -> Incident:
+    changes = sorted((p[5] for p in group if p[4] == 0), key=lambda pair: -abs(pair[1].size))
+    # Dated by the most significant parameter change; if there is none, by the first new cause.
+    causes = [p for p in group if p[4] == 1]
+    plain = bool(changes) and (abs(changes[0][1].size) >= PLAIN or not causes)
+    main = next(p for p in group if p[5] is changes[0]) if plain else min(causes, key=lambda p: p[2])
+    low, high, first, *_ = main
+    return Incident(
+        rig=rig, changes=tuple(changes), named=tuple(p[5] for p in group if p[4] == 1), last_before=low, first_after=high,
+        first=first, alarm=min(p[3] for p in group),
+    )  # fmt: skip
+
+
+def _siblings(rigs: Mapping[str, Rig]) -> dict[str, tuple[tuple[str, ...], Siblings]]:
+    names = sorted({name for rig in rigs.values() for name in rig.tracks})
+    found = {}
+    for name in names:
+        have = tuple(rig.name for rig in rigs.values() if name in rig.tracks)
+        level: FloatArray = np.array([rigs[rig].tracks[name].followed.level for rig in have])
+        found[name] = (have, siblings(level, ODD_RISK / len(names)))
+    return found

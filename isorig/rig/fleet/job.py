@@ -1,0 +1,211 @@
+"""Diagnosis of one recording of a fleet, in any process or on any machine."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from isorig.analysis.diagnose.kinds import FORMS
+from isorig.rig.baseline import Baseline
+from isorig.rig.diagnose_many import answered, diagnose_file, program_version
+from isorig.rig.errors import REFUSALS, OutputError, RigError, TimeLimitError
+from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Answer, Catalogue, Parameter
+
+#: Errors for missing disk space or quota.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """A recording to be diagnosed, and the catalogue for its answer.
+
+    Parameters
+    ----------
+    catalogue
+        Folder of the catalogue.
+    answer
+        The known part of the answer: rig, recording, version and baseline.
+    limit
+        Time limit, seconds.
+    pages
+        Whether to write report.html too.
+    again
+        Whether to diagnose it although there are findings.
+    """
+
+    catalogue: str
+    answer: Answer
+    limit: float | None = None
+    pages: bool = False
+    again: bool = False
+
+
+class JobResult(msgspec.Struct, frozen=True, kw_only=True):
+    """The result of a job.
+
+    Parameters
+    ----------
+    answer
+        The stored answer; None if another process is working on it.
+    stop
+        Why the update cannot continue; empty if it can.
+    """
+
+    answer: Answer | None = None
+    stop: str = ""
+
+
+def answer_job(job: Job) -> JobResult:
+    """Diagnose a recording, store the answer, and return it."""
+    if program_version() != job.answer.version:
+        return JobResult(
+            stop=f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
+            "install the same on all workers"
+        )
+    catalogue = Catalogue(Path(job.catalogue))
+    folder = catalogue.diagnosis(job.answer.key)
+    try:
+        with alone_in(folder) as free:
+            if not free:
+                return JobResult()
+            answer = _answered(job, folder)
+            catalogue.put(answer)
+            return JobResult(answer=answer)
+    except OutputError as error:
+        return JobResult(stop=str(error))
+
+
+def _answered(job: Job, folder: Path) -> Answer:
+    blank, path = job.answer, Path(job.answer.path)
+    origin = {"baseline": blank.baseline, "recording": path.name, "sha256": blank.content, "version": blank.version}
+    try:
+        if job.again or not answered(folder, origin, limit=job.limit):
+            baseline: Baseline = "linear" if blank.baseline == "linear" else "coulomb"
+            diagnose_file(path, folder, baseline, limit=job.limit, page=job.pages)
+    except TimeLimitError as late:
+        return msgspec.structs.replace(blank, verdict=LATE, reason=str(late), parameters=(_limit(job.limit),))
+    except OutputError:
+        raise
+    except REFUSALS as refusal:
+        return msgspec.structs.replace(blank, verdict=REFUSED, reason=str(refusal))
+    except OSError as error:
+        if error.errno in FULL:
+            raise OutputError(f"{job.catalogue}: {error.strerror}; make room and update again") from None
+        return msgspec.structs.replace(blank, verdict=FAILED, reason=f"{path}: {error}; update again")
+    except Exception as error:  # one recording that crashes the program must not stop a thousand others
+        text = f"{path}: the program failed ({type(error).__name__}: {error}); report it, and update again with --again"
+        return msgspec.structs.replace(blank, verdict=FAILED, reason=text)
+    try:
+        if not answered(folder, origin, limit=job.limit):
+            raise RigError(f"{path} was changed while it was diagnosed; update again")
+        return from_findings(folder, blank)
+    except RigError as error:
+        return msgspec.structs.replace(blank, verdict=FAILED, reason=str(error))
+
+
+def from_findings(folder: Path, blank: Answer) -> Answer:
+    """The answer from findings.json and baseline.json of a folder.
+
+    Raises
+    ------
+    RigError
+        They are not the output of a diagnosis.
+    """
+    try:
+        found = msgspec.json.decode((folder / "findings.json").read_bytes())
+        began = msgspec.json.decode((folder / "baseline.json").read_bytes()).get("origin")
+        steps = found["steps"]
+        names = [f"{step['cause']} at {step['location']}" for step in steps]
+        alike = {f"{x['cause']} at {x['location']}" for group in found["indistinguishable"] for x in group}
+        alike |= {name for step in steps for name in _same(step)}
+        # A cause biases the values of a model without it: with a cause they are those of the model that has it, as far as the
+        # baseline has them, too.
+        own = found["baseline"]["parameters"]
+        if steps:
+            extended = found["extended"]["parameters"]
+            own = {name: extended[name] for name in own if name in extended}
+        rows = [_parameter(name, row) for name, row in own.items()]
+        rows += [
+            _parameter(f"{step['cause']}.{step['location']}.{name}", row)
+            for step in steps
+            for name, row in (step.get("parameters") or {}).items()
+        ]
+        reason = ""
+        if found["cut_short"]:
+            rows.append(_limit(found["time_limit_s"]))
+            reason = f"the time limit of {found['time_limit_s']:g} s ended the search for causes before all were tried"
+        return msgspec.structs.replace(
+            blank, verdict=str(found["verdict"]), cause=" + ".join(names), alike=" + ".join(sorted(alike)), reason=reason,
+            started=None if began is None else datetime.fromisoformat(began),
+            parameters=tuple(row for row in rows if row is not None),
+        )  # fmt: skip
+    except (OSError, msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RigError(
+            f"{folder} does not contain the output of a diagnosis ({error}); remove it and update again with --again"
+        ) from None
+
+
+def _same(step: Mapping[str, Any]) -> list[str]:
+    # One campaign may identify the kind at a place, the next one its form: these are not different causes.
+    forms = (step["kind"],) if step["level"] == "form" else FORMS.get(step["kind"], ())
+    return [f"{word} at {step['location']}" for word in forms]
+
+
+def _limit(seconds: float | None) -> Parameter:
+    return Parameter(name=LIMIT, value=math.nan if seconds is None else seconds, std=math.nan, unit="s")
+
+
+def _parameter(name: str, row: dict[str, Any]) -> Parameter | None:
+    if row["value"] is None:
+        return None
+    std = row.get("std")
+    return Parameter(name=name, value=float(row["value"]), std=math.nan if std is None else float(std), unit=str(row["unit"]))
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[bool]:
+    """Whether no other process works in a folder; none can during the block.
+
+    The lock belongs to the system and ends with its process. Without such locks, two processes may do the same work twice, which
+    costs time only. An empty folder is removed at the end.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield True
+        return
+    import os
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except FileNotFoundError:  # another process has just removed it
+        yield False
+        return
+    except OSError as error:
+        raise OutputError(
+            f"{folder} cannot be created ({error.strerror}); make room, or give another catalogue with -c"
+        ) from None
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        except OSError:  # a file system without locks
+            yield True
+            return
+        try:
+            # Another process may have removed the folder between its opening and the lock.
+            yield folder.exists() and os.fstat(handle).st_ino == folder.stat().st_ino
+        finally:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+    finally:
+        os.close(handle)

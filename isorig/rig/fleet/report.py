@@ -1,0 +1,332 @@
+"""The page of a fleet: an overview of all rigs, latest changes first, and a page for each rig; one file that works offline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.wording import capitalized
+from isorig.rig.fleet.change_causes import name_of
+from isorig.rig.fleet.history import Fleet, Incident, Rig, Track, date_of
+from isorig.rig.fleet.sentences import (
+    bad_campaigns,
+    borne_out,
+    cause_words,
+    change_words,
+    day,
+    difference_words,
+    explained,
+    in_order,
+    incident_words,
+    odd_parameters,
+    parameter_words,
+    period,
+    state_of,
+    what_else,
+)
+from isorig.rig.report.charts import Chart, Mark, Panel, Trace
+from isorig.rig.report.page import Cell, Link, Page, Report, Section, Table, build_report
+from isorig.rig.report.sections import number, words
+from isorig.rig.report.sparkline import sparkline
+
+#: Changes listed on the first page, the latest first, and recordings without an answer that it lists.
+LATEST, NAMED = 40, 20
+#: Share of the improvement by the best cause, above which another one is listed.
+WORTH_TELLING = 0.01
+#: Campaigns listed on a rig's page, the latest first.
+LISTED = 60
+
+SHORT = (
+    "One row for each rig, those with the latest changes first. A small chart shows a parameter over the latest campaigns, each "
+    "with its own scale; a dot is the first campaign after a change."
+)
+SCATTER = (
+    "A parameter raises an alarm if it leaves its level by more than the campaign-to-campaign scatter of one rig. The table "
+    "shows the standard deviation between campaigns, estimated from all rigs, the standard uncertainty of a fit, and the "
+    "thresholds of the CUSUM charts."
+)
+OVER_TIME = (
+    "Each campaign's fit with its standard uncertainty, and the level that it is compared with. Shaded: date of a change, with "
+    "95 % certainty."
+)
+
+Explanations = Mapping[str, Sequence[dict[str, Any]]]
+
+
+def fleet_page(fleet: Fleet, explanations: Explanations) -> str:
+    """The report as HTML; `explanations` are the rows of each change's file, by its name."""
+    rigs = in_order(fleet)
+    anchors = {rig.name: f"rig{k}" for k, rig in enumerate(rigs)}
+    report = Report(
+        title=f"Fleet of {len(rigs)} rigs",
+        verdict=_verdict(fleet),
+        summary=_summary(fleet),
+        sections=[
+            _changes(fleet, explanations, anchors), _glance(fleet, rigs, anchors), _odd(fleet, anchors), _scatter(fleet),
+            *_without(fleet),
+        ],
+        pages=[_page(fleet, rig, explanations, anchors) for rig in rigs],
+    )  # fmt: skip
+    return build_report(report)
+
+
+def _verdict(fleet: Fleet) -> str:
+    changed = [incident for incident in fleet.incidents if borne_out(incident)]
+    if not changed:
+        return "No rig has changed."
+    count = len({incident.rig for incident in changed})
+    return f"{count} of {len(fleet.rigs)} rigs have changed, {changed[0].rig} last ({period(fleet, changed[0])})."
+
+
+def _summary(fleet: Fleet) -> list[str]:
+    campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
+    first, last = min(c.started for c in campaigns), max(c.started for c in campaigns)
+    sentences = [
+        f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
+        f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
+        f"At most {fleet.false_per_month:g} false alarms a month are expected in the whole fleet.",
+    ]
+    waiting = sum(rig.waiting for rig in fleet.rigs.values())
+    if waiting:
+        sentences.append(
+            f"{waiting} campaigns are not tracked yet: rigs are tracked in one version of the program only, so run rig fleet "
+            "update until the same version has diagnosed all campaigns."
+        )
+    return sentences
+
+
+def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str]) -> Section:
+    rows: list[tuple[Cell, ...]] = []
+    for incident in fleet.incidents[:LATEST]:
+        found = explanations.get(name_of(fleet, incident))
+        what = "; ".join(change_words(track, change) for track, change in incident.changes[:3])
+        more = len(incident.changes) - 3
+        what += f"; {more} more parameters" if more > 0 else ""
+        named = "; ".join(f"{words(n.cause)} is named" for n in incident.named)
+        campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
+        rows.append(
+            (
+                day(campaign.date), Link(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
+                "; ".join(part for part in (what, named) if part), "not searched for" if found is None else explained(found),
+            )
+        )  # fmt: skip
+    if not rows:
+        return Section(title="What changed", text=["No parameter has left its level, and no new cause is named."])
+    more = len(fleet.incidents) - len(rows)
+    return Section(
+        title="What changed",
+        text=[f"{more} earlier changes are on the rigs' pages."] if more > 0 else [],
+        tables=[Table(columns=("alarm", "rig", "changed", "what", "cause"), rows=rows)],
+    )
+
+
+def _glance(fleet: Fleet, rigs: Sequence[Rig], anchors: Mapping[str, str]) -> Section:
+    names = [name for name in fleet.scatter if sum(name in rig.tracks for rig in rigs) > len(rigs) / 2]
+    rows: list[tuple[Cell, ...]] = []
+    for rig in rigs:
+        last = rig.campaigns[-1]
+        rows.append(
+            (
+                Link(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), day(last.date),
+                last.verdict, *(_spark(rig.tracks[name]) if name in rig.tracks else "–" for name in names),
+            )
+        )  # fmt: skip
+    return Section(
+        title="All rigs",
+        text=[SHORT],
+        tables=[
+            Table(columns=("rig", "state", "last", "verdict", *(parameter_words(n) for n in names)), rows=rows)
+        ],
+    )  # fmt: skip
+
+
+def _spark(track: Track) -> Cell:
+    values = np.exp(track.series.value) if track.log else track.series.value
+    text = f"{parameter_words(track.name)}: now {track.plain(track.followed.level):.4g} {track.unit}"
+    return sparkline(values, text, [change.first for change in track.followed.changes])
+
+
+def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
+    rows: list[tuple[Cell, ...]] = []
+    for name, (rigs, found) in fleet.siblings.items():
+        for k in found.odd:
+            track = fleet.rigs[rigs[k]].tracks[name]
+            rows.append(
+                (
+                    Link(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
+                    f"{track.plain(track.followed.level):.4g} {track.unit}", f"{track.plain(found.middle):.4g} {track.unit}",
+                    difference_words(found.away[k]),
+                )
+            )  # fmt: skip
+    if not rows:
+        return Section(title="Outlying rigs", text=["No rig differs from the others by more than their spread."])
+    columns = ("rig", "parameter", "its level", "the others' mean", "difference, standard deviations of the others")
+    return Section(
+        title="Odd rigs",
+        text=["These rigs differ from the others by more than their spread, even if they have not changed."],
+        tables=[Table(columns=columns, rows=rows)],
+    )
+
+
+def _scatter(fleet: Fleet) -> Section:
+    rows = []
+    for name, found in fleet.scatter.items():
+        track = next(rig.tracks[name] for rig in fleet.rigs.values() if name in rig.tracks)
+        size = f"{100.0 * found.variance**0.5:.2g} %" if track.log else f"{found.variance**0.5:.2g} {track.unit}"
+        fitted = float(np.median(np.concatenate([r.tracks[name].series.std for r in fleet.rigs.values() if name in r.tracks])))
+        own = f"{100.0 * fitted:.2g} %" if track.log else f"{fitted:.2g} {track.unit}"
+        limits = fleet.limits.get(name)
+        shown = "too few campaigns" if limits is None else ", ".join(f"{limit:.2g}" for limit in limits)
+        rows.append((parameter_words(name), size, own, f"{found.freedom:.0f}", shown))
+    return Section(
+        title="Campaign-to-campaign scatter",
+        text=[SCATTER],
+        tables=[Table(columns=("parameter", "between campaigns", "of a fit", "degrees of freedom", "thresholds"), rows=rows)],
+    )  # fmt: skip
+
+
+def _without(fleet: Fleet) -> list[Section]:
+    if not fleet.notes:
+        return []
+    more = len(fleet.notes) - NAMED
+    text = [f"{note}." if not note.endswith(".") else note for note in fleet.notes[:NAMED]]
+    return [
+        Section(
+            title="Recordings that are not tracked", text=[*text, *([f"And {more} more: rig fleet show."] if more > 0 else [])]
+        )
+    ]
+
+
+def _page(fleet: Fleet, rig: Rig, explanations: Explanations, anchors: Mapping[str, str]) -> Page:
+    sections = [_change_section(fleet, incident, explanations) for incident in reversed(rig.incidents)]
+    far = [
+        f"{campaign.name} ({day(campaign.date)}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
+        for campaign, names in bad_campaigns(rig)
+    ]
+    if far:
+        sections.append(Section(title="Outlying campaigns", text=far))
+    sections += [_parameters(fleet, rig), Section(title="Over time", charts=[_chart(rig)]), _campaigns(rig)]
+    return Page(
+        name=anchors[rig.name], title=rig.name, verdict=capitalized(f"{state_of(fleet, rig)}."), sections=sections
+    )  # fmt: skip
+
+
+def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations) -> Section:
+    found = explanations.get(name_of(fleet, incident))
+    rig = fleet.rigs[incident.rig]
+    rows = []
+    for track, change in incident.changes:
+        own = [rig.campaigns[track.campaigns[k]] for k in (max(change.earliest - 1, 0), change.latest, change.alarm)]
+        rows.append(
+            (
+                parameter_words(track.name), number(track.plain(change.before), 4), number(track.plain(change.after), 4),
+                track.unit, track.moved(change), f"{change.size:+.1f}", change.kind,
+                f"{day(own[0].date)} to {day(own[1].date)}", day(own[2].date),
+            )
+        )  # fmt: skip
+    columns = ("parameter", "before", "after", "unit", "by", "standard deviations", "kind", "when (95 %)", "alarm")
+    tables = [Table(columns=columns, rows=rows)] if rows else []
+    text = [f"{incident_words(fleet, incident, None)}.", *what_else(fleet, incident)]
+    if found is None:
+        text.append("The cause of this change was not searched for yet: run rig fleet update.")
+    elif not found:
+        text.append("The diagnosis of the difference finds no cause beyond the campaign-to-campaign scatter.")
+    else:
+        text.append(f"The diagnosis of the difference, with the fit from before as the baseline: {explained(found)}.")
+        tables.append(
+            Table(
+                columns=("cause", "improvement relative to the best", "as likely as the best"),
+                rows=[
+                    (cause_words(row), f"{100.0 * row['share']:.3g} %", "yes" if row["alike"] else "no")
+                    for row in found
+                    if row["share"] >= WORTH_TELLING
+                ],
+            )
+        )
+    return Section(title=f"Change, {period(fleet, incident)}", text=text, tables=tables)
+
+
+def _parameters(fleet: Fleet, rig: Rig) -> Section:
+    odd = odd_parameters(fleet, rig.name)
+    rows = []
+    for name, track in rig.tracks.items():
+        rigs, found = fleet.siblings[name]
+        level = track.plain(track.followed.level)
+        std = level * track.followed.std if track.log else track.followed.std
+        away = difference_words(found.away[rigs.index(rig.name)])
+        rows.append(
+            (parameter_words(name), number(level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
+        )  # fmt: skip
+    return Section(
+        title="Parameters compared with the other rigs",
+        tables=[Table(columns=("parameter", "level", "std", "unit", "difference, standard deviations", ""), rows=rows)],
+    )
+
+
+def _chart(rig: Rig) -> Chart:
+    tracks = list(rig.tracks.values())
+    traces, marks = [], []
+    for panel, track in enumerate(tracks):
+        value = np.exp(track.series.value) if track.log else track.series.value
+        spread = value * track.series.std if track.log else track.series.std
+        traces.append(Trace(name="campaign", x=track.series.time, y=value, spread=spread, panel=panel, style="points"))
+        x, y = _levels(track)
+        traces.append(Trace(name="level", x=x, y=y, role="extended", panel=panel))
+        marks += [
+            Mark(begin=float(track.series.time[max(c.earliest - 1, 0)]), end=float(track.series.time[c.latest]), panel=panel)
+            for c in track.followed.changes
+        ]
+    return Chart(
+        name=f"{rig.name}-parameters",
+        caption=OVER_TIME,
+        panels=[Panel(label=_label(track)) for track in tracks],
+        traces=traces, x_label="", x_log=False, x_date=True, marks=marks,
+    )  # fmt: skip
+
+
+def _label(track: Track) -> str:
+    return parameter_words(track.name).replace(" of ", " of\n").replace(" at ", "\nat ") + (
+        f", {track.unit}" if track.unit not in ("", "1") else ""
+    )
+
+
+def _levels(track: Track) -> tuple[FloatArray, FloatArray]:
+    # A constant level between changes; a drift as a slope.
+    time, x, y = track.series.time, [], []
+    changes = track.followed.changes
+    begin = 0
+    for k, change in enumerate(changes):
+        x += [time[begin], time[max(change.first - 1, begin)], np.nan]
+        y += [_level_at(track, k - 1, begin), change.before if k == 0 else _level_at(track, k - 1, change.first - 1), np.nan]
+        begin = change.first
+    x += [time[begin], time[-1]]
+    y += [_level_at(track, len(changes) - 1, begin), _level_at(track, len(changes) - 1, len(time) - 1)]
+    level = np.array(y)
+    return np.array(x), np.exp(level) if track.log else level
+
+
+def _level_at(track: Track, last: int, at: int) -> float:
+    # The level at a campaign after the change with index `last`, -1 before the first.
+    changes = track.followed.changes
+    if last < 0:
+        return changes[0].before if changes else track.followed.level
+    change = changes[last]
+    if change.kind != "drift":
+        return change.after
+    return change.before + change.slope * float(track.series.time[at] - track.series.time[max(change.first - 1, 0)])
+
+
+def _campaigns(rig: Rig) -> Section:
+    rows = [
+        (c.name, day(c.date), c.verdict, words(", ".join(sorted(c.causes))) or "–", c.content[:12])
+        for c in reversed(rig.campaigns[-LISTED:])
+    ]
+    more = len(rig.campaigns) - len(rows)
+    return Section(
+        title="Campaigns",
+        text=[f"{more} earlier ones are in the catalogue."] if more > 0 else [],
+        tables=[Table(columns=("campaign", "began", "verdict", "named", "content"), rows=rows)],
+    )

@@ -1,0 +1,189 @@
+"""Sentences about a fleet: what changed, when, by how much, and coinciding events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+
+import numpy as np
+
+from isorig.analysis.trends.change import Change
+from isorig.rig.fleet.catalogue import Answer
+from isorig.rig.fleet.history import Campaign, Fleet, Incident, Rig, Track
+
+#: A pause in the measurements of this many usual intervals is reported.
+PAUSE = 3.0
+#: Changes whose size, over all campaigns since, is below this many standard deviations are not confirmed.
+BORNE_OUT = 3.0
+
+
+def parameter_words(name: str) -> str:
+    """A parameter in words: "links.isolation.stiffness" is the stiffness of isolation."""
+    parts = name.split(".")
+    if parts[0] in ("links", "contacts", "bodies", "sensors"):
+        return f"{_plain(parts[-1])} of {_plain(parts[1])}"
+    if len(parts) == 3:
+        return f"{_plain(parts[0])} at {_plain(parts[1])}, {_plain(parts[2])}"
+    return _plain(" ".join(parts))
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def answer_words(answer: Answer) -> str:
+    """An answer in a line."""
+    parts = (answer.verdict, _plain(answer.cause), answer.reason)
+    return f"{answer.rig} {answer.campaign}: {'; '.join(part for part in parts if part)}"
+
+
+def day(when: datetime) -> str:
+    """A date in words."""
+    return when.strftime("%Y-%m-%d")
+
+
+def period(fleet: Fleet, incident: Incident) -> str:
+    """Its date, with 95 % certainty."""
+    campaigns = fleet.rigs[incident.rig].campaigns
+    before, after = campaigns[incident.last_before], campaigns[incident.first_after]
+    return f"{day(before.date)} to {day(after.date)}"
+
+
+def change_words(track: Track, change: Change) -> str:
+    """A change of a parameter in words."""
+    unit = f" {track.unit}" if track.unit not in ("", "1") else ""
+    text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
+    text += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
+    return text if abs(change.size) >= BORNE_OUT else f"{text}, not confirmed by the campaigns since"
+
+
+def explained(rows: Sequence[Mapping[str, object]]) -> str:
+    """The explanations of a change, from the rows of its file."""
+    if not rows:
+        return "no cause found beyond the campaign-to-campaign scatter"
+    first, *others = [cause_words(row) for row in rows if row["alike"]]
+    return first + (f"; as likely: {', '.join(others)}" if others else "")
+
+
+def cause_words(row: Mapping[str, object]) -> str:
+    """An explanation in a clause."""
+    old, new, unit = float(str(row["old"])), float(str(row["new"])), str(row["unit"])
+    after = f"{new:.4g}" + (f" {unit}" if unit not in ("", "1") else "")
+    cause, place = _plain(str(row["cause"])), _plain(str(row["location"]))
+    if math.isfinite(old):
+        return f"{cause} of {place} from {old:.4g} to {after}"
+    return f"{cause} at {place}, {_plain(str(row['parameter']))} {after}"
+
+
+def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str, object]] | None) -> str:
+    """A change of a rig in a line; `rows` are its explanations, None if they were not searched for."""
+    parts = [change_words(track, change) for track, change in incident.changes[:3]]
+    if len(incident.changes) > 3:
+        parts.append(f"{len(incident.changes) - 3} more parameters")
+    if incident.named:
+        causes = " and ".join(
+            f"{_plain(named.cause)} (named from {_of(fleet, incident, named.first)} on)" for named in incident.named
+        )
+        then = f"; {'; '.join(parts)}" if parts else ""
+        return f"{incident.rig} changed, {period(fleet, incident)}: the diagnosis names the cause, {causes}{then}"
+    why = "" if rows is None else f"; explained by {explained(rows)}" if rows else f"; {explained(rows)}"
+    return f"{incident.rig} changed, {period(fleet, incident)}: {'; '.join(parts)}{why}"
+
+
+def _of(fleet: Fleet, incident: Incident, at: int) -> str:
+    return day(fleet.rigs[incident.rig].campaigns[at].date)
+
+
+def what_else(fleet: Fleet, incident: Incident) -> list[str]:
+    """Sentences about events that coincide with a change."""
+    rig = fleet.rigs[incident.rig]
+    begin, end = rig.campaigns[incident.last_before].started, rig.campaigns[incident.first_after].started
+    sentences = []
+    others = [other for other in fleet.incidents if other.rig != rig.name and _meets(fleet, other, begin, end)]
+    if others:
+        names = ", ".join(dict.fromkeys(other.rig for other in others))
+        sentences.append(
+            f"Changed at the same time: {names}. A common reason is possible (surroundings, method, sensors' calibration)."
+        )
+    sentences += _pause(rig, incident)
+    before, after = rig.campaigns[incident.last_before], rig.campaigns[incident.alarm]
+    if before.verdict != after.verdict:
+        sentences.append(f"The verdict changed from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
+    gone, new = sorted(before.causes - after.causes), sorted(after.causes - before.causes)
+    if gone:
+        sentences.append(f"No longer named: {_plain(', '.join(gone))}.")
+    if new:
+        sentences.append(f"Named since: {_plain(', '.join(new))}.")
+    return sentences or ["No coinciding event is known."]
+
+
+def _meets(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
+    return borne_out(other) and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
+
+
+def _pause(rig: Rig, incident: Incident) -> list[str]:
+    steps = np.diff([c.started for c in rig.campaigns])
+    usual = float(np.median(steps))
+    here = slice(incident.last_before, max(incident.first_after, incident.last_before + 1))
+    longest = int(np.argmax(steps[here])) + incident.last_before
+    if steps[longest] <= PAUSE * usual:
+        return []
+    return [
+        f"The rig was not measured for {steps[longest]:.0f} days from {day(rig.campaigns[longest].date)} on "
+        f"({usual:.0f} days are usual)."
+    ]
+
+
+def bad_campaigns(rig: Rig) -> list[tuple[Campaign, list[str]]]:
+    """Outlying campaigns between regular ones, with the outlying parameters."""
+    found: dict[int, list[str]] = {}
+    for track in rig.tracks.values():
+        for k in track.followed.alone:
+            found.setdefault(track.campaigns[k], []).append(parameter_words(track.name))
+    return [(rig.campaigns[k], names) for k, names in sorted(found.items())]
+
+
+def last_change(fleet: Fleet, rig: Rig) -> Incident | None:
+    """The latest change of a rig that later campaigns confirm."""
+    return next((incident for incident in reversed(rig.incidents) if borne_out(incident)), None)
+
+
+def borne_out(incident: Incident) -> bool:
+    """Whether all campaigns since confirm a change."""
+    return bool(incident.named) or any(abs(change.size) >= BORNE_OUT for _, change in incident.changes)
+
+
+def state_of(fleet: Fleet, rig: Rig) -> str:
+    """A rig in a few words: its last change, whether it is an outlier, whether campaigns wait."""
+    parts = []
+    last = last_change(fleet, rig)
+    if last is not None:
+        parts.append(f"changed {_of(fleet, last, last.first)}")
+    odd = odd_parameters(fleet, rig.name)
+    if odd:
+        parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))
+    if rig.waiting:
+        parts.append(f"{rig.waiting} campaigns wait for a diagnosis by the same version")
+    return "; ".join(parts) or "unchanged"
+
+
+def odd_parameters(fleet: Fleet, rig: str) -> list[str]:
+    """Parameters in which a rig differs from the others by more than their spread."""
+    return [name for name, (rigs, found) in fleet.siblings.items() if any(rigs[k] == rig for k in found.odd)]
+
+
+def difference_words(away: float) -> str:
+    """A difference from the other rigs in words; a dash if there are too few of them."""
+    return "–" if math.isnan(away) else f"{away:+.1f}"
+
+
+def in_order(fleet: Fleet) -> list[Rig]:
+    """The rigs in display order: the latest change first, then outliers, then the rest by name."""
+
+    def place(rig: Rig) -> tuple[float, bool, str]:
+        last = last_change(fleet, rig)
+        alarm = -math.inf if last is None else rig.campaigns[last.alarm].started
+        return -alarm, not odd_parameters(fleet, rig.name), rig.name
+
+    return sorted(fleet.rigs.values(), key=place)

@@ -1,0 +1,49 @@
+"""Ctrl-C while a module is imported takes effect after the import.
+
+A module whose import was interrupted is incomplete, and packages report that as all kinds of errors, or not at all.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from _thread import interrupt_main
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+#: Seconds after which a signal that came during an import is delivered again.
+AGAIN = 0.02
+
+
+def deferred(number: int, frame: FrameType | None) -> bool:
+    """Whether a signal came during an import; it is then delivered again later."""
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    if frame is None:
+        return False
+    later = threading.Timer(AGAIN, interrupt_main, [number])
+    later.daemon = True
+    later.start()
+    return True
+
+
+@contextmanager
+def interrupted_between_imports() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt as usual, but not while a module is imported."""
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    ):
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupted)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _interrupted(number: int, frame: FrameType | None) -> None:
+    if not deferred(number, frame):
+        raise KeyboardInterrupt

@@ -1,0 +1,378 @@
+"""An investigation: measure, diagnose, propose, and repeat until one cause is identified; saved on disk after each stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.fitting.solve import base_parameters
+from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.policy import SHORTEST
+from isorig.analysis.proposals.precision import named_figures, std_of
+from isorig.analysis.wording import capitalized
+from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.baseline import Baseline
+from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.errors import PlanError
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.output import write_json, write_text
+from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
+from isorig.rig.next.page import Picture, picture_of
+from isorig.rig.next.plan_file import run_names, with_runs, write_plan
+from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of, unfitted_of
+from isorig.rig.next.runs import candidate, described, planned
+from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
+from isorig.rig.report.sections import CUT_SHORT, words
+from isorig.rig.virtual.campaign import HEAD_PER_GAIN
+
+STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"
+#: Noise of a sensor before it is measured, as a share of its signal with the strongest allowed drive.
+NOISE_GUESS = 3e-4
+#: Relative uncertainty of a parameter known only as a starting value in the description.
+FIRST_GUESS = 0.3
+#: Consecutive stages without a change of verdict and causes after which an unexplained remainder is left as it is.
+WITHOUT_NEWS = 2
+
+
+class StageRun(msgspec.Struct, frozen=True, kw_only=True):
+    """A run of a stage: its plan, and the reason for it."""
+
+    plan: RunPlan
+    description: str
+    why: list[str]
+    pictures: list[Picture] = []
+    promised: float | None = None
+
+
+class Stage(msgspec.Struct, frozen=True, kw_only=True):
+    """A stage: its question, its runs, and the result.
+
+    `step` is its progress; `verdict`, `named`, `open` and `answer` are from the diagnosis after its runs.
+    """
+
+    number: int
+    kind: str
+    asked: list[str]
+    runs: list[StageRun]
+    step: Literal["proposed", "measured", "diagnosed"] = "proposed"
+    verdict: str = ""
+    named: list[tuple[str, str]] = []
+    open: list[list[tuple[str, str]]] = []
+    answer: list[str] = []
+
+
+class Course(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole investigation; `ended` is the reason for its end, empty while it continues."""
+
+    plan: str
+    baseline: Baseline
+    tolerance: float
+    stages: list[Stage] = []
+    declined: list[str] = []
+    ended: str = ""
+    format: Literal["rig-investigation"] = "rig-investigation"
+    format_version: Literal[1] = 1
+
+    @property
+    def runs(self) -> list[RunPlan]:
+        """All runs of all stages."""
+        return [run.plan for stage in self.stages for run in stage.runs]
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of measuring so far."""
+        return sum(run.plan.seconds for stage in self.stages if stage.step != "proposed" for run in stage.runs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """The runs in the recording, and whether the operator ended the session."""
+
+    names: Sequence[str]
+    stopped: bool = False
+
+
+#: Measures the runs of a plan that are not in the recording yet.
+Measure = Callable[[Plan, Path], Measured]
+#: Selects the next runs, like `propose`.
+Choose = Callable[..., Proposal]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """Resources of an investigation, and its callbacks.
+
+    Parameters
+    ----------
+    most_runs, seconds
+        Maximum number of runs, and maximum seconds of measuring, in total.
+    limits
+        The given limits for runs.
+    work
+        Maximum seconds for a proposal.
+    measure
+        Measures the runs.
+    choose
+        Selects the next runs.
+    limit
+        Time limit in seconds for the search for causes in a diagnosis; None for no limit.
+    tell
+        Called with lines for the operator.
+    status
+        Called with the present activity.
+    """
+
+    most_runs: int
+    seconds: float
+    limits: Limits
+    work: float
+    measure: Measure
+    choose: Choose = propose
+    limit: float | None = None
+    tell: Callable[[str], None] = lambda text: None
+    status: Callable[[str], None] = field(default=lambda text: None)
+
+
+def investigate(plan: Plan, folder: Path, begun: Course, terms: Terms) -> Course:
+    """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
+
+    Every step is saved before the next one starts, so an interrupted investigation can be continued.
+
+    Parameters
+    ----------
+    plan
+        Instrument, channels, known values of the rig; its runs are the first stage.
+    folder
+        Folder of recording, plans, diagnoses, state and page.
+    begun
+        A new investigation, or an interrupted one.
+    terms
+        Resources and callbacks.
+
+    Raises
+    ------
+    RigError, AnalysisError, DriverError
+        Measuring or diagnosing fails; the results until then are kept.
+    """
+    course, stopped = begun, False
+    while not (course.ended or stopped):
+        step = course.stages[-1].step if course.stages else "diagnosed"
+        if step == "diagnosed":
+            course = _next_stage(plan, folder, course, terms)
+        elif step == "proposed":
+            course, stopped = _measured(plan, folder, course, terms)
+        else:
+            course = _diagnosed(folder, course, terms)
+        _keep(folder, course)
+    return course
+
+
+def read_course(folder: Path) -> Course | None:
+    """The state of an investigation in a folder; None if there is none.
+
+    Raises
+    ------
+    PlanError
+        It is damaged.
+    """
+    path = folder / STATE
+    if not path.exists():
+        return None
+    try:
+        return msgspec.json.decode(content_of(path), type=Course)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        raise PlanError(f"{path} is damaged; start again in another folder, the recording in this one is not changed") from None
+
+
+def _keep(folder: Path, course: Course) -> None:
+    from isorig.rig.next.course_page import course_page
+
+    write_json(folder / STATE, course)
+    write_text(folder / PAGE, course_page(course))
+
+
+def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Course:
+    # The next question and its runs, or the reason why there is none.
+    number = len(course.stages) + 1
+    if not course.stages and plan.runs:
+        first = [StageRun(plan=run, description=described_plan(run), why=["It is part of the plan."]) for run in plan.runs]
+        stage = Stage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
+        return _with(folder, plan, course, stage, terms)
+    if over := _over(course, terms):
+        return msgspec.structs.replace(course, ended=over)
+    terms.status("comparing candidate runs")
+    known = [stage for stage in course.stages if stage.verdict]
+    begun = read_rivals(folder / diagnosis_folder(known[-1])) if known else nothing_known(plan, terms.limits, course.baseline)
+    if begun.named and begun.open and all(one.why == "indistinguishable" and len(one.models) < 2 for one in begun.open):
+        same = Proposal(kind="rivals", twins=twins_of(begun), unfitted=unfitted_of(begun))
+        return msgspec.structs.replace(
+            course, ended=" ".join([f"{capitalized(_names(begun.named))}.", *twins(same), *unfitted(same)])
+        )
+    plans = {run.id: run for run in course.runs}
+    now = situation([begun], terms.limits, plans, frozenset(course.declined))
+    proposal = terms.choose(now, budget=terms.seconds - course.seconds, work=terms.work, most=1, tell=terms.status)
+    if not proposal.runs:
+        return msgspec.structs.replace(course, ended=_nothing_left(course, proposal))
+    names = run_names(len(proposal.runs), [run.id for run in course.runs])
+    runs = [
+        StageRun(
+            plan=planned(item.run, name), description=described(item.run), why=reasons(item, proposal, now),
+            pictures=[picture_of(pair) for pair in item.choice.foreseen] if item.choice is not None else [],
+            promised=item.choice.probability if item.choice is not None else None,
+        )
+        for name, item in zip(names, proposal.runs, strict=True)
+    ]  # fmt: skip
+    return _with(folder, plan, course, Stage(number=number, kind=proposal.kind, asked=summary(proposal), runs=runs), terms)
+
+
+def _with(folder: Path, plan: Plan, course: Course, stage: Stage, terms: Terms) -> Course:
+    course = msgspec.structs.replace(course, stages=[*course.stages, stage])
+    why = {run.plan.id: run.why for each in course.stages for run in each.runs}
+    write_plan(folder / SESSION, with_runs(plan, course.runs), why)
+    terms.tell(f"Stage {stage.number}: {' '.join(stage.asked)}")
+    for run in stage.runs:
+        terms.tell("\n  ".join([f"{run.plan.id}: {run.description}", *run.why]))
+    return course
+
+
+def _measured(plan: Plan, folder: Path, course: Course, terms: Terms) -> tuple[Course, bool]:
+    stage = course.stages[-1]
+    session = with_runs(plan, course.runs)
+    found = terms.measure(session, folder / RECORDING)
+    taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
+    if found.stopped:
+        return course, True
+    declined = [*course.declined, *(run.description for run in stage.runs if run not in taken)]
+    if not taken:
+        ended = "None of the planned runs was measured." if stage.kind == "plan" else ""
+        return msgspec.structs.replace(course, stages=course.stages[:-1], declined=declined, ended=ended), False
+    stage = msgspec.structs.replace(stage, runs=taken, step="measured")
+    return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage], declined=declined), False
+
+
+def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
+    stage = course.stages[-1]
+    if all(run.plan.excitation == "free" for each in course.stages for run in each.runs):
+        # A run at rest alone cannot be diagnosed.
+        answer = ["The sensors' noise is known now."]
+        stage = msgspec.structs.replace(stage, step="diagnosed", answer=answer)
+        return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
+    place = folder / diagnosis_folder(stage)
+    outcome = diagnose_file(
+        folder / RECORDING, place, course.baseline, terms.status, tolerance=course.tolerance, limit=terms.limit
+    )  # fmt: skip
+    found = read_rivals(place)
+    answer = [*answered(found), *([CUT_SHORT] if outcome.cut_short else [])]
+    stage = msgspec.structs.replace(
+        stage, step="diagnosed", verdict=found.verdict, named=found.named,
+        open=[[(m.cause, m.location) for m in one.models] + one.twins for one in found.open], answer=answer,
+    )  # fmt: skip
+    terms.tell("\n  ".join([f"After stage {stage.number}:", *answer]))
+    return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
+
+
+def diagnosis_folder(stage: Stage) -> str:
+    """Name of the folder with the diagnosis after a stage."""
+    return f"diagnosis-{stage.number}"
+
+
+def described_plan(run: RunPlan) -> str:
+    """A planned run in a line."""
+    if run.excitation == "other":
+        return f"driven by other means, {run.configuration}, {run.seconds:g} s"
+    return described(candidate(run))
+
+
+def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
+    """The knowledge before the first run: the rig as described, with starting values.
+
+    Raises
+    ------
+    PlanError
+        No limits determine the first run.
+    """
+    if limits.gains is None or limits.band is None:
+        raise PlanError("a plan without runs needs limits.gains and limits.band; give the allowed gains and the allowed band")
+    model = described_rig(plan, baseline)
+    free = base_parameters(model)
+    spread = np.array([FIRST_GUESS * model.get(f.path) if f.log else 100.0 * f.step for f in free])
+    quiet = NOISE_GUESS * HEAD_PER_GAIN * limits.gains[1]
+    channels = {model.drive.channel: model.drive.quantity, **{s.channel: s.quantity for s in model.sensors}}
+    return Rivals(
+        campaign="the first run", verdict="", baseline=baseline, sample_rate=plan.instrument.sample_rate,
+        noise={name: quiet if quantity == model.drive.quantity else 0.0 for name, quantity in channels.items()},
+        known=plan.rig, runs=[], explains=fitted_model("", "", model, free, np.diag(spread**2)), open=[], named=[], ruled_out=[],
+    )  # fmt: skip
+
+
+def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
+    """The rig described by a plan, with starting values."""
+    known = {name: value for name, value in plan.rig.items() if not isinstance(value, str)}
+    return single_driven(plan.model() or wire_bonder({**THESIS, **known}, friction=baseline == "coulomb"))
+
+
+def _over(course: Course, terms: Terms) -> str:
+    """The reason to end an investigation before the next run is selected; empty if it continues."""
+    known = [stage for stage in course.stages if stage.verdict]
+    if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
+        return f"{'Identified cause' if len(known[-1].named) == 1 else 'Identified causes'}: {_names(known[-1].named)}."
+    undecided = [stage for stage in known if stage.kind in ("undecided", "reproducible")]
+    if len(undecided) >= WITHOUT_NEWS and len({(s.verdict, tuple(s.named)) for s in known[-WITHOUT_NEWS - 1 :]}) == 1:
+        return "The remaining error has no cause in the catalogue: further runs brought nothing new."
+    if len(course.runs) >= terms.most_runs:
+        return f"The limit of {terms.most_runs} runs is reached."
+    if course.seconds + SHORTEST > terms.seconds:
+        return f"The limit of {terms.seconds:g} s of measuring is reached."
+    return ""
+
+
+def _nothing_left(course: Course, proposal: Proposal) -> str:
+    pairs = inseparable(proposal) + twins(proposal)
+    if pairs:
+        return " ".join(pairs)
+    known = next((stage.verdict for stage in reversed(course.stages) if stage.verdict), "")
+    if known in UNNAMED:
+        return "The model misfits, no cause of the catalogue explains it, and no remaining allowed run is likely to."
+    if proposal.kind == "untested":
+        return "No further allowed run is likely to reveal a cause of the catalogue."
+    return "No allowed run is informative."
+
+
+def answered(found: Rivals) -> list[str]:
+    """The result of a diagnosis, in sentences."""
+    verdict = {
+        "adequate": "The model explains all runs down to the noise: no cause is needed so far.",
+        "explained": "The named causes explain the runs.", "partly explained": "Part of the error is explained.",
+        "unexplained": "The model misfits, and no cause is certain enough to be named.",
+    }  # fmt: skip
+    sentences = [verdict[found.verdict]]
+    if found.named:
+        sentences.append(f"Named: {_names(found.named)}.")
+    for one in found.open:
+        together = [(model.cause, model.location) for model in one.models] + one.twins
+        why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
+        sentences.append(f"{why}: {_names(together)}.")
+    if found.ruled_out:
+        sentences.append(f"Ruled out: {_names(found.ruled_out[:6])}{' and others' if len(found.ruled_out) > 6 else ''}.")
+    return [*sentences, _figures(found)]
+
+
+def _figures(found: Rivals) -> str:
+    variant = found.explains.variant()
+    shown = []
+    for name, figure in named_figures(variant.model).items():
+        std = std_of(variant, figure)
+        if std > 0.0:
+            shown.append(f"{words(name)} {figure(variant.model):.4g} ± {std:.1g}")
+    return f"Parameters: {', '.join(shown)}."
+
+
+def _names(keys: Sequence[tuple[str, str]]) -> str:
+    return listed([f"{words(cause)} at {place}" for cause, place in keys])

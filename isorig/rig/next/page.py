@@ -1,0 +1,126 @@
+"""The page of a proposal: each run with its reason, and the prediction of every remaining cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.proposals.choice import Choice, Foreseen
+from isorig.analysis.proposals.policy import CANNOT, WILL
+from isorig.analysis.wording import capitalized
+from isorig.rig.next.proposal import Proposal, Situation
+from isorig.rig.next.runs import described
+from isorig.rig.next.sentences import cause, reasons, summary
+from isorig.rig.report.charts import Chart, Panel, Trace
+from isorig.rig.report.page import Report, Section, Table, build_report
+from isorig.rig.report.sections import number
+
+#: Seconds of a prediction shown around the largest difference.
+SHOWN = 1.0
+
+
+def proposal_page(proposal: Proposal, now: Situation, names: Sequence[str]) -> str:
+    """The page as HTML; `names` are those of the proposed runs."""
+    return build_report(
+        Report(
+            title=f"The next run after {now.rivals.campaign}",
+            verdict=f"{len(proposal.runs)} proposed" if proposal.runs else "No run is proposed",
+            summary=summary(proposal), sections=proposal_sections(proposal, now, names),
+        )
+    )  # fmt: skip
+
+
+def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) -> list[Section]:
+    """A section for each proposed run, and one for the limits."""
+    sections = []
+    for name, item in zip(names, proposal.runs, strict=True):
+        foreseen = () if item.choice is None else item.choice.foreseen
+        charts = [foreseen_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(foreseen)]
+        tables = [] if item.choice is None else [_distances(item.choice)]
+        text = [f"{capitalized(described(item.run))}.", *reasons(item, proposal, now)]
+        sections.append(Section(title=f"Run {name}", text=text, tables=tables, charts=charts))
+    return [*sections, _limits(proposal, now)]
+
+
+def _distances(choice: Choice) -> Table:
+    rows = [
+        (cause(apart.truth), cause(apart.rival), number(min(apart.distance, 999.0), 3), number(apart.probability, 2))
+        for apart in sorted(choice.apart, key=lambda apart: -apart.distance)
+    ]
+    return Table(
+        columns=("true cause", "fitted cause", "standard errors", "probability"), rows=rows,
+        caption="Error of the refitted model in this run, in standard errors of one frequency bin of the worst channel, and the "
+        f"probability that this distinguishes the two: 0 up to {CANNOT:g}, 1 from {WILL:g} on.",
+    )  # fmt: skip
+
+
+class Picture(msgspec.Struct, frozen=True, kw_only=True):
+    """The predictions of two causes for a run around their largest difference, for plotting or storing."""
+
+    truth: str
+    rival: str
+    channel: str
+    sample_rate: float
+    first: int
+    of_truth: list[float]
+    of_rival: list[float]
+    allowed: float
+    distance: float
+
+
+def picture_of(pair: Foreseen) -> Picture:
+    """The displayed part of a prediction."""
+    apart = np.abs(pair.of_truth - pair.of_rival)
+    width = min(round(SHOWN * pair.sample_rate), len(apart))
+    middle = int(np.argmax(np.convolve(apart**2, np.ones(max(width // 4, 1)), mode="same")))
+    first = max(min(middle - width // 2, len(apart) - width), 0)
+    part = slice(first, first + width)
+    return Picture(
+        truth=cause(pair.truth), rival=cause(pair.rival), channel=pair.channel, sample_rate=pair.sample_rate, first=first,
+        of_truth=pair.of_truth[part].tolist(), of_rival=pair.of_rival[part].tolist(), allowed=pair.allowed,
+        distance=min(pair.distance, 999.0),
+    )  # fmt: skip
+
+
+def foreseen_chart(shown: Picture, name: str) -> Chart:
+    """The predictions of two causes for a run, and their difference compared with the allowed error."""
+    truth, rival = np.array(shown.of_truth), np.array(shown.of_rival)
+    t = (shown.first + np.arange(len(truth))) / shown.sample_rate
+    return Chart(
+        name=name, x_label="time, s", x_log=False,
+        caption=f"Signal of the {shown.channel} for {shown.truth}, and prediction by {shown.rival} after a refit to all runs; "
+        f"below, their difference compared with the allowed error (noise and accuracy of the simulation): {shown.distance:.2g} "
+        "standard errors over the whole run.",
+        panels=[Panel(label=shown.channel), Panel(label="difference", height=0.6)],
+        traces=[
+            Trace(name=shown.truth, x=t, y=truth, role="first"),
+            Trace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),
+            Trace(name="difference", x=t, y=truth - rival, role="third", panel=1),
+            Trace(name="allowed", x=t, y=np.zeros(len(t)), spread=np.full(len(t), shown.allowed), role="noise", panel=1),
+        ],
+    )  # fmt: skip
+
+
+def _limits(proposal: Proposal, now: Situation) -> Section:
+    limits = now.limits
+    rows = [(f"stroke of the {name}", f"{1e3 * value:.3g} mm") for name, value in limits.stroke.items()]
+    rows += [(f"record of {name}", f"{value:.3g}") for name, value in limits.channels.items()]
+    for key in ("drive", "force", "seconds", "lock_price"):
+        value = getattr(limits, key)
+        if value is not None:
+            rows.append((key.replace("_", " "), f"{value:.4g}"))
+    for key in ("gains", "band"):
+        pair = getattr(limits, key)
+        if pair is not None:
+            rows.append((key, f"{pair[0]:g} to {pair[1]:g}"))
+    refused = [] if proposal.chosen is None else [(described(run), why) for run, why in proposal.chosen.refused.items()]
+    tables = [Table(columns=("limit", "value"), rows=rows)]
+    if refused:
+        tables.append(Table(columns=("candidate", "refused because"), rows=refused))
+    return Section(
+        title="Limits",
+        text=["A stroke or drive without a given limit is limited to what the runs so far reached."],
+        tables=tables,
+    )

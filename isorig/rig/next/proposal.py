@@ -1,0 +1,411 @@
+"""From the open questions of diagnoses to the next runs: the question, the candidates, and the proposal with reasons."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.fitting.trials import noise_levels
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
+from isorig.analysis.proposals.hypotheses import hypotheses
+from isorig.analysis.proposals.limits import Peaks, largest, reached_so_far, simulated_peaks
+from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
+from isorig.analysis.proposals.policy import BROAD, CANNOT, KEPT, MOST_RUNS
+from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn
+from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
+from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.inverse import floats
+from isorig.rig.acquire.plan import RunPlan
+from isorig.rig.errors import PlanError
+from isorig.rig.files.rivals import Rivals
+from isorig.rig.next.runs import PAUSE, candidate, described, drive_scale, in_hand, prospect
+
+#: Seconds that a proposal may take to compare candidates; those that were not reached by then are left out, and this is said.
+WORK = 20.0
+#: Longest run where no limit is stated, s.
+LONGEST = 60.0
+#: Verdicts with an error that no named cause explains, and the question where no candidate cause came near.
+UNNAMED = ("unexplained", "partly explained")
+NO_CAUSE = "No candidate cause explains the error. Does another excitation reveal its cause?"
+#: Share of a channel's noise level that the rig's own motion may make up before the level is no longer taken as noise.
+OWN_MOTION = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Situation:
+    """What is known when the next run is to be chosen.
+
+    Parameters
+    ----------
+    rivals
+        The diagnosis that counts, the last.
+    taken
+        Runs in hand, with their drives.
+    limits
+        Limits for a run; a limit that is not given is what the runs so far reached.
+    scale
+        The rig's drive over the planned one.
+    plans
+        Runs of earlier plans by id: their drives can be played again.
+    declined
+        Runs that the operator did not want, as they are described.
+    """
+
+    rivals: Rivals
+    taken: Sequence[Prospect]
+    limits: Limits
+    scale: float
+    plans: Mapping[str, RunPlan] = field(default_factory=dict)
+    declined: Set[str] = frozenset()
+
+    @property
+    def explains(self) -> Variant:
+        """The model that explains the runs best."""
+        return self.rivals.explains.variant()
+
+    @property
+    def start_time(self) -> float:
+        """Seconds from the campaign's first sample to the next run's."""
+        ends = [run.start_time + run.seconds for run in self.rivals.runs]
+        return max(ends, default=-PAUSE) + PAUSE
+
+    @property
+    def configuration(self) -> str:
+        """The one that the rig was left in."""
+        last = max(self.rivals.runs, key=lambda run: run.start_time, default=None)
+        return next(iter(self.explains.model.configurations)) if last is None else last.configuration
+
+    def menu(self) -> tuple[CandidateRun, ...]:
+        """All candidate runs within the limits that need no simulation."""
+        repeatable = [
+            (name, candidate(run))
+            for name, run in self.plans.items()
+            if run.played and run.repeat_of is None and any(taken.id == name for taken in self.rivals.runs)
+        ]
+        seed = 1 + len(self.rivals.runs)
+        runs = menu(self.explains.model, self.limits, self.rivals.sample_rate, seed=seed, repeatable=repeatable)
+        # A linear step from a first guess is not meaningful: the first run must allow a fit of every parameter.
+        allowed = runs if self.taken else tuple(run for run in runs if covers(self.explains.model, run))
+        return tuple(run for run in allowed if described(run) not in self.declined)
+
+    def raised(self, factor: float) -> tuple[CandidateRun, ...]:
+        """The strongest runs where the highest gain is raised by a factor."""
+        assert self.limits.gains is not None
+        highest = factor * self.limits.gains[1]
+        limits = msgspec.structs.replace(self.limits, gains=(0.0, highest))
+        runs = menu(self.explains.model, limits, self.rivals.sample_rate)
+        strongest = (run for run in runs if run.gain == highest and run.seconds <= BROAD)
+        return tuple(run for run in strongest if run.excitation in ("random", "moves"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposed:
+    """A run of a proposal.
+
+    Parameters
+    ----------
+    run
+        The run.
+    choice
+        The comparison of causes behind it, where there was one.
+    remarks
+        Sentences that say why it is taken, where no such comparison does.
+    peaks
+        What the surviving models reach in it, where they were simulated.
+    """
+
+    run: CandidateRun
+    choice: Choice | None = None
+    remarks: tuple[str, ...] = ()
+    peaks: Peaks | None = None
+
+
+#: What a proposal is about: causes that the data cannot tell apart, causes of which none earned a name, whether the remainder is
+#: reproducible at all, causes that nobody has looked for yet, or a parameter's deviation.
+Kind = Literal["rivals", "undecided", "reproducible", "untested", "parameter"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal:
+    """What to measure next.
+
+    Parameters
+    ----------
+    kind
+        What the runs are for.
+    runs
+        The runs, best first; none where no allowed run gains anything.
+    chosen
+        The comparison behind them.
+    twins
+        Pairs of causes that lead to the same equations.
+    unreached
+        Candidates that there was no time to compare.
+    asked
+        The question in words, where it is another than the kind's own.
+    remedies
+        Pairs of causes that no allowed run distinguishes, and what would.
+    """
+
+    kind: Kind
+    runs: tuple[Proposed, ...] = ()
+    chosen: Chosen | None = None
+    twins: tuple[tuple[Key, Key], ...] = ()
+    unfitted: tuple[Key, ...] = ()
+    unreached: int = 0
+    asked: str = ""
+    remedies: tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...] = ()
+
+
+def single_driven(model: RigModel) -> RigModel:
+    """The rig, if it has a single drive.
+
+    Raises
+    ------
+    PlanError
+        It has several: their levels would have to be chosen together.
+    """
+    if model.more_drives:
+        raise PlanError(
+            f"the rig {model.name!r} has the drives {', '.join(drive.channel for drive in model.drives)}, and runs are proposed "
+            "for a rig with a single drive; choose its next run by hand"
+        )
+    return model
+
+
+def situation(
+    diagnoses: Sequence[Rivals], limits: Limits, plans: Mapping[str, RunPlan] | None = None, declined: Set[str] = frozenset()
+) -> Situation:  # fmt: skip
+    """What several diagnoses of one rig, the last one counting, say together.
+
+    Raises
+    ------
+    PlanError
+        Where they are of different rigs, or of one that no spring holds.
+    """
+    last = diagnoses[-1]
+    model = last.explains.variant().model
+    plans = plans or {}
+    if floats(model):
+        raise PlanError(
+            f"the rig {model.name!r} has a body that no spring holds, whose motion cannot be predicted; "
+            "choose its next run by hand"
+        )
+    single_driven(model)
+    names = [tuple(model_.explains.model["configurations"]) for model_ in diagnoses]
+    if len({(d.explains.model["name"], n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
+        raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
+    ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
+    open_ = [
+        msgspec.structs.replace(one, models=[m for m in one.models if (m.cause, m.location) not in ruled_out])
+        for one in last.open
+        if one.why == "indistinguishable"
+    ] + [one for one in last.open if one.why == "undecided"]
+    earlier = [run for each in diagnoses[:-1] for run in each.runs]
+    both = msgspec.structs.replace(last, open=open_, runs=[*earlier, *last.runs])
+    scale = drive_scale(both.runs)
+    taken = in_hand(both.runs, plans, last.sample_rate, scale)
+    return Situation(
+        rivals=both, taken=taken, limits=_complete(both, model, limits, taken), scale=scale, plans=plans, declined=declined
+    )
+
+
+def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[Prospect]) -> Limits:
+    # Limits that are not given are what the runs so far reached.
+    driven = [run for run in rivals.runs if run.drive_rms > 0.0 and run.excitation != "free"]
+    gains = limits.gains or ((0.0, max(run.gain for run in driven)) if driven else None)
+    bands = [run.band for run in driven if run.band is not None]
+    band = limits.band or ((min(b[0] for b in bands), max(b[1] for b in bands)) if bands else None)
+    if gains is None or band is None:
+        raise PlanError(
+            "neither the limits nor the runs so far determine the allowed gains and band; give limits.gains and limits.band"
+        )
+    peaks = [simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in taken]
+    stated = reached_so_far(limits, model, largest(peaks)) if peaks else limits
+    return msgspec.structs.replace(stated, gains=gains, band=band, seconds=limits.seconds or LONGEST)
+
+
+def propose(
+    now: Situation, *, budget: float = 60.0, work: float = WORK, most: int = MOST_RUNS,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Proposal:  # fmt: skip
+    """The next runs, for the most pressing question that is open.
+
+    Indistinguishable causes come first, then causes that are not certain, then causes that are not identifiable so far.
+
+    Parameters
+    ----------
+    now
+        What is known.
+    budget
+        Seconds of measuring that the runs may take together.
+    work
+        Seconds that the comparison may take.
+    most
+        Maximum number of runs, in addition to one at rest.
+    tell
+        Called with a line per stage.
+    """
+    clock = time.monotonic() + work
+
+    def progress(text: str) -> None:
+        if time.monotonic() > clock:
+            raise OutOfTimeError("the time limit for comparing candidates is reached")
+        tell(text)
+
+    kind: Kind
+    lead = _noise_first(now)
+    twins, unfitted = twins_of(now.rivals), unfitted_of(now.rivals)
+    for one in now.rivals.open:
+        variants = tuple(model.variant() for model in one.models)
+        if len(variants) < 2:
+            continue
+        if one.why == "undecided" and (again := _again(now, budget)) is not None:
+            return Proposal(kind="reproducible", runs=(*lead, again), twins=twins, unfitted=unfitted)
+        kind = "rivals" if one.why == "indistinguishable" else "undecided"
+        found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), now.menu(), budget, most, progress)
+        runs = (*lead, *_proposed(found))
+        return Proposal(
+            kind=kind, runs=runs, chosen=found, twins=twins, unfitted=unfitted, unreached=unreached, remedies=cures
+        )  # fmt: skip
+    if now.rivals.verdict in UNNAMED and (run := _again(now, budget) or _stronger(now, budget)) is not None:
+        kind, asked = ("reproducible", "") if run.run.repeat_of else ("undecided", NO_CAUSE)
+        return Proposal(kind=kind, runs=(*lead, run), twins=twins, unfitted=unfitted, asked=asked)
+    supposed = _supposed(now)
+    question = Question(truths=supposed, rivals=(now.explains,), supposed=True)
+    # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
+    broad = tuple(run for run in now.menu() if run.excitation != "sine")
+    found, unreached, _ = _compared(now, question, broad, budget, most, progress)
+    if not found.choices:
+        found, unreached, _ = _compared(now, question, now.menu(), budget, most, progress)
+    return Proposal(
+        kind="untested", runs=(*lead, *_proposed(found)), chosen=found, twins=twins, unfitted=unfitted, unreached=unreached
+    )
+
+
+def twins_of(rivals: Rivals) -> tuple[tuple[Key, Key], ...]:
+    """Pairs of causes with the same equations of motion, the second one fitted."""
+    return tuple((key, (one.models[0].cause, one.models[0].location)) for one in rivals.open for key in one.twins)
+
+
+def unfitted_of(rivals: Rivals) -> tuple[Key, ...]:
+    """Causes that the diagnosis leaves open, but did not fit in full."""
+    return tuple(dict.fromkeys(key for one in rivals.open for key in one.unfitted))
+
+
+def _proposed(found: Chosen) -> tuple[Proposed, ...]:
+    return tuple(Proposed(run=choice.prospect.run, choice=choice, peaks=choice.peaks) for choice in found.choices)
+
+
+def _compared(
+    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, progress: Callable[[str], None]
+) -> tuple[Chosen, int, tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...]]:  # fmt: skip
+    rate = now.rivals.sample_rate
+    prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs]
+    # Where the time runs out those that were compared are a fair sample.
+    prospects = [prospects[k] for k in np.random.default_rng(2).permutation(len(prospects))]
+    comparison = Comparison(question, now.rivals.noise, now.taken)
+    seen = comparison.seen(prospects, now.limits, progress)
+    surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
+    models = [model for variant in surviving for model in (drawn(variant, KEPT, 5) if variant.free else (variant.model,))]
+
+    def kept(one: Prospect) -> Peaks:
+        return simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
+
+    found = choose(comparison, seen, now.limits, kept, configuration=now.configuration, budget=budget, most=most)
+    unreached = len(prospects) - found.compared - len(seen.refused)
+    if question.supposed:
+        return found, unreached, ()
+
+    def beyond(factor: float) -> list[Prospect]:
+        return [prospect(run, rate, now.start_time, now.scale) for run in now.raised(factor)]
+
+    pairs = []
+    for pair in inseparable_pairs(found):
+        cures = further(comparison, pair, beyond, kept, progress), another_sensor(comparison, seen, pair, progress)
+        pairs.append((pair, tuple(cure for cure in cures if cure is not None)))
+    return found, unreached, tuple(pairs)
+
+
+def inseparable_pairs(found: Chosen) -> list[tuple[Key, Key]]:
+    """Pairs of causes that no single allowed run parts, whichever of the two is the truth."""
+    best: dict[frozenset[Key], float] = {}
+    for apart in found.best:
+        key = frozenset((apart.truth.key, apart.rival.key))
+        best[key] = max(best.get(key, 0.0), apart.distance)
+    return [tuple(sorted(key)) for key, size in best.items() if size < CANNOT]  # type: ignore[misc]
+
+
+def _supposed(now: Situation) -> tuple[Variant, ...]:
+    # Sizes are relative to the peaks of the strongest allowed runs.
+    model, rate, limits = now.explains.model, now.rivals.sample_rate, now.limits
+    strong = [run for run in menu(model, limits, rate) if limits.gains is not None and run.gain == limits.gains[1]]
+    seen = [prospect(run, rate, now.start_time, now.scale) for run in strong if run.excitation in ("random", "moves")]
+    peaks = [simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in (*seen, *now.taken)]
+    reached = largest([found for found in peaks if not found.beyond(limits)] or peaks)
+    return hypotheses(model, reached, reached.speed, rate)
+
+
+def _again(now: Situation, budget: float) -> Proposed | None:
+    # The drive of the run with the largest misfit, if no drive was repeated yet: is the remaining error reproducible?
+    if any(run.repeat_of is not None for run in now.rivals.runs):
+        return None
+    names = [now.rivals.worst, *(run.id for run in now.rivals.runs)]
+    name = next((each for each in names if each in now.plans), "")
+    plan = now.plans.get(name)
+    if plan is None or not plan.played or plan.seconds > budget:
+        return None
+    return Proposed(run=replace(candidate(plan), repeat_of=name))
+
+
+def _stronger(now: Situation, budget: float) -> Proposed | None:
+    # Where no candidate cause explains the error: the random drive, not measured yet, under which a link moves furthest beyond
+    # what the runs so far reached, in the configuration of the largest error. What an unknown cause depends on is then seen over
+    # the widest range.
+    model, rate = now.explains.model, now.rivals.sample_rate
+    where = {run.configuration for run in now.rivals.runs if run.id == now.rivals.worst} or set(model.configurations)
+    known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
+    runs = [r for r in now.menu() if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(BROAD, budget)]
+    runs = [r for r in runs if r.configuration in where and (r.configuration, r.excitation, r.gain, r.band) not in known]
+    reached = largest([simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in now.taken]).stroke
+    ranked = []
+    for run in runs:
+        one = prospect(run, rate, now.start_time, now.scale)
+        peaks = simulated_peaks([model], one.excitation(), run.configuration, one.start_time)
+        if not peaks.beyond(now.limits):
+            ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
+            ranked.append((max(ratios, default=0.0), one))
+    models = drawn(now.explains, KEPT, 5)
+    for ratio, one in sorted(ranked, key=lambda item: -item[0]):
+        peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
+        if ratio > 1.0 and not peaks.beyond(now.limits):
+            return Proposed(run=one.run, peaks=peaks, remarks=(f"A link moves {ratio:.2g} times as far as in the runs so far.",))
+    return None
+
+
+def _noise_first(now: Situation) -> tuple[Proposed, ...]:
+    # A run at rest, where what the runs so far show of the noise may be the rig's own motion: friction moves at all frequencies.
+    if any(run.excitation == "free" for run in now.rivals.runs):
+        return ()
+    model = now.explains.model
+    shown = [_noiseless(model, taken) for taken in now.taken]
+    own = noise_levels(Campaign(runs=tuple(shown)), [drive.channel for drive in model.drives]) if shown else {}
+    hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > OWN_MOTION * level]
+    return (Proposed(run=rest(model, now.limits)),) if hidden else ()
+
+
+def _noiseless(model: RigModel, taken: Prospect) -> Run:
+    seen = simulate(model, taken.excitation(), configuration=taken.run.configuration, start_time=taken.start_time)
+    return Run(
+        id="simulated", configuration=taken.run.configuration, sample_rate=taken.sample_rate, gain=taken.run.gain,
+        channels={name: Channel(name=name, samples=values) for name, values in seen.channels.items()},
+    )  # fmt: skip

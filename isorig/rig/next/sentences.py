@@ -1,0 +1,200 @@
+"""A proposal in words: the purpose of each run, what it cannot distinguish, and what would."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.parameter_units import unit_of
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.choice import Apart, Choice
+from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
+from isorig.analysis.proposals.prediction import Variant
+from isorig.analysis.proposals.remedies import SECOND, Remedy
+from isorig.analysis.simulate.gauges import DEFLECTION
+from isorig.analysis.wording import capitalized
+from isorig.rig.next.proposal import Proposal, Proposed, Situation
+from isorig.rig.next.runs import described
+from isorig.rig.report.sections import words
+
+#: Number of causes listed by name in a sentence.
+LISTED = 4
+ASKED = {
+    "rivals": "Which of the indistinguishable causes is the true one?",
+    "undecided": "Which of the causes that explain part of the error, but are not certain, is the true one?",
+    "reproducible": "Is the unexplained error reproducible with the same drive?",
+    "untested": "Is there a cause that is not identifiable from the runs so far?",
+}
+
+
+def cause(variant: Variant) -> str:
+    """A cause at its place."""
+    return f"{words(variant.cause)} at {variant.location}" if variant.cause else "the model without a further cause"
+
+
+def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
+    """The reasons for a run, in sentences."""
+    if item.run.rests:
+        why = ", because friction excites all frequencies" if now.explains.model.contacts else ""
+        hidden = f"In the runs so far the rig's own motion masks the noise{why}."
+        return ["At rest the sensors show their own noise and hum.", hidden if now.rivals.runs else "They are not known yet."]
+    sentences = list(item.remarks)
+    if item.choice is not None:
+        supposed = proposal.kind == "untested"
+        sentences += [*(_shows(item.choice) if supposed else _parts(item.choice)), _after(item.choice, supposed)]
+    elif item.run.repeat_of is not None:
+        sentences.append(
+            f"It repeats the drive of {item.run.repeat_of}: the difference between the two runs is not caused by the drive, so "
+            "no model can explain it."
+        )
+    return [*sentences, *([] if item.peaks is None else _uses(item.peaks, now.limits, now.explains.model))]
+
+
+def _parts(choice: Choice) -> list[str]:
+    sentences = []
+    for apart in sorted(choice.apart, key=lambda apart: -apart.distance)[:LISTED]:
+        sentences.append(
+            f"If {cause(apart.truth)} is true, the error of {cause(apart.rival)}, refitted to all runs, is "
+            f"{_errors(apart.distance)} in this run: {_chance(apart)}."
+        )
+    return sentences
+
+
+def _chance(apart: Apart) -> str:
+    if apart.distance >= WILL:
+        return "this distinguishes them"
+    return "this may distinguish them" if apart.distance > CANNOT else "this does not distinguish them"
+
+
+def _shows(choice: Choice) -> list[str]:
+    shown = sorted((apart for apart in choice.apart if apart.distance >= WILL), key=lambda apart: -apart.distance)
+    names = list(dict.fromkeys(cause(apart.truth) for apart in shown))
+    if not names:
+        return []
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return [
+        f"Together with the runs so far it would reveal, at the smallest relevant size, {names[0]} "
+        f"(by {_errors(shown[0].distance)}){''.join(f', {name}' for name in names[1:LISTED])}{more}."
+    ]
+
+
+def _after(choice: Choice, supposed: bool) -> str:
+    if supposed:
+        return (
+            f"Of all causes of the catalogue at that size, {100 * choice.probability:.0f} % would be revealed after it, "
+            f"{100 * choice.gained:.0f} % because of it."
+        )
+    return f"The probability that one cause is identified after it is {choice.probability:.2f}."
+
+
+def _uses(peaks: Peaks, limits: Limits, model: RigModel) -> list[str]:
+    # Strokes in mm, of rotations in mrad.
+    units = {name: f"m{unit_of(f'links.{name}.laws.0.stroke', model)}" for name in limits.stroke}
+    uses = [
+        f"{1e3 * peaks.stroke[name]:.3g} of {1e3 * most:.3g} {units[name]} at the {name}"
+        for name, most in limits.stroke.items()
+        if peaks.stroke.get(name, 0.0) > 0.0
+    ]
+    if limits.drive is not None:
+        uses.append(f"a drive of {peaks.drive:.3g} of {limits.drive:.3g} {SI_UNIT[model.drive.quantity]}")
+    if limits.force is not None:
+        uses.append(f"{peaks.force:.3g} of {limits.force:.3g} N")
+    if not uses:
+        return []
+    return [f"In simulations with every remaining cause and its uncertainty it reaches at most {', '.join(uses)}."]
+
+
+def _errors(distance: float) -> str:
+    return f"{distance:.2g} standard errors" if distance < 100.0 else "more than 100 standard errors"
+
+
+def inseparable(proposal: Proposal) -> list[str]:
+    """Pairs of remaining causes that no allowed run distinguishes, each with what would."""
+    sentences = []
+    assert proposal.chosen is not None or not proposal.remedies
+    for pair, cures in proposal.remedies:
+        best = max(
+            (a.distance for a in proposal.chosen.best if {a.truth.key, a.rival.key} == set(pair)), default=0.0
+        ) if proposal.chosen else 0.0  # fmt: skip
+        one, other = (f"{words(cause)} at {place}" for cause, place in pair)
+        count = proposal.chosen.compared if proposal.chosen else 0
+        sentences.append(
+            f"No allowed run distinguishes {one} from {other}: their distance in the best of {count} candidates is "
+            f"{_errors(best)}."
+        )
+        sentences += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
+    return sentences
+
+
+def _cure(cure: Remedy) -> str:
+    apart = f"their distance would be {_errors(cure.distance)}"
+    if cure.channel:
+        place = cure.channel.removeprefix(SECOND).removeprefix(DEFLECTION)
+        sensor = f"a displacement sensor across the {place} with a resolution of {1e6 * RESOLVES:g} µm"
+        if cure.channel.startswith(SECOND):
+            sensor = f"a second accelerometer on the {place}, {1e3 * HIGHER:g} mm above the first"
+        return f"With {sensor}, {apart} in an allowed run: {described(cure.prospect.run)}."
+    stroke = max(cure.peaks.stroke.items(), key=lambda item: item[1]) if cure.peaks is not None and cure.peaks.stroke else None
+    needs = "" if stroke is None else f", which deflects the {stroke[0]} by up to {1e3 * stroke[1]:.3g} mm"
+    return f"Beyond the limits, {apart}: {described(cure.prospect.run)}{needs}."
+
+
+def twins(proposal: Proposal) -> list[str]:
+    """Pairs of causes with the same equations."""
+    return [
+        f"{capitalized(words(one[0]))} at {one[1]} and {words(other[0])} at {other[1]} have the same equations of motion: no "
+        "run of this rig distinguishes them. Weigh the mass or calibrate the sensor."
+        for one, other in proposal.twins
+    ]
+
+
+def unfitted(proposal: Proposal) -> list[str]:
+    """Causes that the diagnosis did not fit in full."""
+    if not proposal.unfitted:
+        return []
+    names = [f"{words(cause)} at {place}" for cause, place in proposal.unfitted]
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return [
+        f"The diagnosis does not exclude {', '.join(names[:LISTED])}{more}, but did not fit it in full: diagnose again with more "
+        "--seconds."
+    ]
+
+
+def untested(proposal: Proposal, most: int = 8) -> list[str]:
+    """Causes that none of the compared runs would reveal."""
+    if proposal.chosen is None or proposal.kind != "untested":
+        return []
+    names = [cause(apart.truth) for apart in proposal.chosen.best if apart.distance < CANNOT]
+    names = list(dict.fromkeys(names))
+    if not names:
+        return []
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return [f"None of the compared runs alone would reveal, at the smallest relevant size: {', '.join(names[:most])}{more}."]
+
+
+def summary(proposal: Proposal) -> list[str]:
+    """The proposal in sentences: the question, what cannot be distinguished, what was compared."""
+    sentences = [proposal.asked or ASKED[proposal.kind]]
+    if not proposal.runs:
+        sentences.append("No run is proposed: no allowed run is informative.")
+    sentences += inseparable(proposal) + twins(proposal) + unfitted(proposal) + untested(proposal)
+    if proposal.chosen is not None:
+        sentences.append(_counted(proposal))
+    return sentences
+
+
+def _counted(proposal: Proposal) -> str:
+    assert proposal.chosen is not None
+    text = f"{proposal.chosen.compared} candidate runs were compared"
+    if proposal.chosen.refused:
+        text += f", {len(proposal.chosen.refused)} more would exceed a limit"
+    if proposal.unreached:
+        text += f", and {proposal.unreached} were not reached within the time limit"
+    return f"{text}."
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a row."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,172 @@
+"""Whole analyses of a campaign with its own rig: the numbers and sentences of the commands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose import diagnosis as analysis
+from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.views import Viewed, shows
+from isorig.rig.errors import RigError, TimeLimitError
+from isorig.rig.figures import Figure
+from isorig.rig.files.findings import findings, write_findings
+from isorig.rig.files.parameter_table import characterize_campaign
+from isorig.rig.files.rigfile import GivenRig
+from isorig.rig.notebook.plots import second_figure
+from isorig.rig.report.before_after import BASELINE, EXTENDED, worst_second
+from isorig.rig.report.conclusion import Conclusion, conclude
+from isorig.rig.report.misfit import simulated
+from isorig.rig.report.place import held_out_records, marks
+from isorig.rig.report.sketch import picture
+
+#: Default time limit of a diagnosis, s; that of the command.
+LIMIT = 300.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer(Diagnosis, Viewed):
+    """A diagnosis with the campaign that it is of.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    """
+
+    campaign: Campaign
+
+    def __repr__(self) -> str:
+        return f"Answer({self.conclusion.answer})"
+
+    @property
+    def findings(self) -> dict[str, Any]:
+        """The content of findings.json."""
+        return findings(self, self.campaign, {"baseline": self.baseline.model.name, "recording": Path(self.campaign.source).name})
+
+    @property
+    def conclusion(self) -> Conclusion:
+        """The answer in sentences."""
+        return conclude(self.findings)
+
+    def write(self, folder: str | Path) -> Path:
+        """Write findings.json, both models and report.html into a folder; returns the path of the page."""
+        origin = {"baseline": self.baseline.model.name, "recording": Path(self.campaign.source).name}
+        write_findings(Path(folder), self, self.campaign, origin)
+        return Path(folder) / "report.html"
+
+
+def diagnose(
+    campaign: Campaign, model: RigModel | None = None, *, tolerance: float = 0.0, seconds: float | None = LIMIT,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Answer:  # fmt: skip
+    """Fit the baseline, show its misfit, and identify the cause.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    model
+        The baseline with starting values; its `free` parameters are fitted. The campaign's own rig if None.
+    tolerance
+        Error, as a share of the signal, that counts as adequate.
+    seconds
+        Time limit: the search for causes then ends with a partial answer; None for no limit.
+    progress
+        Called with a line for each stage.
+
+    Raises
+    ------
+    TimeLimitError
+        The time ended before the baseline was fitted.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.diagnose(iso.read("campaign.h5"))
+    >>> found.verdict, found.steps
+    ('adequate', ())
+    """
+    end = None if seconds is None else time.process_time() + seconds
+
+    def stage(text: str) -> None:
+        if end is not None and time.process_time() > end:
+            raise OutOfTimeError(f"the diagnosis took longer than the limit of {seconds:g} s")
+        progress(text)
+
+    try:
+        found = analysis.diagnose(campaign, model or campaign.rig, tolerance=tolerance, progress=stage)
+    except OutOfTimeError as late:
+        raise TimeLimitError(f"{late}, before the baseline was fitted; increase seconds") from None
+    return Answer(campaign=campaign, **{item.name: getattr(found, item.name) for item in fields(Diagnosis)})
+
+
+def characterize(
+    campaign: Campaign, model: RigModel | GivenRig | None = None, *, progress: Callable[[str], None] = lambda text: None
+) -> Characterization:
+    """Fit all free parameters to all runs at once, with standard uncertainties: the numbers of `rig characterize`.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    model
+        The rig with starting values, or what `iso.read_rig` gives of the model.json of a diagnosis, whose fitted parameters are
+        fitted again. The campaign's own rig if None.
+    progress
+        Called with a line for each stage.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.characterize(iso.read("campaign.h5"))
+    >>> entry = found.table["motor_frequency"]
+    >>> print(f"{entry.value:.2f} {entry.unit}")
+    5.06 Hz
+    """
+    given = GivenRig(model=model) if isinstance(model, RigModel) else model
+    return characterize_campaign(campaign, progress, given)
+
+
+@shows(Answer, "html")
+def of_answer(answer: Answer) -> str:
+    """The sentences, and the rig with the faulty place marked."""
+    lines = "".join(f"<p>{escape(line)}</p>" for line in answer.conclusion.lines)
+    return f"<div>{lines}{picture(answer.baseline.model, marks(answer.baseline.model, answer.steps))}</div>"
+
+
+@shows(Answer, "plot")
+def plot(answer: Answer) -> Figure:
+    """Measurement and both models in the second of held-out data in which the baseline's error is largest, with residuals.
+
+    Raises
+    ------
+    RigError
+        The held-out data are shorter than that.
+    """
+    models = {BASELINE: simulated(answer.baseline.model, answer.trials)}
+    if answer.steps:
+        models[EXTENDED] = simulated(answer.extended.model, answer.trials)
+    record = worst_second(held_out_records(answer.trials, answer.division.judged, models))
+    if record is None:
+        raise RigError("the held-out data are too short for a figure; record longer runs")
+    return second_figure(record)
+
+
+@shows(Answer, "to_pandas")
+def to_pandas(answer: Answer) -> pd.DataFrame:
+    """All considered causes."""
+    return pd.DataFrame(
+        [(c.cause, c.location, c.holdout_error, c.share, c.standing) for c in answer.considered],
+        columns=["cause", "location", "holdout_error", "share", "standing"],
+    )

@@ -1,0 +1,193 @@
+"""Figures of results for notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.isolation.ratio import IsolationRatio
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.simulate.free_run import Response
+from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.welch import Frf
+from isorig.analysis.views import shows
+from isorig.rig.figures import Figure, View, frf_view, ratio_figure
+from isorig.rig.report.before_after import Record
+from isorig.rig.report.sections import unit
+from isorig.rig.report.sketch import picture
+from isorig.rig.transfer import Transfer
+
+#: Symbols of poles by what the order before them agrees with.
+MARKS: Mapping[str, str] = {"new": ".", "frequency": "x", "stable": "o"}
+#: Seconds of a run that are shown if none are named: more cannot be resolved.
+SHOWN = 5.0
+
+
+def records_figure(records: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]], units: Mapping[str, str]) -> Figure:
+    """Channels over time: a panel for each channel, a curve for each record, {record: {channel: (time, values)}}."""
+    names = list(dict.fromkeys(name for record in records.values() for name in record))
+    figure = Figure(figsize=(9.0, 1.2 + 1.6 * len(names)), layout="constrained")
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, name in zip(axes, names, strict=True):
+        for label, record in records.items():
+            if name in record:
+                axis.plot(*record[name], lw=0.9, label=label)
+        axis.set_ylabel(f"{name}, {unit(units.get(name, ''))}")
+        axis.grid(visible=True, alpha=0.25, lw=0.5)
+    axes[-1].set_xlabel("time, s")
+    if len(records) > 1:
+        axes[0].legend(fontsize=8)
+    return figure
+
+
+def second_figure(record: Record) -> Figure:
+    """A channel, measured and simulated, and the residuals below."""
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    above.plot(record.time, record.measured, "k", lw=1.2, label="measured")
+    for (name, _), values in record.models.items():
+        above.plot(record.time, values, "--", lw=1.0, label=name)
+        below.plot(record.time, values - record.measured, lw=1.0, label=name)
+    if record.noise > 0.0:
+        below.axhspan(-2.0 * record.noise, 2.0 * record.noise, color="0.8", label="sensor noise, ±2 σ")
+    above.set(ylabel=f"{record.channel}, {unit(record.unit)}", title=f"run {record.run}, held-out data")
+    below.set(ylabel=f"residual, {unit(record.unit)}", xlabel="time, s")
+    for axis in (above, below):
+        axis.grid(visible=True, alpha=0.25, lw=0.5)
+        axis.legend(fontsize=8)
+    return figure
+
+
+class Drawing(str):
+    """An SVG picture, which a notebook shows as one."""
+
+    def _repr_svg_(self) -> str:
+        return str(self)
+
+
+@shows(RigModel, "plot")
+def plot_rig(model: RigModel) -> Drawing:
+    """The rig's sketch."""
+    return Drawing(picture(model))
+
+
+@shows(Run, "plot")
+def plot_run(run: Run, *others: Run, channels: Sequence[str] = (), seconds: tuple[float, float] | None = None) -> Figure:
+    """Channels over time, of one or more runs; the first seconds if none are named."""
+    names = list(channels) or list(run.sensors)
+    start, stop = seconds or (0.0, SHOWN)
+    records = {}
+    for one in (run, *others):
+        part = slice(max(round(start * one.sample_rate), 0), round(stop * one.sample_rate))
+        n = len(one)
+        time = np.arange(n)[part] / one.sample_rate
+        records[one.id] = {name: (time, one.read(name)[part]) for name in names if name in one.channels}
+    return records_figure(records, {name: run.channel(name).unit for name in names})
+
+
+@shows(Campaign, "plot")
+def plot_campaign(campaign: Campaign, *others: Campaign, channels: Sequence[str] = (), **more: Any) -> Figure:
+    """The first run, with the same run of other campaigns (a prediction, an earlier recording) overlaid."""
+    first = campaign.runs[0]
+    same = [next((run for run in other.runs if run.id == first.id), other.runs[0]) for other in others]
+    named = [_renamed(run, f"{run.id} ({k + 2})") for k, run in enumerate(same)]
+    return plot_run(first, *named, channels=channels, **more)
+
+
+def _renamed(run: Run, name: str) -> Run:
+    return replace(run, id=name)
+
+
+@shows(Response, "plot")
+def plot_response(response: Response, *others: Response, seconds: tuple[float, float] | None = None) -> Figure:
+    """Sensors over time."""
+    start, stop = seconds or (0.0, SHOWN)
+    records = {}
+    for k, one in enumerate((response, *others)):
+        part = slice(round(start * one.sample_rate), round(stop * one.sample_rate))
+        records[f"response {k + 1}" if others else "response"] = {
+            name: (np.arange(len(values))[part] / one.sample_rate, values[part]) for name, values in one.channels.items()
+        }
+    return records_figure(records, response.units)
+
+
+@shows(Frf, "plot")
+def plot_frf(frf: Frf, *others: Frf, view: View = "bode", band: tuple[float, float] | None = None) -> Figure:
+    """Magnitude, phase and coherence of one or more transfer functions, or another view, within the drive's band."""
+    named = {}
+    for one in (frf, *others):
+        label = one.label if isinstance(one, Transfer) else f"{one.response} over {one.reference}"
+        if label in named and isinstance(one, Transfer):
+            label = f"{one.response} over {one.reference}, {label}"
+        while label in named:
+            label += " (again)"
+        named[label] = one.within_band() if isinstance(one, Transfer) else one
+    low = min(float(one.frequency[one.frequency > 0.0][0]) for one in named.values())
+    return frf_view(named, band or (low, max(float(one.frequency[-1]) for one in named.values())), view)
+
+
+@shows(IsolationRatio, "plot")
+def plot_ratio(found: IsolationRatio, *others: IsolationRatio) -> Figure:
+    """The stitched ratio with its band of one standard deviation."""
+    curves = {
+        "isolation ratio" if k == 0 else f"isolation ratio {k + 1}": (one.frequency, one.ratio, one.std)
+        for k, one in enumerate((found, *others))
+    }
+    return ratio_figure(curves, "unlocked / locked", "1")
+
+
+@shows(Characterization, "plot")
+def plot_parameters(found: Characterization, *others: Characterization) -> Figure:
+    """Each parameter relative to the first table's value, with its standard uncertainty."""
+    first = {name: entry.value for name, entry in found.table.items() if entry.value and entry.method != "given"}
+    figure = Figure(figsize=(8.0, 1.2 + 0.3 * len(first)), layout="constrained")
+    axis = figure.subplots()
+    for k, one in enumerate((found, *others)):
+        rows = [(j, one.table[name]) for j, name in enumerate(first) if name in one.table and one.table[name].value]
+        values = np.array([[(entry.value or 0.0), entry.std or 0.0] for _, entry in rows]).reshape(-1, 2)
+        scale = np.array([first[list(first)[j]] for j, _ in rows], dtype=float)
+        places = np.array([j for j, _ in rows]) + 0.15 * k
+        away, width = 100.0 * (values[:, 0] / scale - 1.0), 100.0 * values[:, 1] / np.abs(scale)
+        axis.errorbar(away, places, xerr=width, fmt="o", ms=4, label=f"{k + 1}")
+    axis.set_yticks(range(len(first)), labels=[name.replace("_", " ") for name in first])
+    axis.invert_yaxis()
+    axis.set_xlabel("difference from the first value, %")
+    axis.grid(visible=True, alpha=0.25, lw=0.5)
+    if others:
+        axis.legend(fontsize=8)
+    return figure
+
+
+@shows(ModalModel, "plot")
+def plot_modes(found: ModalModel) -> Figure:
+    """The stabilization diagram over the transfer functions, and the shapes."""
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    above, below = figure.subplots(2, 1, height_ratios=(2.0, 1.0))
+    f = found.frequency
+    for i, response in enumerate(found.responses):
+        for j, reference in enumerate(found.references):
+            (line,) = above.semilogy(f, np.abs(found.measured[i, j]), lw=0.9, label=f"{response} over {reference}")
+            above.semilogy(f, np.abs(found.fitted[i, j]), "--", lw=1.0, color=line.get_color())
+    orders = above.twinx()
+    for status, mark in MARKS.items():
+        poles = [(pole.frequency, pole.order) for pole in found.poles if pole.status == status]
+        if poles:
+            orders.plot(*zip(*poles, strict=True), mark, ms=4, color="0.4", mfc="none", label=status)
+    orders.set_ylabel("order")
+    above.set(xlabel="frequency, Hz", ylabel="magnitude; dashed: fitted", xlim=(f[0], f[-1]))
+    above.legend(fontsize=8, loc="upper left")
+    if found.poles:
+        orders.legend(fontsize=8, loc="upper right")
+    for mode in found.modes:
+        above.axvline(mode.frequency, color="0.6", lw=0.8)
+        below.plot(mode.shape.real, "o-", label=f"{mode.frequency:.4g} Hz, {100.0 * mode.damping:.2g} %")
+    below.set_xticks(range(len(found.responses)), labels=list(found.responses))
+    below.set_ylabel("shape, real part")
+    below.axhline(0.0, color="0.6", lw=0.8)
+    below.legend(fontsize=8)
+    return figure

@@ -1,0 +1,237 @@
+"""Results as xarray.Dataset and pandas.DataFrame, with coordinates and units; state-space models for scipy and python-control."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.isolation.ratio import IsolationRatio
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.simulate.free_run import Response
+from isorig.analysis.simulate.state_space import StateSpace
+from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.welch import FRF_ROWS, Frf
+from isorig.analysis.views import shows
+from isorig.rig.baseline import baseline_model
+from isorig.rig.errors import RigError
+from isorig.rig.transfer import Transfer
+
+if TYPE_CHECKING:
+    import control
+    import xarray
+    from scipy.signal import StateSpace as ScipyStateSpace
+
+Column = tuple[Any, str]
+"""Values, shape (n,), and their unit."""
+
+
+@shows(Campaign, "rig")
+def rig_of_campaign(campaign: Campaign) -> Any:
+    """The rig of a campaign with starting values."""
+    return baseline_model(campaign)
+
+
+def needed(name: str) -> ModuleType:
+    """An optional package.
+
+    Raises
+    ------
+    RigError
+        It is not installed.
+    """
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError:
+        raise RigError(f"the package {name} is not installed; install it: pip install 'isorig[notebook]'") from None
+
+
+def _dataset(dimension: str, at: Column, columns: Mapping[str, Column], **about: Any) -> xarray.Dataset:
+    xr = needed("xarray")
+    data = {name: (dimension, values, {"units": unit}) for name, (values, unit) in columns.items()}
+    found: xarray.Dataset = xr.Dataset(data, coords={dimension: (dimension, at[0], {"units": at[1]})}, attrs=about)
+    return found
+
+
+def _frame(dimension: str, at: Column, columns: Mapping[str, Column], **about: Any) -> pd.DataFrame:
+    frame = pd.DataFrame({name: values for name, (values, _) in columns.items()}, index=pd.Index(at[0], name=dimension))
+    units = {dimension: at[1]} | {name: unit for name, (_, unit) in columns.items()}
+    frame.attrs.update(about, units=units)
+    return frame
+
+
+def _over_time(rate: float, columns: Mapping[str, Column]) -> tuple[str, Column, Mapping[str, Column]]:
+    n = max((len(values) for values, _ in columns.values()), default=0)
+    return "time", (np.arange(n) / rate, "s"), columns
+
+
+def _run(run: Run) -> tuple[str, Column, Mapping[str, Column]]:
+    return _over_time(run.sample_rate, {name: (channel.read(), channel.unit) for name, channel in run.channels.items()})
+
+
+def _about(run: Run) -> dict[str, Any]:
+    return {"run": run.id, "configuration": run.configuration, "gain": run.gain, "excitation": run.excitation}
+
+
+@shows(Run, "to_xarray")
+def run_to_xarray(run: Run) -> xarray.Dataset:
+    """Channels over time."""
+    return _dataset(*_run(run), **_about(run))
+
+
+@shows(Run, "to_pandas")
+def run_to_pandas(run: Run) -> pd.DataFrame:
+    """Channels over time."""
+    return _frame(*_run(run), **_about(run))
+
+
+@shows(Campaign, "to_pandas")
+def campaign_to_pandas(campaign: Campaign) -> pd.DataFrame:
+    """A row for each run."""
+    rows = [
+        {
+            "run": run.id, "configuration": run.configuration, "gain": run.gain, "excitation": run.excitation,
+            "duration": run.duration, "sample_rate": run.sample_rate, "use": run.use, "started": run.started,
+        }
+        for run in campaign.runs
+    ]  # fmt: skip
+    frame = pd.DataFrame(rows).set_index("run") if rows else pd.DataFrame()
+    frame.attrs = {"units": {"duration": "s", "sample_rate": "Hz"}}
+    return frame
+
+
+@shows(Campaign, "to_xarray")
+def campaign_to_xarray(campaign: Campaign) -> Any:
+    """An xarray.DataTree with a dataset for each run, because runs may have different lengths and rates."""
+    return needed("xarray").DataTree.from_dict({run.id: run_to_xarray(run) for run in campaign.runs})
+
+
+def _response(response: Response) -> tuple[str, Column, Mapping[str, Column]]:
+    columns = {name: (values, response.units.get(name, "")) for name, values in response.channels.items()}
+    return _over_time(response.sample_rate, columns)
+
+
+@shows(Response, "to_xarray")
+def response_to_xarray(response: Response) -> xarray.Dataset:
+    """Sensors over time."""
+    return _dataset(*_response(response))
+
+
+@shows(Response, "to_pandas")
+def response_to_pandas(response: Response) -> pd.DataFrame:
+    """Sensors over time."""
+    return _frame(*_response(response))
+
+
+def _frf(frf: Frf) -> tuple[str, Column, Mapping[str, Column]]:
+    response, reference = (unit or "?" for unit in frf.units)
+    ratio = "1" if response == reference else f"({response})/({reference})"
+    units = {"value": ratio, "magnitude_std": ratio, "phase_std": "rad"}
+    rows = {name: (values, units.get(name, "1")) for name in FRF_ROWS if (values := getattr(frf, name)) is not None}
+    return "frequency", (frf.frequency, "Hz"), rows
+
+
+def _about_frf(frf: Frf) -> dict[str, Any]:
+    about: dict[str, Any] = {"response": frf.response, "reference": frf.reference, "estimator": frf.estimator}
+    if isinstance(frf, Transfer):
+        about |= {"configuration": frf.configuration, "gain": frf.gain, "runs": list(frf.runs), "band": list(frf.band)}
+    return about
+
+
+@shows(Frf, "to_xarray")
+def frf_to_xarray(frf: Frf) -> xarray.Dataset:
+    """Complex value, coherence and error bars over frequency."""
+    return _dataset(*_frf(frf), **_about_frf(frf))
+
+
+@shows(Frf, "to_pandas")
+def frf_to_pandas(frf: Frf) -> pd.DataFrame:
+    """Complex value, coherence and error bars over frequency."""
+    return _frame(*_frf(frf), **_about_frf(frf))
+
+
+def _ratio(found: IsolationRatio) -> tuple[str, Column, Mapping[str, Column]]:
+    return "frequency", (found.frequency, "Hz"), {"ratio": (found.ratio, "1"), "std": (found.std, "1"), "gain": (found.gain, "1")}
+
+
+@shows(IsolationRatio, "to_xarray")
+def ratio_to_xarray(found: IsolationRatio) -> xarray.Dataset:
+    """The stitched ratio over frequency."""
+    return _dataset(*_ratio(found))
+
+
+@shows(IsolationRatio, "to_pandas")
+def ratio_to_pandas(found: IsolationRatio) -> pd.DataFrame:
+    """The stitched ratio over frequency."""
+    return _frame(*_ratio(found))
+
+
+@shows(Characterization, "to_pandas")
+def parameters_to_pandas(found: Characterization) -> pd.DataFrame:
+    """The parameter table, with a column of units."""
+    rows = {name: (e.value, e.std, e.unit, e.method, e.note) for name, e in found.table.items()}
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=["value", "std", "unit", "method", "note"])
+    frame.index.name = "parameter"
+    return frame.astype({"value": float, "std": float})
+
+
+@shows(Characterization, "to_xarray")
+def parameters_to_xarray(found: Characterization) -> xarray.Dataset:
+    """A scalar variable for each parameter that has a value, with its standard uncertainty and unit as attributes."""
+    data = {
+        name: ((), e.value, {"units": e.unit, "std": e.std, "method": e.method})
+        for name, e in found.table.items()
+        if e.value is not None
+    }
+    dataset: xarray.Dataset = needed("xarray").Dataset(data)
+    return dataset
+
+
+@shows(ModalModel, "to_pandas")
+def modes_to_pandas(found: ModalModel) -> pd.DataFrame:
+    """A row for each mode."""
+    keys = ("frequency", "frequency_std", "damping", "damping_std", "collinearity")
+    frame = pd.DataFrame([{key: getattr(mode, key) for key in keys} for mode in found.modes])
+    frame.index = pd.RangeIndex(1, len(found.modes) + 1, name="mode")
+    frame.attrs = {"units": {"frequency": "Hz", "frequency_std": "Hz", "damping": "1", "damping_std": "1", "collinearity": "1"}}
+    return frame
+
+
+@shows(ModalModel, "to_xarray")
+def modes_to_xarray(found: ModalModel) -> xarray.Dataset:
+    """Shapes over response and mode, with frequencies and damping ratios as coordinates."""
+    xr = needed("xarray")
+
+    def of_modes(name: str) -> FloatArray:
+        return np.array([getattr(mode, name) for mode in found.modes])
+
+    dataset: xarray.Dataset = xr.Dataset(
+        {"shape": (("response", "mode"), found.shapes(), {"units": "1"})},
+        coords={
+            "response": list(found.responses), "mode": np.arange(1, len(found.modes) + 1),
+            "frequency": ("mode", of_modes("frequency"), {"units": "Hz"}),
+            "damping": ("mode", of_modes("damping"), {"units": "1"}),
+        },
+    )  # fmt: skip
+    return dataset
+
+
+@shows(StateSpace, "to_scipy")
+def to_scipy(system: StateSpace) -> ScipyStateSpace:
+    """As scipy.signal.StateSpace."""
+    from scipy.signal import StateSpace as Scipy
+
+    return Scipy(system.a, system.b, system.c, system.d)
+
+
+@shows(StateSpace, "to_control")
+def to_control(system: StateSpace) -> control.StateSpace:
+    """As control.StateSpace."""
+    names = {"states": list(system.states), "inputs": list(system.inputs), "outputs": list(system.outputs)}
+    return needed("control").ss(system.a, system.b, system.c, system.d, **names)

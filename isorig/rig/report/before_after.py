@@ -1,0 +1,241 @@
+"""Charts that show a cause: the force at its place, the second of the largest error, errors as bars; before and after.
+
+They take plain arrays of held-out data, whatever computed them: a free run of two models, or equations of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.wording import sized_unit
+from isorig.rig.report.charts import Chart, Panel, Role, Style, Trace
+from isorig.rig.report.sections import unit, words
+
+#: Names and roles of the curves.
+BASELINE: tuple[str, Role] = ("baseline", "simulated")
+EXTENDED: tuple[str, Role] = ("extended model", "extended")
+#: Points of a force drawn as dots, bins of its mean curve with equal counts, and the share of samples outside of them.
+DOTS, BINS, OUTSIDE = 900, 60, 0.002
+#: Seconds of the interval in which the models differ most.
+SECOND = 1.0
+
+Over = Literal["deflection", "velocity", "time"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Force:
+    """The force in a joint, measured or of a model: deflection, velocity and force in SI units, each shape (samples,)."""
+
+    deflection: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceForce:
+    """The force at a place in a run.
+
+    Parameters
+    ----------
+    place, run
+        Names, for the caption.
+    time
+        Seconds since the start of the run, shape (samples,).
+    measured, baseline, extended
+        The force from the records, and of the models; `extended` is None without a cause.
+    spring
+        Stiffness whose force is subtracted over the velocity, N/m, so that friction and damping remain.
+    rotary
+        Whether deflections are angles and forces torques.
+    """
+
+    place: str
+    run: str
+    time: FloatArray
+    measured: Force
+    baseline: Force
+    extended: Force | None = None
+    spring: float = 0.0
+    rotary: bool = False
+
+    @property
+    def models(self) -> dict[tuple[str, Role], Force]:
+        """The models' forces by name and role."""
+        return {BASELINE: self.baseline} | ({EXTENDED: self.extended} if self.extended is not None else {})
+
+    @property
+    def misfit(self) -> float:
+        """Error of the baseline's force, as a share of the measured force."""
+        return _error(self.baseline, self.measured) / max(float(np.std(self.measured.force)), 1e-300)
+
+    @property
+    def improvement(self) -> float:
+        """By how much the extension reduces the error of the force, N; without one, the error."""
+        return _error(self.baseline, self.measured) - (0.0 if self.extended is None else _error(self.extended, self.measured))
+
+
+def _error(one: Force, measured: Force) -> float:
+    return float(np.std(one.force - measured.force))
+
+
+def force_chart(at: PlaceForce, over: Over) -> Chart:
+    """The measured force with those of both models: dots and mean curves over deflection or velocity, lines over time."""
+    if over == "time":
+        return _force_over_time(at)
+    length, force_unit = ("rad", "N m") if at.rotary else ("m", "N")
+    x_unit = length if over == "deflection" else f"{length}/s"
+
+    def xy(one: Force) -> tuple[FloatArray, FloatArray]:
+        if over == "deflection":
+            return one.deflection, one.force
+        return one.velocity, one.force - at.spring * one.deflection
+
+    x, y = xy(at.measured)
+    x_scale, x_name = sized_unit(float(np.abs(x).max(initial=0.0)), x_unit)
+    y_scale, y_name = sized_unit(float(np.abs(y).max(initial=0.0)), force_unit)
+    some = slice(None, None, max(1, len(x) // DOTS))
+    traces = [Trace(name="measured, samples", x=x[some] / x_scale, y=y[some] / y_scale, role="noise", style="dots")]
+    for (name, role), one in [(("measured, mean", "measured"), at.measured), *at.models.items()]:
+        at_x, mean = mean_over(*xy(one))
+        style: Style = "dash" if name == BASELINE[0] else "solid"
+        traces.append(Trace(name=name, x=at_x / x_scale, y=mean / y_scale, role=role, style=style))
+    without = " without the linear spring's" if over == "velocity" and at.spring else ""
+    return Chart(
+        name=f"force-{at.place}",
+        caption=f"Force in the {words(at.place)}{without} over {over}, run {at.run}, held-out data: from the records (drive "
+        "minus inertia of the bodies beyond it), and the same from each model's simulation. Lines are means over bins.",
+        panels=[Panel(label=f"force, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
+    )  # fmt: skip
+
+
+def _force_over_time(at: PlaceForce) -> Chart:
+    y_scale, y_name = sized_unit(float(np.abs(at.measured.force).max(initial=0.0)), "N m" if at.rotary else "N")
+    traces = [Trace(name="measured", x=at.time, y=at.measured.force / y_scale)]
+    traces += [
+        Trace(name=name, x=at.time, y=one.force / y_scale, role=role, style="dash") for (name, role), one in at.models.items()
+    ]
+    return Chart(
+        name=f"force-{at.place}", caption=f"Force in the {words(at.place)} over time, run {at.run}, held-out data.",
+        panels=[Panel(label=f"force, {y_name}")], traces=traces, x_label="time, s", x_log=False,
+    )  # fmt: skip
+
+
+def mean_over(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean of y and of x in bins of x with equal counts, each shape (bins,)."""
+    edges = np.quantile(x, np.linspace(OUTSIDE, 1.0 - OUTSIDE, BINS + 1))
+    place = np.searchsorted(edges, x, side="right") - 1
+    kept = (place >= 0) & (place < BINS)
+    count = np.bincount(place[kept], minlength=BINS)
+    there = count > 0
+    sums = [np.bincount(place[kept], values[kept], minlength=BINS)[there] / count[there] for values in (x, y)]
+    return np.asarray(sums[0]), np.asarray(sums[1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """A channel of a run on held-out data: measured and simulated, each shape (samples,), in `unit`; `noise` is its sensor's."""
+
+    run: str
+    channel: str
+    unit: str
+    sample_rate: float
+    start: float
+    measured: FloatArray
+    models: Mapping[tuple[str, Role], FloatArray]
+    noise: float = 0.0
+    size: float = 1.0
+
+    @property
+    def time(self) -> FloatArray:
+        """Seconds since the start of the run, shape (samples,)."""
+        return self.start + np.arange(len(self.measured)) / self.sample_rate
+
+
+def worst_second(records: Sequence[Record]) -> Record | None:
+    """The second in which the first model's error relative to its channel's `size` is largest; None without a record."""
+    worst: tuple[float, int, Record] | None = None
+    for record in records:
+        n = max(round(SECOND * record.sample_rate), 2)
+        if len(record.measured) < n or record.size <= 0.0:
+            continue
+        simulated = next(iter(record.models.values()))
+        total = np.concatenate([[0.0], np.cumsum((simulated - record.measured) ** 2)])
+        power = (total[n:] - total[:-n]) / n
+        k = int(np.argmax(power))
+        error = float(np.sqrt(power[k])) / record.size
+        if worst is None or error > worst[0]:
+            worst = error, k, record
+    if worst is None:
+        return None
+    _, k, record = worst
+    part = slice(k, k + max(round(SECOND * record.sample_rate), 2))
+    models = {key: values[part] for key, values in record.models.items()}
+    return replace(record, measured=record.measured[part], models=models, start=record.start + k / record.sample_rate)
+
+
+def second_chart(records: Sequence[Record]) -> Chart | None:
+    """The second in which the first model's error is largest (`worst_second`), with the residuals below."""
+    record = worst_second(records)
+    if record is None:
+        return None
+    measured, seconds = record.measured, record.time
+    traces = [Trace(name="measured", x=seconds, y=measured)]
+    for (name, role), values in record.models.items():
+        traces.append(Trace(name=name, x=seconds, y=values, role=role, style="dash"))
+        traces.append(Trace(name=name, x=seconds, y=values - measured, role=role, panel=1))
+    if record.noise > 0.0:
+        band = Trace(
+            name="sensor noise, ±2 σ", x=seconds[[0, -1]], y=np.zeros(2), spread=np.full(2, 2.0 * record.noise), role="noise",
+            panel=1, style="dot",
+        )  # fmt: skip
+        traces.append(band)
+    label = unit(record.unit)
+    return Chart(
+        name=f"second-{record.run}-{record.channel}",
+        caption=f"The second of held-out data with the largest error: {record.channel}, run {record.run}; "
+        "free-run simulation from the start of the run. Below: the residuals, simulated minus measured.",
+        panels=[Panel(label=f"{record.channel}, {label}"), Panel(label=f"residual, {label}")],
+        traces=traces, x_label="time, s", x_log=False,
+    )  # fmt: skip
+
+
+def bars_chart(name: str, caption: str, label: str, names: Sequence[str], sets: Mapping[tuple[str, Role], FloatArray]) -> Chart:
+    """Positive values by name as bars on a logarithmic axis, a set for each model and for the noise; NaN leaves a bar out."""
+    traces = [
+        Trace(name=title, x=list(names), y=np.asarray(values, dtype=float), role=role, style="bars")
+        for (title, role), values in sets.items()
+    ]
+    return Chart(name=name, caption=caption, panels=[Panel(label="")], traces=traces, x_label=label, x_log=True)
+
+
+def residual_chart(before: Mapping[str, float], after: Mapping[str, float] | None = None) -> Chart | None:
+    """Residual of each equation of motion divided by its noise, before and after; None without equations.
+
+    Parameters
+    ----------
+    before, after
+        By the equation's name, for example "table + motor" for the forces on both; `after` is None without a cause.
+    """
+    if not before:
+        return None
+    sets = {BASELINE: np.array(list(before.values()))}
+    if after is not None:
+        sets[EXTENDED] = np.array([after.get(name, np.nan) for name in before])
+    return bars_chart(
+        "equations",
+        "Equations of motion in the records, without simulation: the residual of each divided by its noise. About 1 is noise "
+        "alone; a fault raises only the equations that contain it, so the tall bar is its place.",
+        "residual / noise", [_equation(name) for name in before], sets,
+    )  # fmt: skip
+
+
+def _equation(name: str) -> str:
+    # Equations are named after their bodies, and those of locks and stuck contacts after these.
+    if name.startswith("lock of "):
+        return words(name)
+    return f"{words(name.removeprefix('stuck '))}, stuck" if name.startswith("stuck ") else f"forces on {words(name)}"

@@ -1,0 +1,180 @@
+"""Charts as data, drawn by the page's script. A chart consists of panels, one above another, with a common x axis."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+
+#: What a trace represents; the page assigns each role a colour, dark and light.
+Role = Literal["measured", "simulated", "extended", "noise", "first", "second", "third", "fourth", "fifth", "sixth"]
+Style = Literal["solid", "dash", "dot", "markers", "dots", "points", "bars"]
+SERIES: tuple[Role, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
+#: Maximum number of points in a trace: more cannot be displayed.
+MOST_POINTS = 1500
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """One line or one set of bars.
+
+    Parameters
+    ----------
+    name
+        Name in the legend; traces with the same name share an entry.
+    x, y
+        Values, shape (n,); `x` may be names for bars. NaN interrupts the line.
+    spread
+        Half width of the error band, or of the error bars of single points, shape (n,).
+    role
+        What it represents.
+    panel
+        Index of its panel, from the top.
+    style
+        Its style; "points" are markers with error bars, "dots" many faint samples.
+    """
+
+    name: str
+    x: FloatArray | Sequence[str]
+    y: FloatArray
+    spread: FloatArray | None = None
+    role: Role = "measured"
+    panel: int = 0
+    style: Style = "solid"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """A vertical axis.
+
+    Parameters
+    ----------
+    label
+        Its label, of one or more lines.
+    log
+        Whether it is logarithmic.
+    ends
+        Its limits, if fixed.
+    height
+        Its share of the chart's height.
+    step
+        Distance of its ticks, if fixed.
+    """
+
+    label: str
+    log: bool = False
+    ends: tuple[float, float] | None = None
+    height: float = 1.0
+    step: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mark:
+    """A shaded interval of the x axis in one panel."""
+
+    begin: float
+    end: float
+    panel: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chart:
+    """A figure of the page.
+
+    Parameters
+    ----------
+    name
+        Name of the downloaded file.
+    caption
+        Description of the content, in a sentence.
+    panels, traces
+        The content.
+    x_label, x_log, x_ends
+        The common x axis.
+    x_date
+        Whether the axis shows dates; x is in days since 1970.
+    link
+        Charts with the same link zoom together.
+    marks
+        Shaded intervals.
+    peaks
+        Whether to state the largest value of every curve of the first panel, within the shown interval.
+    """
+
+    name: str
+    caption: str
+    panels: Sequence[Panel]
+    traces: Sequence[Trace]
+    x_label: str = "frequency, Hz"
+    x_log: bool = True
+    x_ends: tuple[float, float] | None = None
+    x_date: bool = False
+    link: str | None = None
+    marks: Sequence[Mark] = ()
+    peaks: bool = False
+
+    @property
+    def bars(self) -> int:
+        """Number of bars from top to bottom; 0 if there are none. Every one gets its label."""
+        shown = [trace for trace in self.traces if trace.style == "bars"]
+        return len(shown[0].x) * max(1, len(shown)) if shown else 0
+
+    def to_tree(self) -> dict[str, Any]:
+        """The chart as plain values for the page's script, arrays as float32 in base64."""
+        return {
+            "name": self.name,
+            "panels": [
+                {"label": p.label, "log": p.log, "ends": _ends(p.ends, p.log), "height": p.height, "step": p.step}
+                for p in self.panels
+            ],
+            "traces": [_trace(trace) for trace in self.traces],
+            "peaks": self.peaks,
+            "x": {
+                "label": self.x_label,
+                "unit": self.x_label.rpartition(", ")[2],
+                "log": self.x_log,
+                "ends": _ends(self.x_ends, self.x_log),
+                "date": self.x_date,
+            },
+            "link": self.link,
+            "marks": [{"begin": m.begin, "end": m.end, "panel": m.panel} for m in self.marks],
+        }
+
+
+def spread_over(frequency: FloatArray, most: int = MOST_POINTS) -> slice | np.ndarray:
+    """Indices that select at most `most` of ascending positive frequencies, evenly on a logarithmic axis."""
+    n = len(frequency)
+    if n <= most:
+        return slice(None)
+    wanted = np.geomspace(max(float(frequency[0]), 1e-9), float(frequency[-1]), most)
+    return np.unique(np.clip(np.searchsorted(frequency, wanted), 0, n - 1))
+
+
+def _trace(trace: Trace) -> dict[str, Any]:
+    named = isinstance(trace.x, Sequence)
+    return {
+        "name": trace.name,
+        "x": list(trace.x) if isinstance(trace.x, Sequence) else packed(trace.x),
+        "y": packed(trace.y),
+        "spread": None if trace.spread is None else packed(trace.spread),
+        "role": trace.role,
+        "panel": trace.panel,
+        "style": trace.style,
+        "named": named,
+    }
+
+
+def packed(values: FloatArray) -> dict[str, str]:
+    """float32 in base64, as plotly reads typed arrays."""
+    return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()}
+
+
+def _ends(ends: tuple[float, float] | None, log: bool) -> list[float] | None:
+    if ends is None:
+        return None
+    return [float(v) for v in (np.log10(ends) if log else ends)]

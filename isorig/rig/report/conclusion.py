@@ -1,0 +1,188 @@
+"""The conclusion of a diagnosis in four sentences: the cause with its size, the error, what was ruled out, what to do next.
+
+It is derived from the content of findings.json alone, so a page, the terminal and a summary of old answers agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.wording import sized
+from isorig.rig.report.sections import words
+
+#: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
+CAUSES: Mapping[str, str] = {
+    "coulomb_friction": "dry friction of {friction_force} at the {place}",
+    "stribeck_friction": "Stribeck friction at the {place} that holds with {static_force} and slides with {friction_force}, "
+    "falling over {stribeck_velocity}",
+    "presliding_friction": "friction at the {place} that is elastic before it slides, with {bristle_stiffness}",
+    "asymmetric_friction": "friction at the {place} of {forward_force} forward and {backward_force} backward",
+    "play_and_friction": "play of {play} with friction of {friction_force} behind it in the {place}",
+    "relaxation": "a force in the {place} that relaxes, {relaxation_stiffness} within {relaxation_time}",
+    "hardening_stiffness": "a hardening spring in the {place}, cubic stiffness {cubic_stiffness}",
+    "softening_stiffness": "a softening spring in the {place}: it loses {softening} of its stiffness beyond {scale}",
+    "backlash": "play of {play} in the {place} ({clearance_alone} either way)",
+    "end_stop": "an end stop in the {place} at {stroke}, contact stiffness {contact_stiffness}",
+    "quadratic_damping": "damping in the {place} that grows with the square of the velocity, {quadratic_damping}",
+    "extra_mode": "a resonator of {mode_mass} at {mode_frequency} attached to the {place}",
+    "moment_coupling": "a drive force off the centre of gravity: the {place} rocks",
+    "wrong_mass": "the mass of the {place} is {mass}",
+    "imperfect_lock": "a lock that yields, with {lock_stiffness}",
+    "stiffness_drift": "a stiffness of the {place} that changes by {per_hour} per hour",
+    "channel_delay": "the {place} channel is late by {delay}",
+    "sensor_gain": "the {place} channel reads {factor} of the true value",
+    "clipping": "the {place} channel is limited at {limit}",
+    "crosstalk": "the {place} channel contains {fraction} of another channel",
+    "mains_hum": "mains hum of {frequency} in the {place} channel",
+}
+KINDS: Mapping[Kind, str] = {
+    "spring_shape": "a nonlinear spring force over deflection",
+    "damping_shape": "a nonlinear damping force over velocity",
+    "friction_shape": "a dry friction level",
+    "memory": "a force that depends on the history of the motion",
+    "drift": "a value that changes during the session",
+    "added_motion": "an additional degree of freedom",
+    "known_value": "a wrong given value",
+    "sensor": "a sensor's static curve or transfer function",
+}
+#: Number of ruled-out causes that are named.
+NAMED = 3
+HOUR = 3600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conclusion:
+    """What a colleague would answer.
+
+    Parameters
+    ----------
+    verdict
+        As in the findings.
+    check
+        What to check before anything else is believed; empty if nothing.
+    found
+        The verdict and the causes with their sizes.
+    error
+        The held-out errors before and after, and what noise alone would cause.
+    ruled_out
+        The rivals that were fitted and rejected, and those that were not; empty if nothing was fitted.
+    next
+        What to do.
+    """
+
+    verdict: str
+    check: str
+    found: str
+    error: str
+    ruled_out: str
+    next: str
+
+    @property
+    def answer(self) -> str:
+        """Verdict, cause and error in one sentence."""
+        return f"{self.found}; {self.error}"
+
+    @property
+    def lines(self) -> list[str]:
+        """All sentences, without empty ones."""
+        return [line for line in (self.check, self.answer, self.ruled_out, self.next) if line]
+
+
+def conclude(findings: Mapping[str, Any], folder: str | None = None) -> Conclusion:
+    """The conclusion from the content of findings.json; `folder` is where it is, None for a page in it."""
+    verdict, steps, holdout = findings["verdict"], findings["steps"], findings["holdout"]
+    doubts = " ".join(doubt["text"] for doubt in findings.get("doubts", ()))
+    return Conclusion(
+        verdict=verdict,
+        check=f"Check units, channels and given values first: {doubts}" if doubts else "",
+        found=_found(verdict, steps, bool(findings.get("cut_short"))),
+        error=_error(holdout, bool(steps)),
+        ruled_out=_ruled_out(findings),
+        next=_next(findings, folder),
+    )
+
+
+def cause_in_words(step: Mapping[str, Any]) -> str:
+    """A step of the findings: its cause, place and parameters."""
+    place, values = words(step["location"]), step["parameters"]
+    if step.get("form", step["cause"]) is None:
+        closest = step.get("closest_form")
+        near = f", closest to {words(closest['cause'])}" if closest else ", of no catalogued form"
+        return f"{KINDS.get(step['kind'], words(step['kind']))} at the {place}{near}"
+    shown = {name: _size(row) for name, row in values.items()} | _derived(values)
+    try:
+        return CAUSES[step["cause"]].format(place=place, **shown)
+    except KeyError:  # a cause, or its parameters, that these phrases do not have
+        listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
+        return f"{words(step['cause'])} at the {place}" + (f", {listed}" if listed else "")
+
+
+def _size(row: Mapping[str, Any], factor: float = 1.0, unit: str | None = None) -> str:
+    return sized(factor * row["value"], unit or row["unit"], factor * row["std"])
+
+
+def _derived(values: Mapping[str, Any]) -> dict[str, str]:
+    # Sizes that are easier to picture than the parameters themselves.
+    found = {}
+    if "clearance" in values:
+        row = values["clearance"]
+        found = {"play": _size(row, 2.0), "clearance_alone": sized(row["value"], row["unit"])}
+    if "drift_rate" in values:
+        found["per_hour"] = _size(values["drift_rate"], HOUR, "1")
+    return found
+
+
+def _found(verdict: str, steps: Sequence[Mapping[str, Any]], cut_short: bool) -> str:
+    if verdict == "adequate":
+        return "adequate: the model explains the data down to the noise"
+    late = "; the time limit ended the search for causes before all were tried" if cut_short else ""
+    if not steps:
+        return f"{verdict}: the model misfits, and no place and kind of cause is certain enough to be named{late}"
+    return f"{verdict}: {', and '.join(cause_in_words(step) for step in steps)}{late}"
+
+
+def _error(holdout: Mapping[str, Any], extended: bool) -> str:
+    before, after, floor = (in_per_cent(holdout[name]) for name in ("baseline", "extended", "noise_floor"))
+    falls = f"falls from {before} to {after}" if extended else f"is {before}"
+    return f"the error on held-out data {falls}, noise alone is {floor}"
+
+
+def in_per_cent(share: float) -> str:
+    """A share to two digits, in per cent; a multiple of the signal if it is larger."""
+    if share >= 10.0:
+        return f"{share:.2g} times the signal"
+    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
+
+
+def _ruled_out(findings: Mapping[str, Any]) -> str:
+    candidates = findings.get("candidates", ())
+    out = [c for c in candidates if c["standing"] == "ruled out" and c["holdout_error"] is not None]
+    out.sort(key=lambda c: float(c["holdout_error"]))
+    alike = [f"{words(c['cause'])} at the {words(c['location'])}" for group in findings["indistinguishable"] for c in group[1:]]
+    said = []
+    if out:
+        first = [f"{words(c['cause'])} at the {words(c['location'])} ({in_per_cent(c['holdout_error'])})" for c in out[:NAMED]]
+        more = f", and {len(out) - NAMED} more" if len(out) > NAMED else ""
+        said.append(f"Ruled out, with the error each leaves: {', '.join(first)}{more}.")
+    if alike:
+        said.append(f"Not distinguishable from it by these runs: {', '.join(alike)}.")
+    return " ".join(said)
+
+
+def _next(findings: Mapping[str, Any], folder: str | None) -> str:
+    verdict = findings["verdict"]
+    model = "model.json" if folder is None else f"{folder}/model.json"
+    if findings.get("doubts"):
+        return "Next: correct what is doubtful above, then diagnose again."
+    if findings.get("cut_short"):
+        return "Next: repeat with more time (--seconds); causes may have been missed."
+    if findings["indistinguishable"] or verdict in ("unexplained", "partly explained"):
+        return f"Next: rig next {folder or 'on this folder'} proposes the run that decides what is open."
+    if verdict == "adequate":
+        return f"Next: use the model: rig predict {model} predicts other runs."
+    if any(step["kind"] in ("sensor", "known_value") for step in findings["steps"]):
+        return f"Next: correct the recording or the description; {model} contains the correction (rig predict)."
+    return f"Next: repair the place, or predict with {model}, which contains the cause (rig predict)."

@@ -1,0 +1,246 @@
+"""The page of a diagnosis, for readers who were not present."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.diagnose.step import Curve, Step
+from isorig.analysis.fitting.score import Score
+from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
+from isorig.rig.report.charts import Chart, Panel, Role, Trace
+from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
+from isorig.rig.report.frequency import frequency_sections
+from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
+from isorig.rig.report.page import First, Report, Section, Table, build_report
+from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force, residuals
+from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
+from isorig.rig.report.sketch import sketch
+from isorig.rig.report.surface import surface_charts
+
+EVIDENCE = (
+    "Every figure is computed in the same way from the record and from the simulation with the same drive, so that "
+    "estimation errors cancel and only the difference counts."
+)
+
+
+def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, Any]) -> str:
+    """The report of a diagnosis as HTML.
+
+    Parameters
+    ----------
+    diagnosis
+        The result of the diagnosis.
+    campaign
+        The measurement.
+    content
+        The content of findings.json.
+    """
+    models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
+    scores = {BASELINE: diagnosis.scores[0]}
+    if diagnosis.steps:
+        models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
+        scores[EXTENDED] = diagnosis.scores[1]
+    said = conclude(content)
+    wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["No discrepancy exceeds the noise."]
+    frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)
+    sections = [
+        runs_section(campaign),
+        frf,
+        Section(
+            title="Parameters of the baseline",
+            tables=[
+                parameters_table(content["baseline"]["parameters"], "Fitted to all runs at once; std: standard uncertainty.")
+            ],
+        ),
+        Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
+        *isolation,
+        Section(title="What the simulation gets wrong", text=wrong, charts=misfit_charts(diagnosis.trials, models)),
+        Section(
+            title="Evidence from the records before a cause is fitted",
+            text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
+            charts=surface_charts(diagnosis.baseline.model, diagnosis.compared),
+        ),
+        *(_named(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)),
+        _considered(diagnosis),
+        _budget(diagnosis),
+        Section(
+            title="Improvement on held-out data",
+            text=[_improvement(diagnosis), content["holdout"]["how"]],
+            charts=[scores_chart(scores, diagnosis.division.judged)],
+        ),
+        Section(title="Advice for the next measurement", text=advice(diagnosis)),
+        provenance_section(campaign),
+    ]
+    report = Report(
+        title=f"Diagnosis of {Path(campaign.source).name}",
+        verdict=unbroken(f"{said.answer[0].upper()}{said.answer[1:]}."),
+        summary=[said.check] if said.check else [],
+        sections=sections,
+        first=_first(diagnosis, campaign, said, content["remarks"], models, scores),
+    )
+    return build_report(report)
+
+
+def _first(
+    diagnosis: Diagnosis, campaign: Campaign, said: Conclusion, remarks: Sequence[str],
+    models: Mapping[tuple[str, Role], Simulated], scores: Mapping[tuple[str, Role], Score],
+) -> First:  # fmt: skip
+    model = diagnosis.baseline.model
+    force, second, errors = (
+        _force(diagnosis, models),
+        second_chart(held_out_records(diagnosis.trials, diagnosis.division.judged, models)),
+        _errors_chart(diagnosis, scores),
+    )
+    equations = residual_chart(
+        residuals(campaign, model), residuals(campaign, diagnosis.extended.model) if diagnosis.steps else None
+    )
+    # Charts of half the page's width in pairs.
+    pairs = force is not None and equations is not None
+    pictures = [force, equations, second, errors] if pairs else [force or equations, errors, second]
+    return First(
+        sketch=sketch(model, marks(model, diagnosis.steps)),
+        measured=Section(title="What follows", text=[line for line in (said.ruled_out, said.next, *remarks) if line]),
+        pictures=[chart for chart in pictures if chart is not None],
+    )
+
+
+def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -> Chart | None:
+    # At the place of the first cause, or in the link that the baseline gets most wrong.
+    owners = {BASELINE: diagnosis.baseline.model, EXTENDED: diagnosis.extended.model}
+    before, *after = [(owners[name], responses) for name, responses in models.items()]
+    extended = after[0] if after else None
+    if diagnosis.steps:
+        step = diagnosis.steps[0]
+        link = joint_of(before[0], step)
+        at = None if link is None or step.kind not in OVER else place_force(link, diagnosis.trials, before, extended)
+        over = OVER.get(step.kind, "deflection")
+        if step.curve is not None and step.curve.over == "position":
+            over = "deflection"
+        return None if at is None else force_chart(at, over)
+    found = [at for link in before[0].links if (at := place_force(link, diagnosis.trials, before, None)) is not None]
+    return force_chart(max(found, key=lambda at: at.misfit), "deflection") if found else None
+
+
+def _errors_chart(diagnosis: Diagnosis, scores: Mapping[tuple[str, Role], Score]) -> Chart:
+    channels = list(diagnosis.division.judged[0].channels)
+    sets = {key: np.array([100.0 * each.figure, *(100.0 * np.median(each.error, axis=0))]) for key, each in scores.items()}
+    sets["noise alone", "noise"] = np.array([100.0 * diagnosis.floor, *np.full(len(channels), np.nan)])
+    return bars_chart(
+        "errors", "Error on held-out data, rms of simulated minus measured divided by rms of measured: medians over the runs.",
+        "error, % of the signal", ["all channels", *channels], sets,
+    )  # fmt: skip
+
+
+def _improvement(diagnosis: Diagnosis) -> str:
+    before, after = (
+        f"{100 * low:.3g} to {100 * high:.3g} %" for low, high in (diagnosis.improvement.before, diagnosis.improvement.after)
+    )
+    if not diagnosis.steps:
+        return f"The error of the baseline is {before} of the signal (95 % interval from resampled blocks)."
+    low, high = diagnosis.improvement.removed_interval
+    return (
+        f"The error of the baseline is {before} of the signal, that of the extended model {after}: "
+        f"{100 * diagnosis.improvement.removed:.3g} % of the excess error above the noise floor is removed ({100 * low:.3g} to "
+        f"{100 * high:.3g} %; 95 % intervals from resampled blocks)."
+    )
+
+
+def _what(step: Step) -> str:
+    # The form, or the kind if no form comes close to the free shape.
+    return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
+
+
+def _named(step: Step, share: tuple[float, float, float]) -> Section:
+    removed, low, high = (100.0 * value for value in share)
+    notes = [
+        f"It removes {removed:.3g} % ({low:.3g} to {high:.3g} %) of the baseline's reproducible excess error.",
+        *step.evidence,
+        f"It is better than every rival in {100 * step.confidence:.0f} % of the resampled held-out data.",
+    ]
+    notes += [f"The data cannot distinguish it from {words(cause)} at {place}." for cause, place in step.indistinguishable]
+    charts = []
+    if step.curve is not None:
+        notes.append(
+            f"A free shape was fitted: the curve below, determined by the data over {step.curve.over}. No law of this kind at "
+            "this place can fit better, and the extended model contains the curve."
+        )
+        charts.append(_curve_chart(step, step.curve))
+    if step.closest is not None:
+        notes.append(
+            f"The closest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % of the excess "
+            f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
+        )
+    values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
+    tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
+    return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
+
+
+def _curve_chart(step: Step, curve: Curve) -> Chart:
+    x, value, std = (np.array(column) for column in zip(*curve.points, strict=True))
+    quantity = {"deflection": "force", "speed": "force", "position": "friction force", "time": "value"}.get(curve.over, "value")
+    low, high = curve.reached
+    return Chart(
+        name=f"curve-{step.location}",
+        caption=f"{step.location}: {quantity} over {curve.over}, with the standard uncertainty. The runs cover {low:.3g} to "
+        f"{high:.3g} {curve.unit}; outside of this the curve is an extrapolation.",
+        panels=[Panel(label=f"{quantity}, {curve.value_unit}")],
+        traces=[Trace(name="free shape", x=x, y=value, spread=std, role="extended")],
+        x_label=f"{curve.over}, {curve.unit}", x_log=False,
+    )  # fmt: skip
+
+
+def _considered(diagnosis: Diagnosis) -> Section:
+    rows = [
+        (
+            words(item.cause), item.location, "" if item.holdout_error is None else number(item.holdout_error, 3),
+            "" if item.share is None else f"{100 * max(item.share, 0.0):.3g} %", item.standing, item.why,
+        )
+        for item in diagnosis.considered
+    ]  # fmt: skip
+    columns = ("cause", "location", "held-out error", "share removed", "status", "reason")
+    text = ["Every fitted cause, and those that are not identifiable from these runs."] if rows else ["No cause was needed."]
+    return Section(title="All causes considered", text=text, tables=[Table(columns=columns, rows=rows)] if rows else [])
+
+
+def _budget(diagnosis: Diagnosis) -> Section:
+    before, after = (budget.shares for budget in diagnosis.budgets)
+    rows = [
+        (nature, *(f"{100 * v:.3g} % ({100 * low:.3g} to {100 * high:.3g})" for v, low, high in (before[nature], after[nature])))
+        for nature in before
+    ]
+    return Section(
+        title="Composition of the error",
+        text=[diagnosis.budgets[0].how],
+        tables=[
+            Table(
+                columns=("nature", "baseline", "extended model"), rows=rows,
+                caption="Shares of the held-out error power, with 95 % intervals over resampled runs.",
+            )
+        ],
+    )  # fmt: skip
+
+
+def advice(diagnosis: Diagnosis) -> list[str]:
+    """Measurements that would answer what this campaign leaves open."""
+    sentences = []
+    for step in diagnosis.steps:
+        for cause, place in step.indistinguishable:
+            sentences.append(
+                f"To distinguish {words(step.cause)} at {step.location} from {words(cause)} at {place}, measure again at another "
+                "gain, or with an additional accelerometer at that place."
+            )
+    worst = max(diagnosis.discrepancies, key=lambda d: d.size, default=None)
+    if diagnosis.verdict in ("unexplained", "partly explained") and worst is not None:
+        sentences.append(
+            f"The remaining error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, between "
+            f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
+        )
+    if not any(trial.run.use == "holdout" for trial in diagnosis.trials):
+        sentences.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
+    return sentences

@@ -1,0 +1,149 @@
+"""The first screen of a report: what was measured, whether the isolation works, what is wrong with the model, what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.misfit import Discrepancy
+from isorig.analysis.isolation.moves import move_within, on_move
+from isorig.analysis.isolation.ratio import Isolated
+from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.wording import of_signal
+from isorig.rig.design_study import BOND
+from isorig.rig.isolation_comparison import Compared
+from isorig.rig.report.advice import NOTHING
+from isorig.rig.report.before_after import second_chart
+from isorig.rig.report.charts import Role
+from isorig.rig.report.frequency import isolation_chart
+from isorig.rig.report.misfit import Simulated
+from isorig.rig.report.page import Answer, First, Section
+from isorig.rig.report.place import held_out_records
+from isorig.rig.report.sections import channels_table
+from isorig.rig.report.sketch import sketch
+
+#: Name in a recording for the required isolation of the heatblock, as a share of its vibration.
+WISH = "wished_isolation"
+#: The isolation in the thesis's first simulation: the requirement if a recording gives none.
+PROMISED = 0.98
+
+
+def first_screen(
+    campaign: Campaign, found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy], advice: Sequence[str],
+    models: Mapping[tuple[str, Role], Simulated],
+) -> First:  # fmt: skip
+    """The first screen.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    found
+        Its parameters.
+    compared
+        The isolation ratio measured and simulated; None if it was not measured.
+    wrong
+        Discrepancies of the simulation, largest first.
+    advice
+        Advice, most important first.
+    models
+        Simulations of all runs, by name and role.
+    """
+    second = second_chart(held_out_records(found.trials, found.trials, models))
+    return First(
+        sketch=sketch(found.fit.model),
+        measured=Section(title="What was measured", text=[_runs(campaign)], tables=[channels_table(campaign)]),
+        answers=[
+            *([] if found.head_mass is None else [_job(campaign, found, compared)]),
+            _model(found, compared, wrong),
+            _next(found, advice),
+        ],
+        pictures=[isolation_chart(compared)] if compared is not None else [] if second is None else [second],
+    )
+
+
+def _runs(campaign: Campaign) -> str:
+    configurations = " and ".join(sorted({run.configuration for run in campaign.runs}, reverse=True))
+    gains = ", ".join(f"{gain:g}" for gain in sorted({run.gain for run in campaign.runs}, reverse=True))
+    seconds = sum(run.duration for run in campaign.runs)
+    virtual = any("virtual" in c.about.get("sensor", "") for run in campaign.runs for c in run.channels.values())
+    kind = "A virtual rig without real sensors. " if virtual else ""
+    return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}, at gain {gains}."
+
+
+def _next(found: Characterization, advice: Sequence[str]) -> Answer:
+    short = "Nothing is missing" if not advice else "Measure again" if found.adequate else "Search for the cause"
+    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING])
+
+
+def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> Answer:
+    question = "Does the isolation work?"
+    measured = None if compared is None else compared.isolated.get("measured")
+    if measured is None:
+        reason = "No gain was measured both unlocked and locked above the isolation frequency, so the recording does not show it."
+        return Answer(question=question, short="Not known", text=[reason])
+    wish = campaign.known.get(WISH, PROMISED)
+    low, high = measured.interval
+    verdict = "Yes" if low >= wish else "No" if high < wish else "Perhaps"
+    short = f"{verdict}: {_percent(measured.share)} isolated, {_percent(wish)} required"
+    text = (
+        f"95 % interval {_percent(low)} to {_percent(high)}: reduction of the heatblock's vibration, unlocked relative to locked "
+        f"with the same drive, from {measured.band[0]:.3g} to {measured.band[1]:.3g} Hz at gain {measured.gain:.3g}."
+    )
+    stated = (
+        "The recording gives the requirement."
+        if WISH in campaign.known
+        else f"The recording gives no requirement ({WISH}): {_percent(PROMISED)} is from the thesis's first simulation of a move."
+    )
+    return Answer(question=question, short=short, text=[text, stated, *_bonded(campaign, found)])
+
+
+def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
+    # The isolation during a move differs from that in a band of noise: friction matters less for larger accelerations.
+    if campaign.description is not None:
+        return []
+    move = move_within(BOND.distance, BOND.seconds)
+    free, held = (on_move(found.fit.model, move, tolerance=BOND.tolerance, configuration=c) for c in ("unlocked", "locked"))
+    return [
+        f"During a move of {1e3 * BOND.distance:g} mm in {1e3 * BOND.seconds:g} ms the fitted model isolates "
+        f"{_percent(1.0 - free.largest / held.largest)}: the heatblock moves {1e6 * free.largest:.2g} µm relative to the table; "
+        f"the bond allows ±{1e6 * BOND.tolerance:g} µm."
+    ]
+
+
+def _model(found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy]) -> Answer:
+    question = "What is wrong with the model?"
+    costs = _cost(compared.isolated) if compared is not None else ""
+    if found.adequate:
+        short = "No discrepancy found"
+        text = (
+            f"It explains the runs down to the noise: its error is {of_signal(found.error)}, that of noise alone "
+            f"{100 * found.floor:.2g} %."
+        )
+    else:
+        short = f"Its error is {of_signal(found.error)}"
+        text = f"Noise alone would cause {100 * found.floor:.2g} %."
+        if wrong:
+            worst = wrong[0]
+            text += (
+                f" Its error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, from "
+                f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
+            )
+    return Answer(question=question, short=short, text=[text, *([costs] if costs else [])])
+
+
+def _cost(isolated: dict[str, Isolated]) -> str:
+    if not {"measured", "simulated"} <= isolated.keys():
+        return ""
+    off = 100.0 * (isolated["simulated"].share - isolated["measured"].share)
+    share = _percent(isolated["simulated"].share)
+    within = abs(off) <= 196.0 * isolated["measured"].std
+    return f"It predicts {share} isolated" + (
+        ", within the measurement's interval."
+        if within
+        else f", {abs(off):.2g} percentage points too {'high' if off > 0.0 else 'low'}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"

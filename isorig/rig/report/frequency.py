@@ -1,0 +1,173 @@
+"""Sections over frequency: transfer functions with coherence, and the isolation ratio, measured and simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.errors import DataError
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.parameters.joint_fit import is_wire_bonder
+from isorig.rig.isolation_comparison import Compared, Model, compared_isolation, isolation_sentences
+from isorig.rig.prediction import predicted
+from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
+from isorig.rig.report.page import Report, Section, build_report
+from isorig.rig.report.sections import per
+from isorig.rig.transfer import Transfer, transfer_functions
+
+#: Styles of the lines of several recordings.
+DASHES: tuple[Style, ...] = ("solid", "dash", "dot")
+
+
+def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
+    """Transfer functions and the isolation ratio, measured and simulated for the same runs; or the reason why there are none."""
+    found, why = isolation_of(campaign, model)
+    sections = [transfer_section(campaign, model)]
+    if found is not None:
+        sections.append(isolation_section(found))
+    elif why:
+        sections.append(Section(title="Isolation ratio", text=[why]))
+    return sections
+
+
+def transfer_section(campaign: Campaign, model: RigModel) -> Section:
+    """Transfer functions, measured and simulated for the same runs; or the reason why there are none."""
+    try:
+        drives = [drive.channel for drive in model.drives]
+        return frf_section(campaign, predicted(model, campaign, as_recorded=True), drives, next(iter(model.configurations)))
+    except DataError as error:
+        return Section(title="Transfer functions", text=[f"Not available: {error}."])
+
+
+def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
+    """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
+    if "locked" not in model.configurations or not is_wire_bonder(model):
+        return None, ""
+    try:
+        return compared_isolation(campaign, [Model(name="simulated", rig=model)]), ""
+    except DataError as error:
+        return None, f"None: {error}."
+
+
+def frf_section(campaign: Campaign, simulated: Campaign, drives: Sequence[str], usual: str) -> Section:
+    """Transfer functions from every drive to every response, a colour for each configuration and gain, simulated ones dotted.
+
+    The curves of the configuration `usual` are solid, others dashed.
+    """
+    measured, other = (transfer_functions(each, reference=drives) for each in (campaign, simulated))
+    names = dict.fromkeys((item.frf.response, item.frf.reference) for item in measured)
+    first = measured[0].frf
+    references = " and ".join(dict.fromkeys(item.frf.reference for item in measured))
+    text = [
+        f"H1 from {references}, resolution {first.resolution:g} Hz, averaged over the runs of each configuration and gain, "
+        "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
+        "another nonlinearity."
+    ]
+    charts = [
+        frf_chart(
+            [(m.label, m) for m in measured if (m.response, m.reference) == name],
+            [(m.label, m) for m in other if (m.response, m.reference) == name],
+            styles={m.label: "dash" for m in measured if m.configuration != usual},
+        )
+        for name in names
+    ]
+    return Section(title="Transfer functions", text=text, charts=charts)
+
+
+def frf_page(found: Sequence[tuple[str, Transfer]], name: str, remarks: Sequence[str]) -> str:
+    """The page of `rig frf`: the transfer functions of one or more recordings by label, overlaid."""
+    first = found[0][1]
+    pairs = dict.fromkeys((item.response, item.reference) for _, item in found)
+    # Recordings differ by the style of their lines, set-ups by colour.
+    sources = list(dict.fromkeys(label.removesuffix(item.label) for label, item in found))
+    styles = {label: DASHES[sources.index(label.removesuffix(item.label)) % len(DASHES)] for label, item in found}
+    sections = []
+    for response, reference in pairs:
+        same = [(label, item) for label, item in found if (item.response, item.reference) == (response, reference)]
+        sections.append(Section(title=f"{response} over {reference}", charts=[frf_chart(same, styles=styles)]))
+    how = (
+        f"{first.estimator}, resolution {first.resolution:.4g} Hz, within the band of the drive; bands show one standard "
+        "deviation."
+    )
+    return build_report(Report(title="Transfer functions", verdict=name, summary=[how, *remarks], sections=sections))
+
+
+def frf_chart(
+    measured: Sequence[tuple[str, Transfer]], simulated: Sequence[tuple[str, Transfer]] = (), *, styles: Mapping[str, Style]
+) -> Chart:
+    """Magnitude, phase and coherence of transfer functions of one response and reference by label, a colour for each set-up.
+
+    `styles` are those of lines that are not solid, by label: they are on top. Simulated curves are dotted, in the colour of the
+    set-up that they simulate.
+    """
+    setups = list(dict.fromkeys(item.label for _, item in measured))
+    colours: dict[str, Role] = {setup: SERIES[k % len(SERIES)] for k, setup in enumerate(setups)}
+    traces = []
+    for label, item in sorted(measured, key=lambda pair: styles.get(pair[0], "solid") != "solid"):
+        frf, role = item.within_band(), colours[item.label]
+        kept = spread_over(frf.frequency)
+        f, size = frf.frequency[kept], np.abs(frf.value[kept])
+        # Curves of other configurations are dashed and on top: they coincide if a contact sticks that a lock blocks.
+        style = styles.get(label, "solid")
+        turned = np.degrees(np.angle(frf.value[kept]))
+        traces += [
+            Trace(name=label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
+            Trace(name=label, x=f, y=_unjoined(turned), role=role, panel=1, style=style),
+            Trace(name=label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
+        ]
+    for _, item in simulated:
+        frf = item.within_band()
+        kept = spread_over(frf.frequency)
+        f, size = frf.frequency[kept], np.abs(frf.value[kept])
+        traces.append(Trace(name="simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
+    about = measured[0][1]
+    ratio = per(*(name or "unknown unit" for name in about.units))
+    return Chart(
+        name=f"frf-{about.response}-over-{about.reference}", caption=f"{about.response} over {about.reference}.",
+        panels=[
+            Panel(label=f"|{about.response} / {about.reference}|\n{ratio}", log=True, height=2.0),
+            Panel(label="phase, °", ends=(-185.0, 185.0), step=90.0),
+            Panel(label="coherence", ends=(0.0, 1.02)),
+        ],
+        traces=traces, link="frequency", peaks=True,
+    )  # fmt: skip
+
+
+def _unjoined(degrees: FloatArray) -> FloatArray:
+    # No line is drawn where the phase wraps.
+    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0)
+    shown = degrees.copy()
+    shown[wraps] = np.nan
+    return shown
+
+
+def isolation_section(found: Compared) -> Section:
+    """The isolation ratio with its sentences."""
+    return Section(title="Isolation ratio", text=isolation_sentences(found), charts=[isolation_chart(found)])
+
+
+def isolation_chart(found: Compared) -> Chart:
+    """The isolation ratio, measured and simulated, with the frequency bins at which the motor mostly sticks."""
+    roles: Mapping[str, Role] = {"measured": "measured", "simulated": "simulated"}
+    traces = []
+    for name, ratio in found.ratios.items():
+        kept = spread_over(ratio.frequency)
+        traces.append(
+            Trace(
+                name=name, x=ratio.frequency[kept], y=ratio.ratio[kept], spread=ratio.std[kept], role=roles[name],
+                style="solid" if name == "measured" else "dash",
+            )
+        )  # fmt: skip
+    ratio = found.measured
+    stuck = np.isin(ratio.gain, [gain for gain, share in found.stuck.items() if share > 0.5])
+    if stuck.any():
+        ends = ratio.frequency[stuck][[0, -1]]
+        traces.append(Trace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dot"))
+    return Chart(
+        name="isolation-ratio",
+        caption="Acceleration of the heatblock divided by acceleration of the head, unlocked divided by locked: 1 means no "
+        "isolation, 0.1 that a tenth is transmitted.",
+        panels=[Panel(label="ratio, unlocked / locked", log=True)], traces=traces, link="frequency",
+    )  # fmt: skip

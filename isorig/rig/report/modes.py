@@ -1,0 +1,94 @@
+"""The page of `rig modes`: the modes, their shapes in motion, the stabilization diagram, and measured against fitted curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.wording import sized
+from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Trace
+from isorig.rig.report.page import Report, Section, Shape, Table, build_report
+from isorig.rig.report.sections import per
+
+#: Poles by what the order before them agrees with: their name in the legend, and their role.
+POLES: Mapping[str, tuple[str, Role]] = {
+    "stable": ("stable in frequency and damping", "first"), "frequency": ("stable in frequency", "second"),
+    "new": ("new", "noise"),
+}  # fmt: skip
+
+
+def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequence[str]) -> str:
+    """The page as HTML; `units` are those of response and reference."""
+    rows = [
+        (
+            str(k + 1), sized(mode.frequency, "Hz", mode.frequency_std), sized(mode.damping, "1", mode.damping_std),
+            f"{mode.collinearity:.3f}", f"{mode.lines:.1f}",
+        )
+        for k, mode in enumerate(found.modes)
+    ]  # fmt: skip
+    columns = ("mode", "natural frequency", "damping ratio", "collinearity", "bins in its bandwidth")
+    shapes = [
+        Shape(
+            amplitudes=dict(zip(found.responses, mode.shape.tolist(), strict=True)),
+            caption=f"Mode {k + 1}: {sized(mode.frequency, 'Hz', digits=4)}, damping {sized(mode.damping, '1')}",
+        )
+        for k, mode in enumerate(found.modes)
+    ]
+    text = [
+        "Collinearity is 1 if all points move in phase or antiphase. Shapes swing as measured, without bodies in between.",
+        *found.warnings,
+    ]
+    charts = [*([_stabilization(found)] if found.poles else []), *_curves(found, units)]
+    sections = [
+        Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes),
+        Section(title="Poles and curves", charts=charts),
+    ]
+    number = f"{len(found.modes)} modes" if len(found.modes) > 1 else "One mode"
+    verdict = f"{number} from {found.frequency[0]:.4g} to {found.frequency[-1]:.4g} Hz"
+    return build_report(Report(title=f"Modes of {name}", verdict=verdict, summary=remarks, sections=sections))
+
+
+def _stabilization(found: ModalModel) -> Chart:
+    traces = []
+    for status, (label, role) in POLES.items():
+        poles = [(pole.frequency, pole.order) for pole in found.poles if pole.status == status]
+        if poles:
+            frequency, order = (np.array(column, dtype=float) for column in zip(*poles, strict=True))
+            traces.append(Trace(name=label, x=frequency, y=order, role=role, style="markers", panel=1))
+    size = np.sqrt(np.mean(np.abs(found.measured) ** 2, axis=(0, 1)))
+    traces.insert(0, Trace(name="rms of all transfer functions", x=found.frequency, y=size))
+    traces += [
+        Trace(
+            name="identified modes", x=np.full(2, mode.frequency), y=np.array([0.0, max(pole.order for pole in found.poles)]),
+            role="extended", panel=1, style="dot",
+        )
+        for mode in found.modes
+    ]  # fmt: skip
+    return Chart(
+        name="stabilization",
+        caption="Stabilization diagram: poles of models of growing order. A mode's pole stays where it is.",
+        panels=[Panel(label="rms magnitude", log=True), Panel(label="order", height=1.4)],
+        traces=traces, x_log=False, x_ends=(float(found.frequency[0]), float(found.frequency[-1])), link="modes",
+    )  # fmt: skip
+
+
+def _curves(found: ModalModel, units: Sequence[str]) -> list[Chart]:
+    charts = []
+    for j, reference in enumerate(found.references):
+        traces = []
+        for i, response in enumerate(found.responses):
+            role = SERIES[i % len(SERIES)]
+            traces += [
+                Trace(name=response, x=found.frequency, y=np.abs(found.measured[i, j]), role=role),
+                Trace(name=f"{response}, fitted", x=found.frequency, y=np.abs(found.fitted[i, j]), role=role, style="dash"),
+            ]
+        charts.append(
+            Chart(
+                name=f"modes-over-{reference}", caption=f"Transfer functions from {reference}, measured and fitted.",
+                panels=[Panel(label=f"magnitude\n{per(*units)}", log=True)], traces=traces, x_log=False, link="modes", peaks=True,
+                x_ends=(float(found.frequency[0]), float(found.frequency[-1])),
+            )
+        )  # fmt: skip
+    return charts

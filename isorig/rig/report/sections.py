@@ -1,0 +1,138 @@
+"""Sections of every report: the rig and its runs, and the source of the numbers."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.parameters.joint_fit import Entry
+from isorig.rig.report.page import Section, Table
+
+#: Text for missing information of a recording.
+NOT_GIVEN = "not given"
+#: Of a diagnosis that reached its time limit.
+CUT_SHORT = "The time limit ended the search for causes before all were tried."
+LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
+
+WIRE_BONDER = (
+    "The motor of a wire bonder is mounted on springs and bearings on the machine's table; its head pushes it one way and moves "
+    "the other. Unlocked, the motor recoils on its springs; locked, it is clamped to the table. The vibration of the heatblock "
+    "on the table must be small. Accelerometers are mounted on head, motor, table and heatblock."
+)
+
+
+def words(name: str) -> str:
+    """A name for display: underscores become spaces."""
+    return name.replace("_", " ")
+
+
+def unbroken(text: str) -> str:
+    """A sentence whose numbers stay with their uncertainties and units when it wraps."""
+    return re.sub(r"(?<=[\d±]) (?=[±\d%]|[a-zA-Zµ]{1,2}(?:[ ,;.)/²³]|$))", "\u00a0", text)
+
+
+def label(run: Run) -> str:
+    """Name of a run in a legend."""
+    return f"{run.id} ({run.configuration}, gain {run.gain:g})"
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """A number for a table; a dash if there is none."""
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def unit(text: str) -> str:
+    """A unit for display."""
+    return text.replace("^2", "²").replace("^3", "³")
+
+
+def per(response: str, reference: str) -> str:
+    """The unit of a response divided by a reference."""
+    return f"{unit(response)} per {unit(reference)}"
+
+
+def channels_table(campaign: Campaign) -> Table:
+    """Every channel with its quantity, sensor, place and range as far as given, from the first run that has it."""
+    first: dict[str, Channel] = {}
+    for run in campaign.runs:
+        for name, channel in run.sensors.items():
+            first.setdefault(name, channel)
+    columns: dict[str, list[str]] = {
+        "channel": list(first),
+        "quantity": [f"{words(channel.quantity)}, {unit(channel.unit)}" for channel in first.values()],
+        "sensor": [channel.about.get("sensor") or NOT_GIVEN for channel in first.values()],
+        "place": [channel.about.get("place") or NOT_GIVEN for channel in first.values()],
+        "range": [
+            NOT_GIVEN if channel.full_scale is None else f"±{channel.full_scale:.3g}\u00a0{unit(channel.unit)}"
+            for channel in first.values()
+        ],
+    }
+    # Of what nobody gave there is no column.
+    shown = {name: column for name, column in columns.items() if set(column) != {NOT_GIVEN}}
+    return Table(columns=tuple(shown), rows=list(zip(*shown.values(), strict=True)))
+
+
+def runs_section(campaign: Campaign) -> Section:
+    """The measured runs, and the given values."""
+    rows = [_run_row(run) for run in campaign.runs]
+    heads = ("run", "configuration", "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
+    known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
+    return Section(
+        title="Rig and runs",
+        text=[*([] if campaign.description else [WIRE_BONDER]), f"Given values (SI): {known or 'none'}."],
+        tables=[Table(columns=heads, rows=rows)],
+    )
+
+
+def _run_row(run: Run) -> tuple[str, ...]:
+    lost = sum(gap.count for gap in run.gaps)
+    return (
+        run.id,
+        run.configuration,
+        f"{run.gain:g}",
+        run.excitation,
+        "" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}",
+        f"{run.duration:.0f}",
+        f"{run.sample_rate:g}",
+        run.use,
+        f"{lost}" if lost else "",
+        "" if run.started is None else run.started.strftime("%Y-%m-%d %H:%M:%S %z"),
+    )
+
+
+def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: str) -> Table:
+    """Fitted values by path, as in findings.json."""
+    rows = [
+        (name, number(float(str(row["value"])), 6), number(float(str(row["std"])), 2), str(row["unit"]))
+        for name, row in parameters.items()
+    ]
+    return Table(columns=("parameter", "value", "std", "unit"), rows=rows, caption=caption)
+
+
+def entries_table(entries: Mapping[str, Entry]) -> Table:
+    """The parameters of a joint fit by name."""
+    rows = [
+        (name, number(e.value, 6), number(e.std, 2) if e.method != "given" else "–", unit(e.unit), e.method, e.note)
+        for name, e in entries.items()
+    ]
+    return Table(columns=("parameter", "value", "std", "unit", "method", "note"), rows=rows)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def provenance_section(campaign: Campaign) -> Section:
+    """File, hash, versions and command."""
+    path = Path(campaign.source)
+    digest = _sha256(path) if path.is_file() else "not on disk"
+    rows = [("file", path.name), ("sha256", digest)]
+    rows += [(name, version(name)) for name in LIBRARIES]
+    rows += [("Python", sys.version.split()[0]), ("command", " ".join(["rig", *sys.argv[1:]]))]
+    return Section(title="Source of the numbers", tables=[Table(columns=("what", "value"), rows=rows)])

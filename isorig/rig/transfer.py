@@ -1,0 +1,398 @@
+"""The transfer functions of a campaign: one for each response, configuration and gain, with the band of the drive."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
+from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.gain_levels import by_drive, by_level, level_of
+from isorig.analysis.spectra.hits import looks_hit
+from isorig.analysis.spectra.impact import HammerTest, hammer_test
+from isorig.analysis.spectra.inputs import Estimator
+from isorig.analysis.spectra.limits import SLIGHT, Limits, magnitude_limits
+from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
+from isorig.analysis.spectra.quality import Fault, faults, sound
+from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
+from isorig.analysis.spectra.windows import WindowName, window_named
+from isorig.rig.files.rigfile import references_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer(Frf):
+    """A transfer function, with configuration, gain and the runs of its average; `band` is the drive's, Hz.
+
+    `reference_density` is the power spectral density of the reference, unit^2 / Hz; `left_out` are runs with faulty records;
+    `periods` is the same period by period, for a periodic drive; `hammer` is the hammer test, if it is one. `imported` are
+    those that another program estimated: their averages and runs are unknown. `level` is the rms of the drive with its unit, if
+    runs of the same stated gain were driven differently; empty otherwise.
+    """
+
+    configuration: str
+    gain: float
+    runs: tuple[str, ...]
+    band: tuple[float, float]
+    reference_density: FloatArray
+    left_out: tuple[str, ...] = ()
+    periods: PeriodicFrf | None = None
+    hammer: HammerTest | None = None
+    imported: bool = False
+    level: str = ""
+
+    @classmethod
+    def of(cls, frf: Frf, **more: Any) -> Transfer:
+        """A transfer function with what else is known about it."""
+        return cls(**{item.name: getattr(frf, item.name) for item in fields(Frf)}, **more)
+
+    def __repr__(self) -> str:
+        return f"Transfer({self.in_words}, {self.label})"
+
+    @property
+    def frf(self) -> Frf:
+        """The same: a `Transfer` is an `Frf`."""
+        return self
+
+    @property
+    def name(self) -> str:
+        """As part of a file name."""
+        if self.imported:
+            return f"{self.frf.response}-over-{self.frf.reference}"
+        level = f"-{self.level.replace(' ', '').replace('/', '-per-')}" if self.level else ""
+        return f"{self.frf.response}-over-{self.frf.reference}-{self.configuration}-gain{self.gain:g}{level}"
+
+    @property
+    def label(self) -> str:
+        """As a legend entry."""
+        if self.imported:
+            return self.configuration
+        return f"{self.configuration}, {self.level} rms" if self.level else f"{self.configuration}, gain {self.gain:g}"
+
+    @cached_property
+    def limits(self) -> Limits:
+        """The 95 % limits of its magnitude."""
+        return magnitude_limits(self.frf, self.reference_density)
+
+    def within_band(self) -> Frf:
+        """The frequency bins within the band of the drive."""
+        f = self.frequency
+        kept = (f >= self.band[0]) & (f <= self.band[1])
+        plain = Frf(**{item.name: getattr(self, item.name) for item in fields(Frf)})
+        rows = {name: values for name in FRF_ROWS if (values := getattr(self, name)) is not None}
+        return replace(plain, frequency=f[kept], **{name: values[kept] for name, values in rows.items()})
+
+
+def transfer_functions(
+    campaign: Campaign,
+    *,
+    reference: str | Sequence[str] | None = None,
+    responses: Sequence[str] = (),
+    resolution: float = 0.25,
+    estimator: Estimator = "H1",
+    window: WindowName = "hann",
+    overlap: float = OVERLAP,
+    found: Sequence[Fault] | None = None,
+) -> list[Transfer]:
+    """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
+
+    A run whose gain changed counts as one run for each gain. Runs whose reference consists of hammer pulses are evaluated hit by
+    hit (`isorig.analysis.spectra.impact`) if their excitation is "other" or "random".
+
+    Parameters
+    ----------
+    campaign
+        Measured or simulated.
+    reference
+        The drive channel, or all channels that drive at the same time; those of the rig's description if None.
+    responses, resolution, estimator, window, overlap
+        As in `isorig.analysis.spectra.welch`; by default all other channels are responses. Hammer hits need no window and no
+        overlap.
+    found
+        Faults of the campaign's records; computed if None. Faulty runs are left out if others remain.
+
+    Raises
+    ------
+    DataError
+        No run has a broad-band drive, a channel is missing, several drives cannot be separated, or no hammer hit is valid.
+
+    Examples
+    --------
+    >>> import isorig as iso
+    >>> found = iso.frf(iso.read("campaign.h5"), reference="table", responses=["heatblock"], resolution=0.5)
+    >>> [item.label for item in found]
+    ['unlocked, gain 70', 'unlocked, gain 7', 'locked, gain 70', 'locked, gain 7']
+    >>> peak = abs(found[3].frf.value).argmax()
+    >>> bool(abs(found[3].frf.frequency[peak] - 164.5) <= 1.0)
+    True
+    """
+    campaign = by_level(campaign)
+    reference = references_of(campaign) if reference is None else reference
+    runs = broad(campaign.runs)
+    if not runs:
+        raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
+    drives = (reference,) if isinstance(reference, str) else tuple(dict.fromkeys(reference))
+    wrong = faults_in(campaign, drives[0]) if found is None else found
+    hit = {run.id for run in runs if len(drives) == 1 and looks_hit(run, drives[0])}
+    seen_through = window_named(window)
+    transfers = []
+    for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (k[0] != "unlocked", -k[1])):
+        same = broad(campaign.select(configuration=configuration, gain=gain))
+        names = responses or [name for name in same[0].sensors if name not in drives]
+        struck = [run for run in same if run.id in hit]
+        if struck and len(struck) < len(same):
+            rest = next(run.id for run in same if run.id not in hit)
+            raise DataError(
+                f"run {struck[0].id!r} is a hammer test and run {rest!r} is not, but both are {configuration} at gain {gain:g}; "
+                "put them into separate recordings, or give them different gains"
+            )
+        levels = [same] if struck or len(drives) > 1 else by_drive(same, drives[0])
+        for driven in levels:
+            level = _level(driven, drives[0]) if len(levels) > 1 else ""
+            # Responses with the same valid runs are estimated together.
+            alike: dict[tuple[str, ...], list[str]] = {}
+            for name in names:
+                alike.setdefault(tuple(run.id for run in sound(driven, wrong, [*drives, name])), []).append(name)
+            for kept, group in alike.items():
+                averaged = [run for run in driven if run.id in kept]
+                left_out = tuple(run.id for run in driven if run.id not in kept)
+                if struck:
+                    transfers += _struck(averaged, drives[0], group, resolution, estimator, left_out)
+                else:
+                    chosen = partial(estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap)
+                    found_here = _averaged(averaged, drives, group, chosen, estimator, left_out)
+                    transfers += [replace(item, level=level) for item in found_here]
+    return sorted(transfers, key=lambda item: item.frf.response)
+
+
+def _level(runs: Sequence[Run], drive: str) -> str:
+    return f"{np.median([level_of(run, drive) for run in runs]):.3g} {runs[0].channel(drive).unit}"
+
+
+def levels_in_words(campaign: Campaign, drive: str) -> list[str]:
+    """A sentence for each configuration and gain whose runs were driven at different levels."""
+    said = []
+    runs = [run for run in broad(campaign.runs) if drive in run.channels]
+    for configuration, gain in dict.fromkeys((run.configuration, run.gain) for run in runs):
+        groups = by_drive([run for run in runs if (run.configuration, run.gain) == (configuration, gain)], drive)
+        if len(groups) > 1:
+            levels = ", ".join(_level(group, drive) for group in groups)
+            said.append(
+                f"The {configuration} runs all state gain {gain:g}, but the rms of {drive} is {levels}: they are not averaged "
+                "with one another; state the levels as gains when importing."
+            )
+    return said
+
+
+def imported(frfs: Sequence[Frf], source: str) -> list[Transfer]:
+    """Transfer functions that another program estimated, under names that are valid in file names."""
+    names: dict[str, int] = {}
+    found = []
+    for frf in frfs:
+        response, reference = (re.sub(r"[^\w.+-]+", "_", name).strip("._") or "unnamed" for name in (frf.response, frf.reference))
+        count = names[f"{response} {reference}"] = names.get(f"{response} {reference}", 0) + 1
+        named = replace(frf, response=response if count == 1 else f"{response}-{count}", reference=reference)
+        found.append(
+            Transfer.of(
+                named, configuration=source, gain=1.0, runs=(), band=(float(frf.frequency[0]), float(frf.frequency[-1])),
+                reference_density=np.zeros(len(frf.frequency)), imported=True,
+            )
+        )  # fmt: skip
+    return found
+
+
+def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
+    """Faults of a campaign's records, with the drive of its rig if it was measured, otherwise with the reference.
+
+    For a hammer test only dead channels are reported: its hits are checked one by one, and its records are mostly silent.
+    """
+    drive = references_of(campaign)[0]
+    driven = any(drive in run.channels for run in campaign.runs)
+    hit = {run.id for run in campaign.runs if looks_hit(run, reference)}
+    found = faults(campaign, reference=drive if driven else reference)
+    return tuple(fault for fault in found if fault.run not in hit or fault.kind == "dead")
+
+
+def limits_in_words(found: Sequence[Transfer]) -> tuple[str, ...]:
+    """What the 95 % limits of the transfer functions include, and where there are none: one sentence for each reason."""
+    said = []
+    corrected = [(_too_low(item), item) for item in found if any(item.band[0] <= f <= item.band[1] for f in item.limits.narrow)]
+    if corrected:
+        share, item = max(corrected, key=lambda pair: pair[0])
+        f = min(item.limits.narrow, key=lambda f: abs(f - float(item.frf.frequency[_peak(item)])))
+        said.append(
+            f"Leakage lowers and widens peaks with few frequency bins ({_where(item)} at {f:.4g} Hz: {100 * share:.2g} % too low"
+            f"{_more(corrected)}); the limits are corrected for it, the magnitudes are not: use a finer --resolution than "
+            f"{item.frf.resolution:.3g} Hz."
+        )
+    unknown = [(f, item) for item in found for f in item.limits.unknown if item.band[0] <= f <= item.band[1]]
+    if unknown:
+        f, item = unknown[0]
+        said.append(
+            f"There are no limits near peaks with few frequency bins that no mode fits ({_where(item)} at {f:.4g} Hz"
+            f"{_more(unknown)}): their leakage is unknown; use a finer --resolution than {item.frf.resolution:.3g} Hz."
+        )
+    noisy = []
+    for item in found:
+        top = _peak(item)
+        share = float(item.limits.reference_noise[top])
+        if share * abs(item.frf.value[top]) > SLIGHT * item.frf.magnitude_std[top]:
+            noisy.append((share, item))
+    if noisy:
+        share, item = max(noisy, key=lambda pair: pair[0])
+        said.append(
+            f"Noise on the reference may make H1 up to {100 * share:.2g} % too low ({_where(item)} at "
+            f"{item.frf.frequency[_peak(item)]:.4g} Hz{_more(noisy)}): the coherence does not show which channel has the noise; "
+            "the upper limits include it, and H2 is unbiased by it."
+        )
+    reasons = dict.fromkeys(item.limits.reason for item in found if item.limits.reason)
+    return (*said, *(f"No 95 % limits of the magnitude: {reason}." for reason in reasons))
+
+
+def _too_low(item: Transfer) -> float:
+    # The largest share, over the bins in the band, by which leakage lowers the magnitude.
+    inside = (item.frf.frequency >= item.band[0]) & (item.frf.frequency <= item.band[1]) & np.isfinite(item.limits.leakage)
+    leakage, size = item.limits.leakage[inside], np.abs(item.frf.value[inside])
+    return float(np.max(-leakage / np.maximum(size - leakage, 1e-300), initial=0.0))
+
+
+def _peak(item: Transfer) -> int:
+    inside = np.flatnonzero((item.frf.frequency >= item.band[0]) & (item.frf.frequency <= item.band[1]))
+    return int(inside[np.argmax(np.abs(item.frf.value[inside]))])
+
+
+def _where(item: Transfer) -> str:
+    return f"{item.frf.response} over {item.frf.reference}, {item.label}"
+
+
+def _more(cases: Sequence[object]) -> str:
+    return f", and {len(cases) - 1} more" if len(cases) > 1 else ""
+
+
+def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[str, ...]:
+    """Sentences for runs that do not name their excitation and were averaged as noise, and for hammer tests named noise."""
+    averaged = {run for item in found if item.hammer is None for run in item.runs}
+    unnamed = [run.id for run in campaign.runs if run.id in averaged and run.excitation == "other"]
+    struck = {run for item in found if item.hammer is not None for run in item.runs}
+    misnamed = [run.id for run in campaign.runs if run.id in struck and run.excitation == "random"]
+    said = []
+    if misnamed:
+        more = f", and {len(misnamed) - 1} more" if len(misnamed) > 1 else ""
+        said.append(
+            f"The excitation of run {misnamed[0]!r}{more} is recorded as 'random', but the reference consists of hammer pulses: "
+            "evaluated hit by hit. Correct the excitation to 'other'."
+        )
+    if not unnamed:
+        return tuple(said)
+    runs = f"Run {unnamed[0]!r} does" if len(unnamed) == 1 else f"{len(unnamed)} runs do"
+    said.append(
+        f"{runs} not name the excitation (it is 'other') and the reference has no hammer hits: averaged as noise, by segments. "
+        "Name the excitation in the recording, or the force channel of the hammer with --reference."
+    )
+    return tuple(said)
+
+
+def _struck(
+    runs: list[Run], reference: str, names: Sequence[str], resolution: float, estimator: Estimator, left_out: tuple[str, ...]
+) -> list[Transfer]:
+    test = hammer_test(runs, reference=reference, channels=names, resolution=resolution)
+    density = test.spectra.density(reference)
+    return [
+        Transfer.of(
+            frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs), band=test.band,
+            reference_density=density, left_out=left_out, hammer=test,
+        )
+        for frf in (test.spectra.frf(name, reference, estimator) for name in names)
+    ]  # fmt: skip
+
+
+def _averaged(
+    runs: list[Run], references: tuple[str, ...], names: Sequence[str], chosen: Callable[..., Spectra], estimator: Estimator,
+    left_out: tuple[str, ...],
+) -> list[Transfer]:  # fmt: skip
+    spectra = chosen(references=references, channels=names)
+    bands = [run.band for run in runs if run.band is not None]
+    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (spectra.resolution, runs[0].sample_rate / 2.56)
+    return [
+        Transfer.of(
+            frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs),
+            band=(max(band[0], spectra.resolution), band[1]), reference_density=spectra.density(frf.reference),
+            left_out=left_out,
+            periods=_by_period(runs, name, references[0]) if len(references) == 1 else None,
+        )
+        for name in names
+        for frf in spectra.frfs(name, references, estimator)
+    ]  # fmt: skip
+
+
+def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFrf | None:
+    if any(run.period is None for run in runs):
+        return None
+    try:
+        return periodic(runs, response=response, reference=reference)
+    except DataError:  # too few periods: use the average over segments
+        return None
+
+
+def about(item: Transfer) -> dict[str, Any]:
+    """A transfer function as plain values."""
+    seen = item.within_band()
+    size = np.abs(seen.value)
+    top = int(np.argmax(size))
+    further: dict[str, Any] = {} if item.periods is None else {"periods": _about_periods(item.periods)}
+    if seen.multiple_coherence is not None:
+        further["median_multiple_coherence"] = float(np.median(seen.multiple_coherence))
+    if item.hammer is not None:
+        further["hammer"] = _about_hits(item.hammer)
+    return {
+        "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
+        "gain": item.gain, "runs": list(item.runs), "left_out": list(item.left_out),
+        "estimator": seen.estimator, "averages": None if item.imported else seen.averages,
+        "resolution_hz": seen.resolution, "band_hz": list(item.band),
+        "peak": {
+            "frequency_hz": float(seen.frequency[top]), "magnitude": float(size[top]),
+            "magnitude_std": float(seen.magnitude_std[top]), **_about_limits(item.limits, _peak(item)),
+        },
+        "median_coherence": float(np.median(seen.coherence)),
+        "units": list(seen.units), "window": None if seen.window is None else seen.window.name, "overlap": seen.overlap,
+        **further,
+    }  # fmt: skip
+
+
+def _about_limits(limits: Limits, k: int) -> dict[str, Any]:
+    # Of one frequency bin; null where there is none.
+    low, high, leakage, noise = (
+        float(rows[k]) if np.isfinite(rows[k]) else None
+        for rows in (limits.low, limits.high, limits.leakage, limits.reference_noise)
+    )
+    return {
+        "magnitude_limits": None if low is None else [low, high], "leakage": leakage, "largest_reference_noise": noise,
+    }  # fmt: skip
+
+
+def _about_hits(test: HammerTest) -> dict[str, Any]:
+    hits = [
+        {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
+        for hit in test.hits
+    ]  # fmt: skip
+    return {"hits": hits, "exponential_window_per_s": test.spectra.decay, "text": list(test.text)}
+
+
+def _about_periods(found: PeriodicFrf) -> dict[str, Any]:
+    size = np.abs(found.value)
+    noise, distortion = float(np.median(found.noise / size)), float(np.median(found.distortion / size))
+    text = (
+        f"its distortion {100 * distortion:.2g} %"
+        if np.isfinite(distortion)
+        else "its distortion cannot be determined from one realization of the drive; repeat with other phases"
+    )
+    return {
+        "periods": found.periods, "realizations": found.realizations, "lines": len(found.frequency), "relative_noise": noise,
+        "relative_distortion": distortion if np.isfinite(distortion) else None,
+        "text": f"Over {found.periods} periods of {found.realizations} runs the noise of {found.response} over "
+        f"{found.reference} is {100 * noise:.2g} % (median over frequency bins), {text}.",
+    }  # fmt: skip

@@ -1,0 +1,186 @@
+"""Transfer functions of a running session, by configuration and gain, and their ratio between two configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import BROAD, FloatArray, Run
+from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.ratio import magnitude_ratio
+from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged
+from isorig.rig.report.charts import spread_over
+from isorig.rig.view.run_list import Planned
+
+#: Frequency resolution, Hz: fine enough for the rig's modes, and the first average is complete after two seconds.
+RESOLUTION = 0.5
+#: Maximum number of frequency bins drawn for a transfer function.
+LINES = 600
+#: Bytes of the spectra of a run: without a band, a run of 8 channels at 51.2 kHz would take 180 MiB.
+MEMORY = 32 << 20
+
+
+class Response:
+    """The spectra of a growing run; there are no averages if its drive is not broad-band.
+
+    Parameters
+    ----------
+    run
+        The run as far as it has been measured.
+    drive
+        The drive channel.
+    """
+
+    def __init__(self, run: Run, drive: str) -> None:
+        self.configuration, self.gain = run.configuration, round(run.gain, 6)
+        self.band = run.band or (RESOLUTION, run.sample_rate / 2.56)
+        self._rate = run.sample_rate
+        self._running: RunningSpectra | None = None
+        self._done: Spectra | None = None
+        if run.excitation in BROAD and drive in run.channels and run.sample_rate >= 8.0 * RESOLUTION:
+            self._running = RunningSpectra(
+                run, references=[drive], resolution=RESOLUTION, highest=self.band[1], memory=MEMORY
+            )  # fmt: skip
+
+    def add(self, run: Run) -> None:
+        """Add the new samples since the last call."""
+        if self._running is not None:
+            self._running.add(run)
+
+    @property
+    def segments(self) -> int:
+        """Number of segments so far."""
+        spectra = self._done
+        return self._running.segments if self._running is not None else 0 if spectra is None else spectra.segments
+
+    def close(self) -> None:
+        """Release the sums; nothing more will be added."""
+        self._done, self._running = self.spectra(), None
+
+    def spectra(self) -> Spectra | None:
+        """The spectra so far; None before the first segment."""
+        if self._running is None or not self._running.segments:
+            return self._done
+        return self._running.spectra()
+
+    def averages_in(self, seconds: float) -> float:
+        """Number of independent averages in the given seconds at this run's rate."""
+        length = 2 * max(4, round(self._rate / RESOLUTION / 2.0))
+        return averages_in(round(seconds * self._rate), length)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """The runs of one configuration and gain: averaged spectra within a band, and number of averages at the session's end."""
+
+    configuration: str
+    gain: float
+    band: tuple[float, float]
+    spectra: Spectra
+    planned: float | None
+
+    def frfs(self, drive: str) -> dict[str, Frf]:
+        """The transfer function of each response relative to the drive."""
+        return {name: self.spectra.frf(name, drive) for name in self.spectra.channels if name != drive}
+
+    def lines(self) -> np.ndarray:
+        """Indices of the frequency bins within the band."""
+        f = self.spectra.frequency
+        return np.flatnonzero((f >= max(self.band[0], f[1])) & (f <= self.band[1]))
+
+    def error(self, drive: str) -> float:
+        """Relative standard deviation of the magnitude, median over the band's bins and all responses; NaN if there are none."""
+        kept = self.lines()
+        shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs(drive).values()]
+        return float(np.median(np.concatenate(shares))) if shares and len(kept) else float("nan")
+
+    def text(self, drive: str) -> str:
+        """Progress of the averaging, in words."""
+        error, n = self.error(drive), self.spectra.averages
+        phrase = f"{self.configuration}, gain {self.gain:g}: averages {n:.0f}"
+        if self.planned is None or self.planned <= n:
+            return f"{phrase}, error {100 * error:.2g} %"
+        at_end = error * np.sqrt(n / self.planned)
+        return f"{phrase} of {self.planned:.0f}, error {100 * error:.2g} % now, {100 * at_end:.2g} % at the end"
+
+
+def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned]) -> dict[tuple[str, float], Group]:
+    """Runs of a configuration and gain, averaged; the keys are (configuration, gain)."""
+    found = {}
+    for key, names in _alike(responses):
+        parts = [part for name in names if (part := responses[name].spectra()) is not None]
+        if not parts:
+            continue
+        bands = [responses[name].band for name in names]
+        coming = [item for item in planned.values() if (item.configuration, item.gain) == key and item.broad]
+        with_plan = set(names) <= planned.keys()
+        try:
+            spectra = merged(parts)
+        except DataError:  # runs with different rates or bands: use the last one
+            spectra = parts[-1]
+        found[key] = Group(
+            configuration=key[0], gain=key[1], band=(max(b[0] for b in bands), min(b[1] for b in bands)), spectra=spectra,
+            planned=sum(responses[names[0]].averages_in(item.seconds) for item in coming) if with_plan else None,
+        )  # fmt: skip
+    return found
+
+
+def _alike(responses: Mapping[str, Response]) -> Iterator[tuple[tuple[str, float], list[str]]]:
+    for key in dict.fromkeys((item.configuration, item.gain) for item in responses.values()):
+        yield key, [name for name, item in responses.items() if (item.configuration, item.gain) == key]
+
+
+def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
+    """Names of the responses, and rows to plot: Hz, then for each response magnitude, std, phase, std (deg), coherence."""
+    frfs, kept = group.frfs(drive), _spread(group)
+    rows = [group.spectra.frequency[kept]]
+    for frf in frfs.values():
+        value = frf.value[kept]
+        rows += [np.abs(value), frf.magnitude_std[kept], np.degrees(np.angle(value)), np.degrees(frf.phase_std[kept])]
+        rows.append(frf.coherence[kept])
+    return list(frfs), np.stack(rows)
+
+
+def ratio_rows(
+    groups: Mapping[tuple[str, float], Group], response: str, drive: str, over: tuple[str, str]
+) -> tuple[list[str], FloatArray] | None:
+    """The ratio |response / drive| of two configurations (thesis, Eq. 6).
+
+    Names of the gains measured in both configurations, and rows to plot: Hz, then each ratio and its std; None without one."""
+    pairs = {}
+    for gain in sorted({gain for _, gain in groups}, reverse=True):
+        upper, lower = (groups.get((configuration, gain)) for configuration in over)
+        if upper is None or lower is None or not {response, drive} <= set(upper.spectra.channels) & set(lower.spectra.channels):
+            continue
+        n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
+        if np.array_equal(upper.spectra.frequency[:n], lower.spectra.frequency[:n]):
+            pairs[gain] = upper, lower
+    if not pairs:
+        return None
+    longest = max((min(pair, key=lambda g: len(g.spectra.frequency)) for pair in pairs.values()), key=lambda g: g.band[1])
+    frequency = longest.spectra.frequency
+    rows = [frequency]
+    for upper, lower in pairs.values():
+        n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
+        if not np.array_equal(frequency[:n], upper.spectra.frequency[:n]):
+            return None
+        found = magnitude_ratio(*(_cut(group.spectra.frf(response, drive), n) for group in (upper, lower)))
+        inside = np.isin(np.arange(len(frequency)), np.intersect1d(upper.lines(), lower.lines()))
+        rows += [np.where(inside, np.pad(values, (0, len(frequency) - n)), np.nan) for values in found]
+    kept = np.flatnonzero(np.isfinite(rows[1:]).any(axis=0))
+    return [f"gain {gain:g}" for gain in pairs], np.stack(rows)[:, kept[_even(frequency[kept])]]
+
+
+def _cut(frf: Frf, n: int) -> Frf:
+    return replace(frf, value=frf.value[:n], magnitude_std=frf.magnitude_std[:n])
+
+
+def _spread(group: Group) -> np.ndarray:
+    kept = group.lines()
+    return kept[_even(group.spectra.frequency[kept])]
+
+
+def _even(frequency: FloatArray) -> np.ndarray | slice:
+    return spread_over(frequency, LINES) if len(frequency) else slice(None)

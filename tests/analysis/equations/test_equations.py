@@ -1,0 +1,178 @@
+"""The equations of motion of the records hold on sound rigs; a cause breaks its own, and the right regression repairs them."""
+
+from __future__ import annotations
+
+from dataclasses import replace as changed
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
+
+from isorig.analysis import laws
+from isorig.analysis.diagnose.suspects import (
+    ALIKE,
+    BROKEN,
+    LEAST_SCORE,
+    REPAIRED,
+    equations_of,
+    repairs,
+    suspected,
+    suspects,
+)
+from isorig.analysis.equations.balances import balances
+from isorig.analysis.equations.columns import relaxing
+from isorig.analysis.equations.forms import element_force, fitted_form, start_values
+from isorig.analysis.equations.hidden import estimable, estimated
+from isorig.analysis.equations.motion import derivatives, resolution
+from isorig.analysis.equations.ranking import Explanation, ranking
+from isorig.analysis.equations.slip import slip_operator
+from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.simulate.free_run import simulate
+from isorig.analysis.simulate.sampling import Excitation
+
+SEED = 4100
+
+
+def test_the_wire_bonder_has_an_equation_for_each_link() -> None:
+    found = {balance.name: [element.name for element, _ in balance.crossing] for balance in balances(wire_bonder())}
+    assert found == {"table + heatblock + motor": ["table"], "heatblock": ["heatblock"], "motor": ["isolation"]}
+
+
+@pytest.mark.parametrize("rig", [chain, carts, stage], ids=lambda rig: rig.__name__)
+def test_the_equations_of_a_sound_rig_hold(rig: type[RigModel]) -> None:
+    truth = rig()
+    equations = equations_of(played(truth, seed=SEED), guessed(truth, SEED))
+    assert equations.residuals()
+    assert max(equations.residuals().values()) < HOLDS
+
+
+def test_a_hardening_link_breaks_its_own_equation_only_and_its_curve_repairs_it() -> None:
+    truth = with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7))
+    equations = equations_of(played(truth, seed=SEED + 1), guessed(chain(), SEED + 1))
+    before = equations.residuals()
+    broken = {name for name, value in before.items() if value > HOLDS}
+    assert broken == {"m1 + m2"}
+    found = suspects(equations)
+    assert found is not None
+    assert found.includes("hardening_stiffness", "l1")
+    best = ranking(equations).explanations[0]
+    assert best.place == "l1"
+    values = start_values(equations, best)
+    assert values["links.l0.stiffness"] == pytest.approx(4200.0, rel=0.005)
+    assert values["links.l2.stiffness"] == pytest.approx(3500.0, rel=0.005)
+
+
+def test_a_wrong_gain_is_named_with_its_factor() -> None:
+    truth = chain()
+    sensors = tuple(replace(s, chain=Chain(gain=1.1)) if s.channel == "a1" else s for s in truth.sensors)
+    best = ranking(equations_of(played(replace(truth, sensors=sensors), seed=SEED + 2), guessed(truth, SEED + 2))).explanations[0]
+    assert (best.kind, best.place, best.what) == ("sensor", "a1", "gain")
+    assert best.values["value"] == pytest.approx(1.1, abs=0.01)
+
+
+def test_the_level_of_dry_friction_follows_from_the_equation() -> None:
+    truth = rubbing(stage(), "rail", 4.0)
+    path = "contacts.rail.law.friction_force"
+    given = guessed(replace(truth, free=(*truth.free, path)), SEED + 3)
+    assert start_values(equations_of(played(truth, seed=SEED + 3), given))[path] == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_form_is_fitted_to_the_recorded_force() -> None:
+    truth = with_law(carts(), "between", laws.Cubic(cubic_stiffness=3e6))
+    given = guessed(carts(), SEED + 4)
+    equations = equations_of(played(truth, seed=SEED + 4), given)
+    best = next(x for x in ranking(equations).explanations if (x.place, x.what) == ("between", "force over deflection"))
+    force = element_force(equations, best)
+    assert force is not None
+    start = with_law(given, "between", laws.Cubic(cubic_stiffness=1e4))
+    path = "links.between.laws.0.cubic_stiffness"
+    element = next(e for e in equations.elements() if e.name == "between")
+    free = [Free(path=path, low=1.0, high=1e9), Free(path="links.between.stiffness"), Free(path="links.between.damping")]
+    found = fitted_form(start, free, element, force)
+    assert found is not None
+    # No drive acts on the second cart: its mass sets the scale of its equation.
+    scale = given.body("second").mass / truth.body("second").mass
+    assert found[0][path] == pytest.approx(3e6 * scale, rel=0.1)
+
+
+def test_the_motion_of_a_body_without_a_sensor_follows_from_the_others() -> None:
+    rig = chain()
+    partly = replace(rig, sensors=rig.sensors[1:])
+    assert estimable(partly) == ("m0",)
+    drive = np.random.default_rng(1).normal(0.0, 3.0, 8192)
+    channels = simulate(rig, Excitation.prepare(drive, 512.0, oversample=4)).channels
+    found = estimated(partly, ("m0",), {"m1": channels["a1"], "m2": channels["a2"]}, {"f": drive}, 512.0)["m0"]
+    inner = slice(2048, -2048)
+    assert np.std((found - channels["a0"])[inner]) < 0.02 * np.std(channels["a0"][inner])
+
+
+def test_derivatives_and_integrals_of_a_sine() -> None:
+    t = np.arange(8192) / 1024.0
+    omega = 2.0 * np.pi * 20.0
+    inner = slice(1024, -1024)
+    down = derivatives(-(omega**2) * np.sin(omega * t), 2, 1024.0, 0.5, np.inf).orders
+    up = derivatives(np.sin(omega * t), 0, 1024.0, 0.5, np.inf).orders
+    assert np.abs(down[0] - np.sin(omega * t))[inner].max() < 2e-3
+    assert np.abs(up[2] + omega**2 * np.sin(omega * t))[inner].max() < 2e-3 * omega**2
+
+
+def test_counts_have_the_noise_of_their_rounding() -> None:
+    values = np.random.default_rng(2).normal(0.0, 1.0, 5000)
+    assert resolution(np.round(values / 0.1) * 0.1) == pytest.approx(0.1 / np.sqrt(12.0))
+    assert resolution(values) == 0.0
+
+
+def test_a_slipping_spring_along_a_ramp_and_back() -> None:
+    force = slip_operator(np.array([0.0, 0.5, 1.0, 3.0, 2.5, 1.0]), 1.0)
+    assert force.tolist() == [0.0, 0.5, 1.0, 1.0, 0.5, -1.0]
+
+
+def test_a_relaxation_is_half_its_spring_and_out_of_phase_at_its_corner() -> None:
+    assert relaxing(np.array([1j * 0.4]), 0.4)[0] == pytest.approx(0.5 + 0.5j)
+
+
+def explanation(place: str, score: float) -> Explanation:
+    return Explanation(kind="sensor", place=place, what="gain", score=score, residuals={}, values={})
+
+
+def test_explanations_with_less_than_a_share_of_the_best_score_are_not_suspected() -> None:
+    close, far = explanation("b", 1.001 * ALIKE), explanation("c", 0.999 * ALIKE)
+    assert [item.place for item in suspected([explanation("a", 1.0), close, far])] == ["a", "b"]
+
+
+@pytest.mark.parametrize(("score", "count"), [(1.01, 1), (0.99, 0)])
+def test_an_explanation_that_removes_hardly_anything_is_not_suspected(score: float, count: int) -> None:
+    assert len(suspected([explanation("a", score * LEAST_SCORE)])) == count
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "own"),
+    [
+        (1.01 * BROKEN, 0.99 * REPAIRED * BROKEN, True),
+        (0.99 * BROKEN, 0.1, False),
+        (2.0 * BROKEN, 1.01 * REPAIRED * 2.0 * BROKEN, False),
+    ],
+)
+def test_a_further_cause_repairs_an_equation_of_its_own(before: float, after: float, own: bool) -> None:
+    assert repairs({"a": before}, {"a": after}) is own
+
+
+def test_two_causes_are_both_found() -> None:
+    truth = with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7))
+    sensors = tuple(replace(s, chain=Chain(gain=1.1)) if s.channel == "a2" else s for s in truth.sensors)
+    given = guessed(chain(), SEED + 5)
+    campaign = played(replace(truth, sensors=sensors), seed=SEED + 5)
+    first = suspects(equations_of(campaign, given))
+    assert first is not None
+    assert first.includes("sensor_gain", "a2")
+    with_gain = replace(
+        given, sensors=tuple(replace(s, chain=Chain(gain=1.1)) if s.channel == "a2" else s for s in given.sensors)
+    )
+    then = suspects(equations_of(campaign, with_gain), further=True)
+    assert then is not None
+    assert then.includes("hardening_stiffness", "l1")
+    assert changed(then, chosen=()).includes("hardening_stiffness", "l1") is False

@@ -1,0 +1,222 @@
+"""Wrong units, given values, signs and sample rates are found before any fit, on rigs simulated with scipy."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from math import log, pi
+
+import numpy as np
+import pytest
+from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
+
+from isorig.analysis.campaign import Campaign, Quantity
+from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectrum_of
+from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.wrong_scale import wrong_scale
+from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
+from isorig.analysis.units import mistaken
+
+STAGE = StrangeRig(
+    masses=(4.0, 2.0), joints=((0, -1, 4e3, 12.0), (1, 0, 3e3, 6.0)),
+    sensors=(("low", 0, "displacement"), ("top", 1, "acceleration")),
+)  # fmt: skip
+ONE = StrangeRig(masses=(5.0,), joints=((0, -1, 8e3, 20.0),), sensors=(("a", 0, "acceleration"),))
+THREE = StrangeRig(
+    masses=(6.0, 3.0, 2.0), joints=((0, -1, 9e3, 30.0), (1, 0, 5e3, 12.0), (2, 1, 6e3, 9.0)),
+    sensors=(("a0", 0, "acceleration"), ("a1", 1, "acceleration"), ("a2", 2, "acceleration")), pushed=2,
+)  # fmt: skip
+TORSION = StrangeRig(
+    masses=(0.02, 0.05), joints=((0, -1, 20.0, 0.02), (1, 0, 45.0, 0.03)), rotary=True, drive="torque", drive_quantity="torque",
+    sensors=(("motor", 0, "angle"), ("load", 1, "angular_velocity")),
+)  # fmt: skip
+PLATFORM = StrangeRig(
+    masses=(30.0,), joints=((0, -1, 3e4, 90.0),), base=True, drive="base", drive_quantity="acceleration",
+    sensors=(("device", 0, "acceleration"),),
+)  # fmt: skip
+CARTS = StrangeRig(
+    masses=(1.5, 1.1), joints=((0, -1, 410.0, 3.0), (1, 0, 330.0, 0.8)), drive="u", drive_quantity="voltage", factor=4.0,
+    sensors=(("x1", 0, "displacement"), ("x2", 1, "displacement")),
+)  # fmt: skip
+RIGS = {"stage": STAGE, "one": ONE, "three": THREE, "torsion": TORSION, "platform": PLATFORM, "carts": CARTS}
+#: Levels of the drives, and the law of an unmodelled cause in the first joint: it changes levels by up to two.
+LEVELS = {"stage": 20.0, "one": 20.0, "three": 20.0, "torsion": 0.5, "platform": 1.0, "carts": 1.0}
+CAUSES: Mapping[tuple[str, str], Law] = {
+    ("stage", "friction"): dry(6.0, 1e-3), ("stage", "play"): play(4e3, 1e-3), ("stage", "cubic"): cubic(3e8),
+    ("one", "friction"): dry(6.0, 1e-3), ("three", "play"): play(9e3, 1e-3),
+    ("torsion", "friction"): dry(0.15, 1e-2), ("platform", "play"): play(3e4, 2e-4),
+}  # fmt: skip
+RECORDED: dict[tuple[str, str], Campaign] = {}
+
+
+def recorded(name: str, cause: str = "", scale: Mapping[str, float] | None = None) -> Campaign:
+    """A run of a rig with an unmodelled cause, its records multiplied."""
+    if (name, cause) not in RECORDED:
+        rig = RIGS[name] if not cause else dataclasses.replace(RIGS[name], laws={0: CAUSES[name, cause]})
+        RECORDED[name, cause] = campaign(rig, (LEVELS[name],), seconds=6.0, seed=1)
+    measured = RECORDED[name, cause]
+    runs = []
+    for run in measured.runs:
+        scaled = {k: dataclasses.replace(c, scale=c.scale * (scale or {}).get(k, 1.0)) for k, c in run.channels.items()}
+        runs.append(dataclasses.replace(run, channels=scaled))
+    return dataclasses.replace(measured, runs=tuple(runs))
+
+
+def guessed(rig: StrangeRig, seed: int) -> dict[str, float]:
+    """Errors of a description: masses and stiffnesses up to a quarter, dampings up to two."""
+    draw = np.random.default_rng(seed)
+    quarter = [f"bodies.m{k}.mass" for k in range(len(rig.masses))] + [f"links.l{k}.stiffness" for k in range(len(rig.joints))]
+    errors = {path: float(draw.uniform(0.8, 1.25)) for path in quarter}
+    return {**errors, **{f"links.l{k}.damping": float(draw.uniform(0.5, 2.0)) for k in range(len(rig.joints))}}
+
+
+def told(model: RigModel, measured: Campaign) -> tuple[Doubt, ...]:
+    return doubts_of_records(model, prepare(measured, model))
+
+
+def drawn(seed: int) -> StrangeRig:
+    """One to three masses in a chain, driven by a force, a voltage, a torque or a moved base, with any sensors."""
+    draw = np.random.default_rng(seed)
+    count, kind = int(draw.integers(1, 4)), ("force", "u", "base", "torque")[seed % 4]
+    turns = kind == "torque"
+    frequency = draw.uniform(3.0, 12.0) * np.cumprod(np.concatenate([[1.0], draw.uniform(1.0, 2.0, count - 1)]))
+    mass = (10.0 ** draw.uniform(-3.0, -1.0) if turns else 10.0 ** draw.uniform(-0.5, 1.5)) * draw.uniform(0.3, 1.5, count)
+    stiffness = mass * (2.0 * pi * frequency) ** 2
+    damping = 2.0 * draw.uniform(0.01, 0.08, count) * np.sqrt(stiffness * mass)
+    kinds: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+    if kind == "base":
+        kinds = ("velocity", "acceleration")  # an absolute position drifts with the base
+    if turns:
+        kinds = ("angle", "angular_velocity", "angular_acceleration")
+    first = 0 if draw.random() < 0.7 else count - 1
+    quantities: dict[str, Quantity] = {"force": "force", "u": "voltage", "base": "acceleration", "torque": "torque"}
+    return StrangeRig(
+        masses=tuple(mass.tolist()),
+        joints=tuple((k, k - 1, float(stiffness[k]), float(damping[k])) for k in range(count)),
+        sensors=tuple((f"s{k}", k, kinds[int(draw.integers(len(kinds)))]) for k in range(first, count)),
+        pushed=int(draw.integers(count)), base=kind == "base", rotary=turns, drive=kind, drive_quantity=quantities[kind],
+        factor=3.0 if kind == "u" else 1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("first", range(0, 60, 10))
+def test_sound_rigs_have_no_doubts(first: int) -> None:
+    """60 rigs with descriptions up to a quarter off, and dampings up to a factor of two."""
+    for seed in range(first, first + 10):
+        rig = drawn(seed)
+        model = rig.description(guessed(rig, seed))
+        assert not told(model, campaign(rig, (1.0,), seconds=8.0, band=(1.0, 50.0), seed=seed)), seed
+
+
+@pytest.mark.parametrize(("name", "cause"), list(CAUSES))
+def test_sound_rigs_with_a_cause_have_none(name: str, cause: str) -> None:
+    for seed in range(3):
+        assert not told(RIGS[name].description(guessed(RIGS[name], seed)), recorded(name, cause)), seed
+
+
+#: Rig, channel, recorded value divided by the true one, and what is reported.
+MISTAKES = [
+    ("one", "force", 1e-3, "force were in kN read as N"), ("one", "a", 1.0 / 9.80665, "a were in g read as m/s^2"),
+    ("stage", "force", 1e-3, "force were in kN read as N"), ("stage", "low", 1e3, "low were in mm read as m"),
+    ("stage", "low", 1e6, "low were in um read as m"), ("stage", "low", 1.0 / 0.0254, "low were in in read as m"),
+    ("stage", "top", 1.0 / 9.80665, "top were in g read as m/s^2"), ("three", "force", 1e-3, "force were in kN read as N"),
+    ("three", "force", 1.0 / 4.44822, "force were in lbf read as N"), ("three", "a1", 9.80665, "a1 were in m/s^2 read as g"),
+    ("three", "a2", 10.0, "m/s^2 read as g"), ("three", "a2", 100.0, "no confusion"),
+    ("torsion", "motor", 180.0 / pi, "motor were in deg read as rad"),
+    ("torsion", "load", 30.0 / pi, "load were in rpm read as rad/s"),
+    ("torsion", "torque", 1e3, "torque were in N mm read as N m"), ("carts", "u", 1e3, "u were in mV read as V"),
+    ("platform", "device", 1.0 / 9.80665, "in g read as m/s^2"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mistake", "cause"), [(each, cause) for each in MISTAKES for cause in ("", *(c for name, c in CAUSES if name == each[0]))]
+)
+def test_channels_in_wrong_units(mistake: tuple[str, str, float, str], cause: str) -> None:
+    """On one, two and three response channels, also with an unmodelled cause; descriptions are up to a quarter off."""
+    name, channel, factor, said = mistake
+    rig = RIGS[name]
+    free = ("drive.factor", "links.l0.stiffness", "links.l1.stiffness") if name == "carts" else None
+    (doubt,) = told(rig.description(guessed(rig, 3), free), recorded(name, cause, {channel: factor}))
+    assert said in doubt.text
+    assert channel in doubt.text.split(": check the unit")[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "said"),
+    [
+        ("stage", {"links.l0.stiffness": 1e-3}, "between N/mm and N/m"),
+        ("stage", {"links.l0.stiffness": 1e-3, "links.l1.stiffness": 1e-3}, "between N/mm and N/m"),
+        ("one", {"links.l0.stiffness": 1e-3}, "between N/mm and N/m"),
+        ("three", {f"bodies.m{k}.mass": 1.0 / 0.45359 for k in range(3)}, "between lb and kg"),
+        ("three", {f"bodies.m{k}.mass": 1e3 for k in range(3)}, "between g and kg"),
+        ("torsion", {f"bodies.m{k}.mass": 1e4 for k in range(2)}, "between kg cm^2 and kg m^2"),
+        ("torsion", {"links.l1.stiffness": pi / 180.0}, "between N m/deg and N m/rad"),
+    ],
+)
+def test_given_values_in_wrong_units(name: str, wrong: Mapping[str, float], said: str) -> None:
+    rig = RIGS[name]
+    errors = guessed(rig, 3)
+    (doubt,) = told(rig.description({path: errors[path] * wrong.get(path, 1.0) for path in errors}), recorded(name))
+    assert doubt.parameter.split("+") == list(wrong)
+    assert said in doubt.text
+
+
+def test_inverted_sensors_and_wrong_rates() -> None:
+    model = STAGE.description(guessed(STAGE, 2))
+    (doubt,) = told(model, recorded("stage", "", {"top": -1.0}))
+    assert (doubt.kind, doubt.parameter) == ("sign", "sensors.top")
+    assert "negative sensitivity" in doubt.text
+    (doubt,) = told(model, recorded("stage", "friction", {"force": -1.0}))
+    assert (doubt.kind, doubt.parameter) == ("sign", "drive.force")
+    measured = recorded("stage")
+    for factor in (2.0, 0.5):
+        runs = tuple(dataclasses.replace(run, sample_rate=factor * run.sample_rate, band=None) for run in measured.runs)
+        found, _ = wrong_scale(model, prepare(dataclasses.replace(measured, runs=runs), model))
+        assert found is not None
+        assert (found.kind, found.ratio) == ("rate", factor)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1.0 / 9.80665, 2.0, 0.45])
+def test_boundary_of_a_ratio(factor: float) -> None:
+    """A factor of two is an unmodelled cause, not a unit."""
+    assert bool(told(THREE.description(), recorded("three", "play", {"force": factor}))) == (not 1.0 / 3.0 < factor < 3.0)
+
+
+@pytest.mark.filterwarnings("ignore:Badly conditioned filter coefficients")
+def test_linear_spectra_agree_with_scipy() -> None:
+    """Responses of the linear part, against the frequency response of scipy's state space."""
+    from scipy.signal import freqresp
+
+    model = STAGE.description()
+    m, c, k = np.diag([4.0, 2.0]), np.array([[18.0, -6.0], [-6.0, 6.0]]), np.array([[7e3, -3e3], [-3e3, 3e3]])
+    a = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+    b = np.vstack([np.zeros((2, 1)), np.linalg.solve(m, [[1.0], [0.0]])])
+    omega = np.array([1.0, 20.0, 31.0, 77.0, 300.0])
+    _, low = freqresp((a, b, np.eye(1, 4), np.zeros((1, 1))), omega)
+    _, top = freqresp((a, b, np.eye(1, 4, 1), np.zeros((1, 1))), omega)
+    found = LinearRig(model, "unlocked").responses(omega, given_parameters(model))[:, :, 0]
+    np.testing.assert_allclose(found, np.stack([low, -(omega**2) * top], axis=1), rtol=1e-7)
+
+
+def test_friction_as_a_damper() -> None:
+    """The damper takes what Gaussian dry friction takes on average: its power at that speed is F times the mean |v|."""
+    tree = to_tree(ONE.description())
+    tree["contacts"] = [{"name": "rail", "a": "m0", "law": {"law": "coulomb", "friction_force": 3.0}}]
+    model = from_tree(tree)
+    spectrum = spectrum_of(model, recorded("one").runs[0], 1536, {})
+    assert spectrum is not None
+    rig, values = LinearRig(model, "unlocked"), given_parameters(model)
+    (damper,) = dampers(rig, values, spectrum, [3.0], np.ones(1))
+    v = rig.rubbing(spectrum.omega, dataclasses.replace(values, friction=np.array([damper])))
+    speed = np.sqrt(np.einsum("gcd,gde,gce->c", v.conj(), spectrum.drives, v).real[0] * spectrum.square)
+    assert damper * speed**2 == pytest.approx(3.0 * np.sqrt(2.0 / np.pi) * speed, rel=0.02)
+
+
+def test_pairs_of_units() -> None:
+    """The ratio of recorded to true value: 1 m read as mm is a thousandth, and inches may be read as millimetres."""
+    pairs = mistaken("displacement")
+    assert pairs["mm read as m"] == pytest.approx(1e3)
+    assert pairs["m read as mm"] == pytest.approx(1e-3)
+    assert log(pairs["in read as mm"]) == pytest.approx(-log(25.4))

@@ -1,0 +1,190 @@
+"""Statements of mapping, file and description that contradict each other are refused; names and repeats are kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyuff
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+from strange_rigs import noise
+
+from isorig.analysis.fitting.trials import SHORTEST
+from isorig.rig.cli import COMMANDS, main
+from isorig.rig.exchange.importing import RATE_AGREES
+from isorig.rig.files.recording import read
+
+ROOT = Path(__file__).resolve().parents[3]
+N, RATE = 512, 1024.0
+X = np.random.default_rng(1).normal(size=N)
+RIG = """
+name = "stage"
+free = ["links.foot.stiffness"]
+bodies = [{ name = "block", mass = 10.0 }]
+links = [{ name = "foot", a = "block", b = "ground", stiffness = 4e4, damping = 40.0 }]
+drive = { channel = "force", quantity = "force", factor = 1.0, pushes = { block = 1.0 } }
+sensors = [{ channel = "block", body = "block" }]
+"""
+MAPPING = """
+description = "rig.toml"
+[channels.force]
+source = "force"
+unit = "N"
+[channels.block]
+source = "block"
+unit = "m/s^2"
+"""
+
+
+def run(text: str = "", name: str = "a", file: str = "a.csv") -> str:
+    return f'[[runs]]\nid = "{name}"\nfile = "{file}"\nconfiguration = "unlocked"\ngain = 1.0\n{text}\n'
+
+
+def written(folder: Path, *, rate: float = RATE, head: str = "", name: str = "a.csv", time: str = "t") -> None:
+    (folder / "rig.toml").write_text(RIG)
+    rows = [f"{k / rate!r},{x!r},{0.1 * x!r}" for k, x in enumerate(X.tolist())]
+    (folder / name).write_text(head + f"{time},force,block\n" + "\n".join(rows) + "\n")
+
+
+def imported(folder: Path, mapping: str) -> int:
+    (folder / "m.toml").write_text(mapping)
+    return main(["import", str(folder / "m.toml"), "-o", str(folder / "o.h5")])
+
+
+@pytest.mark.parametrize(
+    ("keys", "head", "said"),
+    [
+        ("sample_rate = 2048.0", "", "sample_rate = 2048 Hz in the mapping, but 1024 Hz by the time column 't' of the file"),
+        ('time = "t"\nsample_rate = 2048.0', "", "2048 Hz in the mapping, but 1024 Hz by its time column 't'"),
+        ('time = "t"', "Sample rate: 512 Hz\n", "1024 Hz by its time column 't', but 512 Hz by the file itself"),
+        ("sample_rate = 1024.0", "fs = 512\n", "sample_rate = 1024 Hz in the mapping, but 512 Hz by the file itself"),
+    ],
+)
+def test_sample_rates_that_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: str, head: str, said: str) -> None:
+    written(tmp_path, head=head)
+    assert imported(tmp_path, MAPPING + run(keys)) == 2
+    text = capsys.readouterr().err
+    assert said in text
+    assert "rate_from" in text
+    assert text.count("\n") == 1
+    assert not (tmp_path / "o.h5").exists()
+    assert imported(tmp_path, MAPPING + run(keys + '\nrate_from = "time"')) == 0
+    assert read(tmp_path / "o.h5").runs[0].sample_rate == pytest.approx(RATE)
+    assert imported(tmp_path, MAPPING + run('rate_from = "mapping"')) == 2
+    assert "no such sample rate" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("off", "status"), [(0.9, 0), (1.1, 2)])
+def test_boundary_of_a_rate(tmp_path: Path, off: float, status: int) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run(f"sample_rate = {RATE * (1.0 + off * RATE_AGREES)!r}")) == status
+
+
+@pytest.mark.parametrize(("samples", "said"), [(SHORTEST - 1, True), (SHORTEST, False)])
+def test_boundary_of_a_short_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], samples: int, said: bool) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run(f'time = "t"\nsamples = [0, {samples}]')) == 0
+    assert ("fits need at least" in capsys.readouterr().out) == said
+
+
+def test_missing_channels_and_typing_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A similar name is proposed for channels, columns, keys, configurations and runs."""
+    written(tmp_path)
+    for wrong, said in (
+        (MAPPING.replace("channels.block", "channels.blok") + run('time = "t"'), "no channel 'block' (did you mean 'blok'?)"),
+        (MAPPING.replace('source = "force"', 'source = "forse"') + run('time = "t"'), "absent (did you mean 'force'?)"),
+        (MAPPING.replace('unit = "N"', 'unti = "N"') + run('time = "t"'), "unknown there (did you mean 'unit'?)"),
+        (MAPPING + run('time = "t"\nchannels = ["force", "blocks"]'), "did you mean 'block'?"),
+        (MAPPING + run('time = "t"\nexcitaton = "random"'), "did you mean 'excitation'?"),
+        (MAPPING + run('time = "t"\nrepeat_of = "b"'), "give the id of a run before it"),
+        (MAPPING + run('time = "t"').replace("unlocked", "unlokced"), "did you mean 'unlocked'?"),
+    ):  # fmt: skip
+        assert imported(tmp_path, wrong) == 2, said
+        text = capsys.readouterr().err
+        assert said in text
+        assert text.count("\n") == 1
+    for key, meant in (("stiffnes", "stiffness"), ("mas", "mass")):
+        (tmp_path / "rig.toml").write_text(RIG.replace(meant, key))
+        assert imported(tmp_path, MAPPING + run('time = "t"')) == 2
+        assert meant in capsys.readouterr().err
+
+
+def test_repeats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run with the same drive is a repeat by the mapping or by itself, and reported."""
+    written(tmp_path)
+    written(tmp_path, name="b.csv")
+    assert imported(tmp_path, MAPPING + run('time = "t"') + run('time = "t"', "b", "b.csv")) == 0
+    assert "run 'b' has the drive of run 'a' and is stored as its repeat" in capsys.readouterr().out
+    assert [each.repeat_of for each in read(tmp_path / "o.h5").runs] == [None, "a"]
+    (tmp_path / "b.csv").write_text((tmp_path / "b.csv").read_text().replace(",-", ","))
+    assert imported(tmp_path, MAPPING + run('time = "t"') + run('time = "t"', "b", "b.csv")) == 0
+    assert [each.repeat_of for each in read(tmp_path / "o.h5").runs] == [None, None]
+    assert imported(tmp_path, MAPPING + run('time = "t"') + run('time = "t"\nrepeat_of = "a"', "b", "b.csv")) == 0
+    assert [each.repeat_of for each in read(tmp_path / "o.h5").runs] == [None, "a"]
+
+
+def drafted(folder: Path, name: str) -> str:
+    draft = folder / f"{name}.toml"
+    assert main(["import", "--draft", str(folder / name), "-o", str(draft)]) == 0
+    text = draft.read_text()
+    assert main(["import", str(draft), "-o", str(folder / "o.h5")]) == 0, text
+    return text
+
+
+def test_names_of_the_file(tmp_path: Path) -> None:
+    """ID lines of universal files, names in MATLAB structures, groups of untitled TDMS channels."""
+    uff = pyuff.UFF(str(tmp_path / "a.uff"))
+    for node, name in ((1, "Shaker force"), (12, "Top plate")):
+        part = {
+            "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "data": X,
+            "x": np.arange(N) / RATE, "id1": name, "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
+            "abscissa_spacing": 1, "abscissa_inc": 1.0 / RATE, "abscissa_spec_data_type": 17, "num_pts": N, "abscissa_min": 0.0,
+            "ordinate_spec_data_type": 13 if node == 1 else 12, "orddenom_spec_data_type": 0, "ord_data_type": 4, "ver_num": 0,
+            "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+        }  # fmt: skip
+        uff.write_sets(part, "add")
+    struct = np.array([{"name": n, "values": X, "unit": u, "fs": RATE} for n, u in (("force", "N"), ("top", "g"))], dtype=object)
+    savemat(tmp_path / "b.mat", {"data": struct})
+    with TdmsWriter(tmp_path / "c.tdms") as writer:
+        for group in ("Force", "Top"):
+            writer.write_segment([ChannelObject(group, "Untitled", X, {"wf_increment": 1.0 / RATE})])
+    assert "[channels.shaker_force]" in drafted(tmp_path, "a.uff")
+    assert "[channels.top_plate]" in (tmp_path / "a.uff.toml").read_text()
+    assert {"[channels.force]", "[channels.top]"} <= {line.split("   ")[0] for line in drafted(tmp_path, "b.mat").splitlines()}
+    text = drafted(tmp_path, "c.tdms")
+    assert "[channels.force]" in text
+    assert "[channels.top]" in text
+    assert text.count("[[runs]]") == 1
+
+
+def test_units_in_names(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k / RATE},{x},{x},{x}" for k, x in enumerate(X))
+    (tmp_path / "a.csv").write_text(f"t,force_kN,encoder_angle_deg,acc_A\n{rows}\n")
+    text = drafted(tmp_path, "a.csv")
+    assert 'unit = "kN"    # ? by the column\'s name' in text
+    assert 'unit = "deg"' in text
+    assert 'unit = "m/s^2"    # ? not given by the file' in text
+
+
+def test_a_wrong_unit_is_reported_at_the_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A force in kN under a header that says N."""
+    from scipy.signal import lsim
+
+    force, time = noise(4.0, RATE, 30.0, (1.0, 60.0), 2), np.arange(4096) / RATE
+    _, block, _ = lsim(([[0.0, 1.0], [-4e3, -4.0]], [[0.0], [0.1]], [[-4e3, -4.0]], [[0.1]]), force, time)
+    (tmp_path / "rig.toml").write_text(RIG)
+    rows = "\n".join(f"{t},{f / 1000.0},{b}" for t, f, b in zip(time, force, block, strict=True))
+    (tmp_path / "a.csv").write_text(f"t,force [N],block\n{rows}\n")
+    assert imported(tmp_path, MAPPING + run('time = "t"\nexcitation = "random"')) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST.")
+    assert "force were in kN read as N" in said
+    assert main(["check", str(tmp_path / "o.h5")]) == 0
+    assert "force were in kN read as N" in capsys.readouterr().out
+
+
+def test_the_readme_has_every_command() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert [name for name in COMMANDS if f"`rig {name}" not in text] == []

@@ -1,0 +1,109 @@
+"""Sentences of proposals for rigs other than the wire bonder."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from open_questions import end_stop, hardening, rivals
+
+from isorig.analysis.fitting.solve import positive
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.choice import Apart, Choice
+from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.menu import CandidateRun, rest
+from isorig.analysis.proposals.prediction import Prospect, Variant
+from isorig.rig.files.rigfile import SHIPPED, read_description
+from isorig.rig.files.rivals import FittedModel, OpenSet, fitted_model
+from isorig.rig.next.page import proposal_sections
+from isorig.rig.next.plan_file import plan_text, virtual_instrument_of
+from isorig.rig.next.proposal import Proposal, Proposed, Situation, situation, twins_of, unfitted_of
+from isorig.rig.next.sentences import reasons, summary, twins
+
+
+def explained(model: RigModel) -> FittedModel:
+    """A model with one fitted parameter."""
+    path = model.free[0]
+    return fitted_model("", "", model, (positive(path, model.get(path)),), np.eye(1) * 1e-8)
+
+
+def at(model: RigModel, limits: Limits) -> Situation:
+    """Two runs of a rig."""
+    return situation([rivals(explains=explained(model))], limits, {}, frozenset())
+
+
+def shipped(name: str) -> RigModel:
+    return read_description(SHIPPED[name])[0]
+
+
+def test_why_a_rig_rests() -> None:
+    """Friction is the reason only where there is a contact."""
+    for name, rubs in (("two-carts", False), ("one-mass-rail", True)):
+        model = shipped(name)
+        said = " ".join(reasons(Proposed(run=rest(model, Limits())), Proposal(kind="untested"), at(model, Limits())))
+        assert "the rig's own motion masks the noise" in said
+        assert ("friction excites all frequencies" in said) == rubs
+
+
+def test_uses_have_units() -> None:
+    run = CandidateRun(configuration="unlocked", excitation="random", gain=1.0, seconds=10.0, band=(1.0, 40.0))
+    for name, link, drive, stroke in (("two-carts", "wall", "V", "mm"), ("belt-pair", "belt", "N m", "mrad")):
+        model = shipped(name)
+        limits = Limits(drive=138.0, stroke={link: 0.5})
+        peaks = Peaks(drive=28.6, force=28.6, stroke={link: 0.02}, channels={}, speed={})
+        used = Proposed(run=run, peaks=peaks)
+        said = " ".join(reasons(used, Proposal(kind="untested"), at(model, limits)))
+        assert f"a drive of 28.6 of 138 {drive}" in said
+        assert f"20 of 500 {stroke} at the {link}" in said
+
+
+def test_units_keep_their_capitals() -> None:
+    model = shipped("two-carts")
+    run = CandidateRun(configuration="unlocked", excitation="random", gain=1.0, seconds=10.0, band=(1.0, 40.0))
+    proposal = Proposal(kind="undecided", runs=(Proposed(run=run),))
+    text = " ".join(proposal_sections(proposal, at(model, Limits()), ["next-1"])[0].text)
+    assert text.startswith("Random drive from 1 to 40 Hz")
+
+
+def test_a_cause_is_named_once() -> None:
+    model = shipped("two-carts")
+    variants = [Variant(cause=c, location=p, model=model, free=(), covariance=at(model, Limits()).explains.covariance)
+                for c, p in (("backlash", "wall"), ("hardening_stiffness", "wall"))]  # fmt: skip
+    run = CandidateRun(configuration="unlocked", excitation="random", gain=1.0, seconds=10.0, band=(1.0, 40.0))
+    apart = tuple(
+        Apart(truth=one, rival=variants[0], distance=9.0 + k, probability=1.0) for k, one in enumerate((*variants, variants[1]))
+    )
+    prospect = Prospect(run=run, drive=at(model, Limits()).explains.covariance.ravel(), sample_rate=200.0, start_time=0.0)
+    choice = Choice(
+        prospect=prospect,
+        apart=apart,
+        probability=0.9,
+        gained=0.4,
+        peaks=Peaks(drive=1.0, force=1.0, stroke={}, channels={}, speed={}),
+        foreseen=(),
+    )
+    said = " ".join(reasons(Proposed(run=run, choice=choice), Proposal(kind="untested"), at(model, Limits())))
+    assert said.count("backlash at wall") == 1
+    assert said.count("hardening stiffness at wall") == 1
+
+
+def test_only_equal_equations_are_twins() -> None:
+    """A cause that was not fitted is no twin: more time decides it, not a balance."""
+    found = rivals(OpenSet(why="indistinguishable", models=[hardening(), end_stop()], unfitted=[("backlash", "isolation")]))
+    assert twins_of(found) == ()
+    proposal = Proposal(kind="rivals", twins=twins_of(found), unfitted=unfitted_of(found))
+    said = " ".join(summary(proposal))
+    assert twins(proposal) == []
+    assert "does not exclude backlash at isolation, but did not fit it in full: diagnose again with more --seconds" in said
+    assert "Weigh" not in said
+
+
+def test_a_plan_for_people() -> None:
+    """The sample rate has no rounding errors, and a force sensor is none of acceleration."""
+    model = shipped("one-mass-rail")
+    found = msgspec.structs.replace(rivals(explains=explained(model)), sample_rate=1024.0000000477723)
+    text = plan_text(virtual_instrument_of(found), {})
+    assert "sample_rate = 1024.0\n" in text
+    assert "virtual accelerometer" not in text
+    assert 'sensor = "virtual sensor of force"' in text
+    assert 'unit = "m"' in text

@@ -1,0 +1,196 @@
+"""The answer that a colleague would give: phrases of all causes, units by size, what was ruled out, what to do."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.wording import SIZED, sized
+from isorig.rig.cli import main
+from isorig.rig.files.models import write_model
+from isorig.rig.files.recording import write
+from isorig.rig.files.rigfile import read_rig
+from isorig.rig.prediction import predicted
+from isorig.rig.report.conclusion import CAUSES, cause_in_words, conclude, in_per_cent
+from isorig.rig.report.coverage import PERIODS, missing
+from isorig.rig.report.sections import unbroken
+from isorig.rig.transfer import transfer_functions
+from isorig.rig.virtual.described import described_campaign
+
+MECHANISMS = Path(__file__).resolve().parents[2] / "isorig" / "analysis" / "diagnose" / "mechanisms"
+
+
+def findings(**more: Any) -> dict[str, Any]:
+    """Findings of play in a coupling."""
+    step = {
+        "cause": "backlash", "location": "coupling", "kind": "spring_shape", "form": "backlash", "closest_form": None,
+        "parameters": {
+            "clearance": {"value": 0.00025, "std": 1.5e-7, "unit": "m"}, "residual": {"value": 0.0, "std": 0.01, "unit": "1"},
+        },
+    }  # fmt: skip
+    errors = {"end_stop": 0.3, "hardening_stiffness": 0.12, "softening_stiffness": 0.2, "stiffness_drift": 0.34}
+    out = [
+        {"cause": cause, "location": "coupling", "holdout_error": error, "standing": "ruled out"}
+        for cause, error in errors.items()
+    ]
+    return {
+        "verdict": "explained", "doubts": [], "cut_short": False, "steps": [step], "candidates": out, "indistinguishable": [],
+        "holdout": {"baseline": 0.35, "extended": 0.013, "noise_floor": 0.012}, **more,
+    }  # fmt: skip
+
+
+def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
+    said = conclude(findings(), "out")
+    assert said.answer == (
+        "explained: play of 0.5000 ± 0.0003 mm in the coupling (0.25 mm either way); "
+        "the error on held-out data falls from 35 % to 1.3 %, noise alone is 1.2 %"
+    )
+    assert said.ruled_out == (
+        "Ruled out, with the error each leaves: hardening stiffness at the coupling (12 %), softening stiffness at the coupling "
+        "(20 %), end stop at the coupling (30 %), and 1 more."
+    )
+    assert "out/model.json" in said.next
+    assert said.lines == [said.answer, said.ruled_out, said.next]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"verdict": "adequate", "steps": []}, ["adequate: the model explains", "is 35 %", "rig predict out/model.json"]),
+        ({"verdict": "unexplained", "steps": []}, ["no place and kind of cause is certain", "rig next out"]),
+        ({"verdict": "partly explained"}, ["partly explained: play of", "rig next out"]),
+        ({"cut_short": True}, ["the time limit ended the search", "--seconds"]),
+        ({"doubts": [{"text": "Doubtful unit."}]}, ["given values first: Doubtful unit.", "diagnose again"]),
+        (
+            {"indistinguishable": [[{"cause": "backlash", "location": "coupling"}, {"cause": "end_stop", "location": "mount"}]]},
+            ["Not distinguishable from it by these runs: end stop at the mount.", "rig next out"],
+        ),
+    ],
+)  # fmt: skip
+def test_every_verdict_says_what_to_do(more: dict[str, Any], words: list[str]) -> None:
+    said = " ".join(conclude(findings(**more), "out").lines)
+    assert [word for word in words if word not in said] == []
+
+
+def test_a_kind_without_a_form_is_named_with_the_closest_form() -> None:
+    step = {**findings()["steps"][0], "cause": "spring_shape", "form": None, "parameters": {}}
+    closest = {"cause": "softening_stiffness", "share": 0.7}
+    assert cause_in_words({**step, "closest_form": closest}) == (
+        "a nonlinear spring force over deflection at the coupling, closest to softening stiffness"
+    )
+    assert cause_in_words(step).endswith("at the coupling, of no catalogued form")
+
+
+def test_every_catalogued_cause_has_a_phrase_of_its_own_parameters() -> None:
+    reported = set(re.findall(r'Reported\(name="(\w+)"', "".join(p.read_text() for p in MECHANISMS.glob("*.py"))))
+    derived = {"place", "play", "clearance_alone", "per_hour"}
+    assert {mechanism.cause for mechanism in CATALOGUE} == set(CAUSES)
+    used = {name for phrase in CAUSES.values() for name in re.findall(r"\{(\w+)\}", phrase)}
+    assert used <= reported | derived
+
+
+def test_a_cause_without_a_phrase_lists_its_parameters() -> None:
+    step = {"cause": "worn_gear", "location": "mount", "kind": "memory", "form": "worn_gear", "parameters": {
+        "tooth_gap": {"value": 2e-5, "std": 1e-6, "unit": "m"}}}  # fmt: skip
+    assert cause_in_words(step) == "worn gear at the mount, tooth gap 20.0 ± 1.0 µm"
+
+
+@pytest.mark.parametrize("unit", SIZED)
+def test_a_size_in_a_unit_is_the_value(unit: str) -> None:
+    for value in np.geomspace(1e-6, 1e9, 46):
+        number, name = re.fullmatch(r"(\S+) ?(.*)", sized(float(value), unit, digits=6)).groups()  # type: ignore[union-attr]
+        scale = next(s for _, s, n in SIZED[unit] if n == name)
+        assert float(number) * scale == pytest.approx(value, rel=1e-5)
+
+
+def test_shares_have_two_digits() -> None:
+    shares = (0.002, 0.0954, 0.0996, 0.35, 1.5, 23.0)
+    assert [in_per_cent(share) for share in shares] == ["0.20 %", "9.5 %", "10 %", "35 %", "150 %", "23 times the signal"]
+
+
+def test_numbers_stay_with_their_units() -> None:
+    assert (
+        unbroken("play of 0.5 ± 0.1 mm in it, 35 % to 2 N.")
+        == "play of 0.5\u00a0±\u00a00.1\u00a0mm in it, 35\u00a0% to 2\u00a0N."
+    )
+
+
+def runs(levels: list[float], seconds: float = 60.0, **more: Any) -> Campaign:
+    rng = np.random.default_rng(0)
+    names = ("head", "motor", "table", "heatblock")
+
+    def channels(level: float) -> dict[str, Channel]:
+        return {name: Channel(name=name, samples=level * rng.normal(size=round(256 * seconds))) for name in names}
+
+    common: dict[str, Any] = {"configuration": "unlocked", "sample_rate": 256.0, "gain": 1.0, "excitation": "random"}
+    return Campaign(runs=tuple(Run(id=f"r{k}", channels=channels(level), **common, **more) for k, level in enumerate(levels)))
+
+
+def test_what_a_recording_lacks_is_said() -> None:
+    model = wire_bonder()
+    assert missing(runs([1.0, 1.0], repeat_of="r0"), model) == []
+    assert [said.split(":")[0] for said in missing(runs([1.0], repeat_of="r0"), model)] == ["There is only one run"]
+    (said,) = missing(runs([1.0, 1.0]), model)
+    assert "No drive was played twice" in said
+    slowest = natural_modes(model, "unlocked")[0].frequency
+    long_enough, too_short = (PERIODS / slowest * factor for factor in (1.02, 0.97))
+    assert missing(runs([1.0, 1.0], long_enough, repeat_of="r0"), model) == []
+    (said,) = missing(runs([1.0, 1.0], too_short, repeat_of="r0"), model)
+    assert "run 'r0' and 1 more; record at least" in said
+
+
+def test_runs_of_one_gain_with_several_levels_are_not_averaged_and_that_is_said() -> None:
+    campaign = runs([6.0, 15.0, 15.5, 35.0], repeat_of="r0")
+    (said,) = missing(campaign, wire_bonder())
+    assert re.search(r"all state gain 1, but the rms of head is 3[45]\.?\d? m/s\^2, 15\.\d m/s\^2, [56]\.?\d* m/s\^2", said)
+    found = transfer_functions(campaign, responses=["table"], resolution=4.0)
+    assert [len(item.runs) for item in found] == [1, 2, 1]
+    assert len({item.name for item in found}) == len({item.label for item in found}) == 3
+    # Levels that differ by less than the ratio are one level.
+    assert len(transfer_functions(runs([1.0, 1.2]), responses=["table"], resolution=4.0)) == 1
+    # Another excitation or band is another kind of run, whatever its level.
+    mixed = runs([1.0, 3.0])
+    mixed = replace(mixed, runs=(mixed.runs[0], replace(mixed.runs[1], band=(1.0, 50.0))))
+    assert len(transfer_functions(mixed, responses=["table"], resolution=4.0)) == 1
+
+
+def test_predict_says_the_error_by_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = read_rig("two-carts")
+    campaign = described_campaign(given, seed=1, seconds=6.0, noise=0.02)
+    write(tmp_path / "c.h5", campaign)
+    write_model(tmp_path / "model.json", given.model)
+    assert main(["predict", str(tmp_path / "model.json"), str(tmp_path / "c.h5"), "-o", str(tmp_path / "p.h5")]) == 0
+    said = capsys.readouterr().out
+    other = predicted(given.model, campaign)
+    for run, simulated in zip(campaign.runs, other.runs, strict=True):
+        row = next(line.split() for line in said.splitlines() if line.strip().startswith(run.id))
+        for k, name in enumerate(("x1", "x2")):
+            y = run.read(name)
+            error = np.sqrt(np.mean((simulated.read(name) - y) ** 2) / np.mean(y**2))
+            assert float(row[1 + 2 * k]) == pytest.approx(100.0 * error, rel=0.06)
+
+
+def test_findings_of_the_command_agree_with_its_last_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = read_rig("one-mass-rail")
+    write(tmp_path / "c.h5", described_campaign(given, seed=2, seconds=6.0))
+    assert main(["diagnose", str(tmp_path / "c.h5"), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    found = json.loads((tmp_path / "out" / "findings.json").read_text())
+    conclusion = conclude(found, str(tmp_path / "out"))
+    assert f"c: {conclusion.answer}\n" in said
+    assert said.rstrip().endswith(conclusion.next)
+    assert all(remark in said for remark in found["remarks"])
+    page = (tmp_path / "out" / "report.html").read_text()
+    first = page[: page.index("<main>")]
+    assert conclude(found).found[1:] in first
+    assert first.count('class="chart') == 4

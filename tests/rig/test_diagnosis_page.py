@@ -1,0 +1,196 @@
+"""The page of a real diagnosis: the answer first, the place marked, its force as the hidden law says, the rest folded."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from headless_page import CHROMIUM, told_by
+from small_rigs import with_law
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.laws import Cubic
+from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.files.recording import write
+from isorig.rig.files.rigfile import read_rig
+from isorig.rig.report.before_after import (
+    BASELINE,
+    EXTENDED,
+    Force,
+    PlaceForce,
+    Record,
+    force_chart,
+    mean_over,
+    residual_chart,
+    second_chart,
+)
+from isorig.rig.virtual.described import described_campaign
+
+CUBIC = 4e5
+#: Opens every folded section, then tells what is drawn and how wide it is.
+PROBE = """<script>
+addEventListener("load", () => setTimeout(async () => {
+  const later = () => new Promise((resolve) => setTimeout(resolve, 900));
+  const drawn = () => [...document.querySelectorAll(".chart")].filter((c) => c.querySelector(".main-svg path")).length;
+  const told = { first: drawn(), high: document.querySelector("main").getBoundingClientRect().top };
+  for (const folded of document.querySelectorAll("details")) folded.open = true;
+  await later();
+  Object.assign(told, { all: drawn(), charts: document.querySelectorAll(".chart").length,
+    inner: innerWidth, wide: document.documentElement.scrollWidth,
+    peaks: [...document.querySelectorAll(".peaks")].map((p) => p.textContent) });
+  parent.postMessage(JSON.stringify(told), "*");
+}, 1500));
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a diagnosis of two carts with a hidden hardening spring."""
+    folder = tmp_path_factory.mktemp("carts")
+    given = read_rig("two-carts")
+    truth = with_law(given.model, "between", Cubic(cubic_stiffness=CUBIC))
+    write(folder / "c.h5", described_campaign(given, seed=3, seconds=10.0, truth=truth))
+    diagnose_file(folder / "c.h5", folder / "out", "coulomb")
+    return folder / "out"
+
+
+def charts_of(page: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(
+        re.findall(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)[0]
+    )
+    return found
+
+
+def values(packed: dict[str, str]) -> FloatArray:
+    return np.frombuffer(base64.b64decode(packed["bdata"]), dtype="<f4").astype(float)
+
+
+def test_the_page_begins_with_the_answer_and_the_marked_place(answered: Path) -> None:
+    page = (answered / "report.html").read_text()
+    first = page[: page.index("<main>")]
+    assert re.search(r'class="verdict">Explained: a hardening spring in the between, cubic stiffness \d', first)
+    assert first.index('class="verdict"') < first.index("<svg") < first.index('class="chart')
+    assert 'data-joint="links.between"' in first
+    assert re.findall(r'data-joint="([^"]+)"[^>]*class="faulty"', first) == ["links.between"]
+    assert [chart["name"].split("-")[0] for chart in charts_of(page)[:4]] == ["force", "equations", "second", "errors"]
+    # The rest is folded behind headings.
+    assert page.count("<details>") == page[page.index("<main>") :].count("<h2>")
+    assert "<details open" not in page
+
+
+def test_the_force_of_the_place_is_the_hidden_law(answered: Path) -> None:
+    force = charts_of((answered / "report.html").read_text())[0]
+    assert force["x"]["label"] == "deflection, mm"
+    assert force["panels"][0]["label"] == "force, N"
+    curves = {trace["name"]: (values(trace["x"]), values(trace["y"])) for trace in force["traces"]}
+    stiffness = read_rig("two-carts").model.link("between").stiffness
+
+    def off(name: str) -> float:
+        d, mean = curves[name]
+        # The mean over a bin of a cubic differs from its value in the middle: the inner bins only.
+        inner = slice(5, -5)
+        law = stiffness * 1e-3 * d + CUBIC * (1e-3 * d) ** 3
+        return float(np.sqrt(np.mean((mean - law)[inner] ** 2) / np.mean(law[inner] ** 2)))
+
+    assert off("measured, mean") < 0.05
+    assert off("extended model") < 0.05
+    assert off("baseline") > 0.15
+
+
+def test_the_second_shown_is_held_out_and_its_residual_is_the_difference(answered: Path) -> None:
+    second = charts_of((answered / "report.html").read_text())[2]
+    by = {(trace["name"], trace["panel"]): trace for trace in second["traces"]}
+    measured, seconds = values(by["measured", 0]["y"]), values(by["measured", 0]["x"])
+    assert seconds[0] >= 0.6 * 10.0 - 1e-3
+    assert seconds[-1] - seconds[0] == pytest.approx(1.0, abs=0.01)
+    for name in ("baseline", "extended model"):
+        residual = values(by[name, 0]["y"]) - measured
+        assert values(by[name, 1]["y"]) == pytest.approx(residual, abs=1e-6)
+    assert np.std(values(by["extended model", 1]["y"])) < 0.05 * np.std(values(by["baseline", 1]["y"]))
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: install Debian's package to run this test")
+@pytest.mark.parametrize("width", [1280, 420])
+def test_the_page_in_a_browser(answered: Path, tmp_path: Path, width: int) -> None:
+    told = told_by((answered / "report.html").read_text(), PROBE, width, tmp_path)
+    assert told["wide"] <= told["inner"] == width
+    # Folded charts are drawn when they are opened.
+    assert told["first"] == 4
+    assert told["all"] == told["charts"] > 6
+    assert told["peaks"]
+    assert all(re.match(r"Largest in view: .* \d+(\.\d+)? Hz: ", text) for text in told["peaks"])
+
+
+def test_the_second_of_the_largest_error_is_found_across_runs_and_channels() -> None:
+    rate, n = 100.0, 1000
+    quiet = np.zeros(n)
+
+    def record(run: str, size: float, at: int, error: float) -> Record:
+        off = quiet.copy()
+        off[at : at + 100] = error
+        return Record(
+            run=run,
+            channel="x",
+            unit="m",
+            sample_rate=rate,
+            start=6.0,
+            measured=quiet,
+            models={BASELINE: off, EXTENDED: quiet},
+            size=size,
+        )
+
+    # Relative to the channel's size, the second record errs more.
+    chart = second_chart([record("a", 1.0, 300, 0.2), record("b", 0.1, 640, 0.1)])
+    assert chart is not None
+    assert chart.name == "second-b-x"
+    assert chart.traces[0].x[0] == pytest.approx(6.0 + 6.4)
+    assert second_chart([]) is None
+    assert second_chart([record("a", 0.0, 300, 0.2)]) is None
+
+
+def test_a_force_is_averaged_over_what_it_depends_on() -> None:
+    rng = np.random.default_rng(1)
+    d, v = rng.normal(size=(2, 20000)) * [[1e-3], [0.02]]
+    law = 2000.0 * d + 4.0 * np.sign(v)
+    measured = Force(deflection=d, velocity=v, force=law)
+    smooth = Force(deflection=d, velocity=v, force=2000.0 * d)
+    at = PlaceForce(place="slide", run="a", time=np.arange(20000) / 1e3, measured=measured, baseline=smooth, spring=2000.0)
+    over_speed = {trace.name: trace for trace in force_chart(at, "velocity").traces}
+    assert force_chart(at, "velocity").x_label == "velocity, mm/s"
+    mean = over_speed["measured, mean"].y
+    away = np.abs(over_speed["measured, mean"].x) > 1.0  # mm/s; the bin around zero has both signs
+    assert mean[away] == pytest.approx(4.0 * np.sign(over_speed["measured, mean"].x[away]), abs=0.3)
+    assert over_speed["baseline"].y == pytest.approx(np.zeros(len(mean)), abs=1e-9)
+    over_time = force_chart(at, "time")
+    assert over_time.x_label == "time, s"
+    x, y = mean_over(d, law)
+    assert y == pytest.approx(2000.0 * x, abs=1.0)
+
+
+def test_bars_of_equations_show_the_place() -> None:
+    chart = residual_chart({"table + motor": 1.1, "motor": 40.0, "stuck isolation": 1.0}, {"motor": 1.05, "table + motor": 1.0})
+    assert chart is not None
+    assert [trace.name for trace in chart.traces] == ["baseline", "extended model"]
+    assert list(chart.traces[0].x) == ["forces on table + motor", "forces on motor", "isolation, stuck"]
+    assert chart.traces[1].y[:2] == pytest.approx([1.0, 1.05])
+    assert np.isnan(chart.traces[1].y[2])
+    assert chart.x_log
+    alone = residual_chart({"table": 1.1})
+    assert alone is not None
+    assert len(alone.traces) == 1
+    assert residual_chart({}) is None
+
+
+def test_the_tall_bar_is_the_place_and_the_extension_brings_it_down(answered: Path) -> None:
+    """The equation of the second cart alone contains the force between the carts."""
+    bars = charts_of((answered / "report.html").read_text())[1]
+    before, after = (dict(zip(trace["x"], values(trace["y"]), strict=True)) for trace in bars["traces"])
+    assert set(before) == {"forces on first + second", "forces on second"}
+    assert before["forces on second"] > 50.0
+    assert before["forces on first + second"] < 3.0
+    assert max(after.values()) < 3.0

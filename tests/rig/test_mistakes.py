@@ -1,0 +1,228 @@
+"""Mistakes that a newcomer makes with files of their own: each is reported by rig import in one sentence with the way out.
+
+The rig is simulated with scipy: two masses in a row, a force, a displacement and an acceleration. Its description is up to a
+quarter off.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strange_rigs import StrangeRig, noise
+
+from isorig.analysis.campaign import FloatArray
+from isorig.rig.cli import main
+
+RIG = StrangeRig(
+    masses=(4.0, 2.0), joints=((0, -1, 4e3, 12.0), (1, 0, 3e3, 6.0)),
+    sensors=(("low", 0, "displacement"), ("top", 1, "acceleration")),
+)  # fmt: skip
+RATE, SECONDS = 256.0, 12.0
+DESCRIPTION = """
+name = "stage"
+free = ["links.foot.stiffness", "links.foot.damping", "links.upper.stiffness", "links.upper.damping"]
+bodies = [{ name = "table", mass = 4.2 }, { name = "device", mass = 1.9 }]
+links = [
+  { name = "foot", a = "table", b = "ground", stiffness = 4700.0, damping = 9.0 },
+  { name = "upper", a = "device", b = "table", stiffness = 2600.0, damping = 8.0 },
+]
+drive = { channel = "force", quantity = "force", factor = 1.0, pushes = { table = 1.0 } }
+sensors = [
+  { channel = "low", body = "table", quantity = "displacement" },
+  { channel = "top", body = "device" },
+]
+"""
+MAPPING = """
+description = "rig.toml"
+[channels.force]
+source = "F"
+unit = "N"
+[channels.low]
+source = "x"
+unit = "mm"
+[channels.top]
+source = "a"
+unit = "m/s^2"
+[[runs]]
+id = "first"
+file = "first.csv"
+configuration = "unlocked"
+gain = 1.0
+excitation = "random"
+band = [0.5, 40.0]
+time = "t"
+"""
+
+
+@cache
+def records() -> dict[str, FloatArray]:
+    drive = noise(SECONDS, RATE, 20.0, (0.5, 40.0), 5)
+    found = RIG.recorded(drive, RATE)
+    draw = np.random.default_rng(1)
+    noisy = {name: values + draw.normal(0.0, 3e-3 * values.std(), len(values)) for name, values in found.items()}
+    return {"t": np.arange(len(drive)) / RATE, "F": noisy["force"], "x": 1e3 * noisy["low"], "a": noisy["top"]}
+
+
+@dataclass(frozen=True)
+class Files:
+    """What the newcomer has: columns, the text above them, mapping and description."""
+
+    columns: dict[str, FloatArray] = field(default_factory=lambda: dict(records()))
+    head: str = ""
+    mapping: str = MAPPING
+    description: str = DESCRIPTION
+    end: str = ""
+
+    def write(self, folder: Path) -> None:
+        rows = zip(*self.columns.values(), strict=True)
+        text = "\n".join(",".join(f"{value:.9g}" for value in row) for row in rows)
+        (folder / "first.csv").write_text(f"{self.head}{','.join(self.columns)}\n{text}\n{self.end}")
+        (folder / "m.toml").write_text(self.mapping)
+        if self.description:
+            (folder / "rig.toml").write_text(self.description)
+
+
+Mistake = Callable[[Files], Files]
+
+
+def times(column: str, factor: float) -> Mistake:
+    return lambda files: replace(files, columns={**files.columns, column: factor * files.columns[column]})
+
+
+def swap(one: str, other: str) -> Mistake:
+    """The two columns are exchanged, with the units that the operator expects of them."""
+    return lambda files: replace(files, columns={**files.columns, one: files.columns[other], other: files.columns[one]})
+
+
+def mapped(old: str, new: str) -> Mistake:
+    assert old in MAPPING
+    return lambda files: replace(files, mapping=files.mapping.replace(old, new))
+
+
+def described(*pairs: tuple[str, str]) -> Mistake:
+    def wrong(files: Files) -> Files:
+        text = files.description
+        for old, new in pairs:
+            assert old in text
+            text = text.replace(old, new)
+        return replace(files, description=text)
+
+    return wrong
+
+
+def headed(text: str) -> Mistake:
+    return lambda files: replace(files, head=text)
+
+
+def without(column: str) -> Mistake:
+    return lambda files: replace(files, columns={name: values for name, values in files.columns.items() if name != column})
+
+
+def cut(samples: int) -> Mistake:
+    return lambda files: replace(files, columns={name: values[:samples] for name, values in files.columns.items()})
+
+
+def ended(text: str) -> Mistake:
+    return lambda files: replace(files, end=text)
+
+
+def holed(files: Files) -> Files:
+    values = files.columns["a"].copy()
+    values[100] = np.inf
+    return replace(files, columns={**files.columns, "a": values})
+
+
+def undescribed(files: Files) -> Files:
+    return replace(files, description="")
+
+
+#: Each with a part of its sentence: what was found, and the way out.
+MISTAKES: dict[str, tuple[Mistake, str]] = {
+    # units of channels
+    "force in kN": (times("F", 1e-3), "force were in kN read as N: check the unit of the drive channel force"),
+    "force in lbf": (times("F", 1.0 / 4.448), "force were in lbf read as N: check the unit of the drive channel force"),
+    "force in kgf": (times("F", 1.0 / 9.807), "force were in kgf read as N: check the unit of the drive channel force"),
+    "displacement in m": (times("x", 1e-3), "low were in m read as mm, and the others are not: check the unit of low"),
+    "displacement in um": (times("x", 1e3), "low were in mm read as m, and the others are not: check the unit of low"),
+    "displacement in inches": (times("x", 1.0 / 25.4), "low were in in read as mm"),
+    "mm mapped as m": (mapped('unit = "mm"', 'unit = "m"'), "low were in mm read as m"),
+    "acceleration in g": (times("a", 1.0 / 9.807), "top were in g read as m/s^2"),
+    "m/s^2 mapped as g": (mapped('"m/s^2"', '"g"'), "top were in m/s^2 read as g"),
+    "acceleration in mm/s^2": (times("a", 1e3), "top were in mm/s^2 read as m/s^2"),
+    "sensitivity a hundredth": (mapped('"m/s^2"', '"m/s^2"\nsensitivity = 0.01'), "check the unit, the sensitivity and"),
+    # units of given values
+    "one stiffness in N/mm": (described(("4700.0", "4.7")), "stiffness of foot is about 0.001 times what the records show"),
+    "all in N/mm": (described(("4700.0", "4.7"), ("2600.0", "2.6")), "between N/mm and N/m: give them in N/m"),
+    "stiffness in lbf/in": (described(("4700.0", "26.8"), ("2600.0", "14.8")), "between lbf/in and N/m: give them in N/m"),
+    "masses in g": (described(("mass = 4.2", "mass = 4200.0"), ("mass = 1.9", "mass = 1900.0")), "between g and kg: give them"),
+    "masses in lb": (described(("mass = 4.2", "mass = 9.2"), ("mass = 1.9", "mass = 4.2")), "between lb and kg: give them in kg"),
+    # signs
+    "inverted sensor": (times("a", -1.0), "top has the opposite sign of what the given rig predicts: check the direction"),
+    "inverted force": (times("F", -1.0), "All responses have the opposite sign of what the given rig predicts"),
+    # swaps
+    "swapped columns": (swap("x", "a"), "low and top seem swapped"),
+    "force and acceleration": (swap("F", "a"), "force and top seem swapped"),
+    "force and displacement": (swap("F", "x"), "force and low seem swapped"),
+    # sample rates
+    "rate against the time column": (mapped('time = "t"', "sample_rate = 512.0"), "256 Hz by the time column 't' of the file"),
+    "rate against the header": (headed("Sample rate: 1024 Hz\n"), "but 1024 Hz by the file itself"),
+    "rate and time": (mapped('time = "t"', 'time = "t"\nsample_rate = 128.0'), "sample_rate = 128 Hz in the mapping, but 256 Hz"),
+    "twice the rate": (lambda files: without("t")(mapped('time = "t"', "sample_rate = 512.0")(files)), "check the sample rate"),
+    "half the rate": (lambda files: without("t")(mapped('time = "t"', "sample_rate = 128.0")(files)), "check the sample rate"),
+    "no rate": (lambda files: without("t")(mapped('time = "t"\n', "")(files)), "give sample_rate in Hz, or time"),
+    "a time column in the wrong unit": (mapped('time = "t"', 'time = "t"\ntime_unit = "ms"'), "sample rate, time_unit and band"),
+    # columns
+    "column misspelt": (mapped('source = "F"', 'source = "f"'), "'f', which is absent (did you mean 'F'?)"),
+    "column missing": (without("a"), "column 'a', which is absent"),
+    "time column missing": (mapped('time = "t"', 'time = "tme"'), "'tme', which is absent"),
+    "a value that is none": (holed, "contains inf at sample 100"),
+    "a word in a column": (ended("12.0,1.0,bad,1.0\n"), "contains 'bad', which is not a number"),
+    # spelling
+    "key of a channel": (mapped('unit = "N"', 'units = "N"'), "key 'units', which is unknown there (did you mean 'unit'?)"),
+    "key of a run": (mapped("excitation", "exitation"), "key 'exitation', which is unknown there (did you mean 'excitation'?)"),
+    "unit": (mapped('unit = "N"', 'unit = "Nwt"'), "has unit 'Nwt'; known are"),
+    "key of a link": (described(("stiffness = 4700.0", "stifness = 4700.0")), "(did you mean 'stiffness'?)"),
+    "body": (described(('a = "device"', 'a = "devise"')), "body 'devise', which does not exist (did you mean 'device'?)"),
+    "quantity": (described(('quantity = "displacement"', 'quantity = "position"')), "'position', which is none of"),
+    "configuration": (mapped('"unlocked"', '"unlock"'), "has the configuration 'unlock'"),
+    "channel": (mapped("channels.top", "channels.tpo"), "no channel 'top' (did you mean 'tpo'?)"),
+    # missing
+    "no description": (undescribed, "rig.toml cannot be read"),
+    "no file": (mapped("first.csv", "frist.csv"), "frist.csv cannot be read"),
+    "no sensor in the mapping": (mapped('[channels.low]\nsource = "x"\nunit = "mm"\n', ""), "no channel 'low'"),
+    # short
+    "too short": (cut(200), "Run 'first' has 200 samples, 0.781 s, but fits need at least 256: record longer runs"),
+    "truncated": (ended("12.0,1.0\n"), "has 2 of 4 cells: it was truncated"),
+    "empty": (cut(0), "has no columns of numbers"),
+}  # fmt: skip
+
+
+def imported(folder: Path, files: Files, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What rig import reports, without the path that it prints."""
+    files.write(folder)
+    main(["import", str(folder / "m.toml"), "-o", str(folder / "o.h5")])
+    said = capsys.readouterr()
+    return [line for line in (said.out + said.err).splitlines() if line != str(folder / "o.h5")]
+
+
+def test_there_are_forty() -> None:
+    assert len(MISTAKES) >= 40
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_one_sentence(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mistake, said = MISTAKES[name]
+    lines = imported(tmp_path, mistake(Files()), capsys)
+    assert len(lines) == 1, lines
+    assert said in lines[0]
+    assert not re.search(r"Traceback|\bnan\b|Error", lines[0])
+
+
+def test_no_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert imported(tmp_path, Files(), capsys) == []
