@@ -12,7 +12,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from campaign import Setting, draw
+from foreign_campaign import Setting, draw
 from effects import EFFECTS
 from rigs import FAMILIES
 

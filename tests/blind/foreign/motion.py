@@ -114,6 +114,8 @@ def run(
     begin
         Seconds of the session at the first step, for drifts.
     """
+    if len(floor) != len(force):
+        raise ValueError(f"the floor has {len(floor)} steps, the drive {len(force)}")
     sb, sw = _table([s.along for s in springs])
     cb, cw = _table([r.along for r in rubs])
     ob, ow = _table([s.along for s in seen])

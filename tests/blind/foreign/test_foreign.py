@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import motion
-from campaign import Setting, draw
+from foreign_campaign import Setting, draw
 from effects import EFFECTS
 from instrument import CONVERTERS, converted
 from motion import Elongation, Law, Rub, Seen, Spring

@@ -171,9 +171,9 @@ def records_of(
     if floor:
         from scipy.signal import butter, sosfilt
 
-        coarse = np.random.default_rng([*take.id.encode(), 1]).normal(0.0, 1.0, len(drive) // over * 2)
+        coarse = np.random.default_rng([*take.id.encode(), 1]).normal(0.0, 1.0, (len(drive) // over + 1) * 2)
         coarse = sosfilt(butter(2, [2.0, 20.0], btype="band", fs=2.0 * rig.rate, output="sos"), coarse)
-        shaken = floor / np.std(coarse) * upsampled(coarse, over // 2)
+        shaken = floor / np.std(coarse) * upsampled(coarse, over // 2)[: len(drive)]
     fine = _moved(h, take, drive, shaken, _seen(rig), take.begin if begin is None else begin)
     names = [rig.drive, *(x.channel for x in rig.sensors)]
     rows = np.concatenate([drive[None], fine])
