@@ -26,8 +26,9 @@ DRIVEN = 1e-4
 ABOVE_NOISE = 10.0
 #: Share of a link's critical damping that an undamped link gets, so that a fit can increase it.
 LEAST_DAMPING = 1e-3
-#: Iterations of the damper that replaces dry friction.
-ROUNDS = 15
+#: Most iterations of the damper that replaces dry friction, the change of its logarithm below which they end, and the largest
+#: change in one of them.
+ROUNDS, SETTLED, FARTHEST = 15, 1e-6, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +222,10 @@ def given_parameters(model: RigModel) -> Parameters:
     )  # fmt: skip
 
 
-def dampers(rig: LinearRig, values: Parameters, spectrum: Spectrum, forces: Sequence[float], scale: FloatArray) -> FloatArray:
+def dampers(
+    rig: LinearRig, values: Parameters, spectrum: Spectrum, forces: Sequence[float], scale: FloatArray,
+    near: FloatArray | None = None,
+) -> FloatArray:  # fmt: skip
     """Dampers in N s/m with the power of dry friction of these forces in N, shape (contacts,).
 
     Parameters
@@ -234,16 +238,33 @@ def dampers(rig: LinearRig, values: Parameters, spectrum: Spectrum, forces: Sequ
         Friction force of each contact.
     scale
         Factor for each drive's record, shape (drives,).
+    near
+        Dampers for similar parameters, which save iterations.
     """
     level = np.array(forces)
     if not level.any():
         return np.zeros_like(level)
     driven = spectrum.drives * scale[:, None] * scale[None, :]
-    found = 1e-3 * np.sqrt(values.stiffness.max(initial=1.0) * values.mass.max()) * np.ones_like(level)
-    for _ in range(ROUNDS):
-        now = replace(values, friction=found)
-        v = rig.rubbing(spectrum.omega, now)
+
+    def wanted(log_damper: FloatArray) -> FloatArray:
+        # What the velocities with these dampers require.
+        v = rig.rubbing(spectrum.omega, replace(values, friction=np.exp(log_damper)))
         mean = np.einsum("gcd,gde,gce->c", v.conj(), driven, v).real * spectrum.square
         new = np.sqrt(2.0 / np.pi) * level / np.sqrt(np.maximum(mean, 1e-300))
-        found = np.asarray(np.sqrt(found * np.minimum(new, 1e12)))
-    return np.asarray(found)
+        return np.asarray(np.log(np.clip(new, 1e-12, 1e12)))
+
+    # The secant method for each contact, from a step halfway.
+    weak = 1e-3 * np.sqrt(values.stiffness.max(initial=1.0) * values.mass.max())
+    at = np.log(np.full(len(level), weak) if near is None else np.clip(near, 1e-12, 1e12))
+    off = wanted(at) - at
+    step = 0.5 * off
+    for _ in range(ROUNDS):
+        at = at + np.clip(step, -FARTHEST, FARTHEST)
+        now = wanted(at) - at
+        if np.abs(now).max() < SETTLED:
+            break
+        slope = (now - off) / np.where(step == 0.0, 1.0, np.clip(step, -FARTHEST, FARTHEST))
+        # More damping means less motion, which requires more damping: the slope lies between -1, where friction hardly changes
+        # the motion, and 0, where it holds the bodies.
+        off, step = now, np.where(slope < -0.2, -now / np.where(slope < -0.2, slope, -1.0), 0.5 * now)
+    return np.asarray(np.where(level > 0.0, np.exp(at), 0.0))

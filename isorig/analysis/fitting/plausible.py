@@ -110,7 +110,8 @@ def explains_as_given(given: RigModel, fitted: Fit) -> bool:
     """
     others = [free.path for free in fitted.free if free.path not in given.free]
     weighed = any(f"bodies.{body.name}.mass" not in given.free for body in given.bodies if body.name not in given.imposed)
-    if not weighed or fitted.cost > EXPLAINS or any(path.endswith((".gain", ".mass", ".factor")) for path in others):
+    given_ones = {f"bodies.{body.name}.mass" for body in given.bodies}
+    if not weighed or fitted.cost > EXPLAINS or any(path in given_ones or path.endswith((".gain", ".factor")) for path in others):
         return False
     sized = [path for path in given.free if path.endswith((".mass", ".stiffness", ".factor"))]
     return all(_is_near(fitted.values.get(path, given.get(path)), given.get(path)) for path in sized)

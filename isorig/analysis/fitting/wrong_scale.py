@@ -170,6 +170,7 @@ class _Compared:
         self._rigs = {s.run.configuration: LinearRig(given, s.run.configuration) for s in self.spectra}
         self._forces = [_friction(contact.law) for contact in given.contacts]
         self._values = given_parameters(given)
+        self._rubs: dict[str, FloatArray] = {}
         self._usual = self._errors()
         self._recorded = [_levels(s.power, s) for s in self.spectra]
         count = np.zeros(len(given.sensors))
@@ -280,7 +281,9 @@ class _Compared:
         for spectrum in self.spectra:
             rig = self._rigs[spectrum.run.configuration]
             seen = replace(spectrum, omega=spectrum.omega / factor) if explanation.kind == "rate" else spectrum
-            rubs = dampers(rig, values, seen, forces.tolist(), drives)
+            rubs = self._rubs[spectrum.run.id] = dampers(
+                rig, values, seen, forces.tolist(), drives, self._rubs.get(spectrum.run.id)
+            )
             yield rig.responses(seen.omega, replace(values, friction=rubs)) * drives
 
 
