@@ -241,11 +241,18 @@ def next_step(
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
-    alone = any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
+    best_form = min(forms, key=lambda entry: excess(entry.score.error, floors), default=None)
+    stands = (
+        found_by is not None
+        and best_form is not None
+        and share_removed(now.error, best_form.score.error, floors) >= POLICY.contributes
+        and found_by.stands(best_form.candidate, current)
+    )
+    alone = stands or any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     shapes: list[Entry] = []
     try:
         if left >= POLICY.rest and not forms_only and not alone:
-            if nearly is None and steps > 1:
+            if nearly is None and steps > 1 and (found_by is None or found_by.leaves_another):
                 progress("no form makes the model adequate; fitting pairs of forms")
                 both = _together(tries.pairs(), forms, now, trials, fine, floors, progress)
                 if both is not None:
@@ -331,16 +338,17 @@ def _searched(job: _Job) -> _Tries | None:
 def _suspected(job: _Job, found_by: Suspects) -> _Tries:
     """The candidates that the equations of motion point to, started from them."""
     job.progress("suspected: " + ", ".join(f"{x.kind} ({x.place}, {x.what}, score {x.score:.2f})" for x in found_by.chosen))
-    begun = _started(found_by.candidates(job.current.model, job.evidence), found_by, job.current)
+    begun = _started(found_by.candidates(job.current, job.evidence), found_by, job.current)
 
     def fitted(starts: Starts) -> Race:
         run = verified(starts, job.rungs[-1], job.progress)
-        if stays(run, job.current, job.rungs[-1]):
+        # A further cause that the equations give values for is close from the start, or it is none.
+        if job.left < 1.0 or stays(run, job.current, job.rungs[-1]):
             return run
         return race(starts, job.rungs, job.current, job.progress, job.promising)
 
     def shapes(forms: Sequence[Entry], place: tuple[Kind, str] | None) -> Running:
-        suspected = found_by.shapes(job.current.model, job.evidence)
+        suspected = found_by.shapes(job.current, job.evidence)
         keys = {(shape.key, shape.shape) for shape in suspected}
         from_forms = [
             start
@@ -375,13 +383,13 @@ def _started(candidates: Sequence[Candidate], found_by: Suspects, current: Fit) 
 def _suspected_pairs(job: _Job, begun: Starts) -> list[Pair]:
     """Pairs of forms that stay with the data: each suspected one at its starting values, and what the equations point to then."""
     found: list[Pair] = []
-    for first, free, model in begun[:FINALISTS]:
+    for first, free, model in unlike(begun)[:PAIRS]:
         own = {f.path for f in first.free}
         then = suspects(equations_of(job.campaign, model), further=True)
         if then is None:
             continue
         extended = replace(job.current, model=model, free=free)
-        candidates = [c for c in then.candidates(model, job.evidence) if c.key != first.key and c.cause not in ALWAYS]
+        candidates = [c for c in then.candidates(extended, job.evidence) if c.key != first.key and c.cause not in ALWAYS]
         starts = [
             (second, paths, start)
             for second, paths, start in _started(candidates, then, extended)
@@ -393,6 +401,11 @@ def _suspected_pairs(job: _Job, begun: Starts) -> list[Pair]:
             second, both = run.ranked[0]
             found.append(Pair(first=first, second=second, alone=alone, fit=both))
     return sorted(found, key=lambda pair: pair.fit.cost)[:PAIRS]
+
+
+def unlike(begun: Starts) -> Starts:
+    """The first starting point of each cause and place."""
+    return [start for k, start in enumerate(begun) if all(start[0].key != other.key for other, _, _ in begun[:k])]
 
 
 def _entries(

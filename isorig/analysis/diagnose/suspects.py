@@ -7,17 +7,21 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import pi
 
+import numpy as np
+
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.mechanisms import CATALOGUE
 from isorig.analysis.diagnose.mechanisms.base import Evidence
 from isorig.analysis.diagnose.mechanisms.shapes import free_shapes
+from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
 from isorig.analysis.equations.ranking import Explanation, Ranking, ranking
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.model.rig_model import RigModel
 
@@ -38,6 +42,16 @@ STARTS, SAME = 2, 1.3
 SHOWN, APART = 0.3, 0.3
 #: Share of the best score from which an explanation's free shapes are fitted.
 NEARLY = 0.8
+#: Score from which one explanation suffices: it leaves a tenth of the excess residuals.
+SUFFICES = 1.0
+#: Share of what the best candidate removes from the misfit of a link's recorded force that another one must remove to be
+#: simulated. Chosen: the right form removed nearly all in every sealed campaign, wrong ones of another shape less than a third.
+COMPARABLE = 0.5
+#: Share of the mean square force that the best candidate must remove for such a comparison: else noise decides it.
+TELLS = 0.5
+#: Share of the mean square force that the free shape removes which a form may leave and stand for the shape; and the ratio of
+#: their remaining forces (as `Policy.form_alike`). Chosen: right forms left less than 1 %, those of another power 4 % and more.
+STANDS, STANDS_ALIKE = 0.02, POLICY.form_alike
 #: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
 ALWAYS = frozenset({"clipping", "mains_hum"})
 #: Kinds that a force over velocity cannot distinguish: where one is suspected, so is the other.
@@ -52,6 +66,18 @@ FORM_OF: Mapping[str, frozenset[str]] = {
     "delay": frozenset({"channel_delay"}),
     "crosstalk": frozenset({"crosstalk"}),
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Begun:
+    # Starting points of a candidate with the rms force in N that each leaves (none where the equations do not tell); the
+    # explanation behind it.
+    models: Sequence[tuple[float | None, RigModel]]
+    explanation: Explanation | None
+
+    @property
+    def left(self) -> float | None:
+        return min((left for left, _ in self.models if left is not None), default=None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,6 +101,7 @@ class Suspects:
     places: Mapping[str, frozenset[str]]
     equations: Equations
     _values: dict[Explanation, tuple[dict[str, float], ElementForce | None]] = field(default_factory=dict)
+    _fits: dict[tuple[object, ...], _Begun] = field(default_factory=dict)
 
     def includes(self, cause: str, location: str) -> bool:
         """Whether a cause at a place is suspected."""
@@ -94,16 +121,61 @@ class Suspects:
         others = (e.score for e in self.ranking.explanations if not self._is(e, kind, place))
         return mine >= SHOWN and mine > max(others, default=0.0) + APART
 
-    def shapes(self, model: RigModel, evidence: Evidence) -> list[Candidate]:
+    @property
+    def leaves_another(self) -> bool:
+        """Whether the best explanation is one of several: it removes much of the residuals, but not nearly all."""
+        return SHOWN <= self.chosen[0].score < SUFFICES
+
+    def shapes(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The free shapes of the best explanations' kinds and places."""
         best = [item for item in self.chosen if item.score >= NEARLY * self.chosen[0].score]
         leading = replace(self, chosen=tuple(best))
-        return [shape for shape in free_shapes(model, evidence) if leading.includes(shape.cause, shape.location)]
+        found = [shape for shape in free_shapes(current.model, evidence) if leading.includes(shape.cause, shape.location)]
+        return self._comparable(found, current)
 
-    def candidates(self, model: RigModel, evidence: Evidence) -> list[Candidate]:
+    def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
-        proposed = [c for mechanism in CATALOGUE for c in mechanism.candidates(model, self._located(evidence))]
-        return [c for c in proposed if c.cause in ALWAYS or self.includes(c.cause, c.location)]
+        proposed = [c for mechanism in CATALOGUE for c in mechanism.candidates(current.model, self._located(evidence))]
+        found = [c for c in proposed if c.cause in ALWAYS or self.includes(c.cause, c.location)]
+        return self._comparable(found, current)
+
+    def _comparable(self, candidates: Sequence[Candidate], current: Fit) -> list[Candidate]:
+        # Those that explain a link's recorded force as well as the others, as far as this can be told without a simulation.
+        begun = {id(candidate): self._begun(candidate, current.free) for candidate in candidates}
+        chosen = list(candidates)
+        for explanation in self.chosen:
+            mine = {key: one.left for key, one in begun.items() if one.explanation is explanation and one.left is not None}
+            bare = self._bare(explanation, current) if mine else None
+            if bare is None:
+                continue
+            removed = {key: bare**2 - (left or 0.0) ** 2 for key, left in mine.items()}
+            best = max(removed.values())
+            if best < TELLS * bare**2:
+                continue
+            chosen = [c for c in chosen if removed.get(id(c), best) >= COMPARABLE * best]
+        return chosen
+
+    def _bare(self, explanation: Explanation, current: Fit) -> float | None:
+        # The rms force that the model leaves without a cause there, N.
+        _, force = self._solved(explanation)
+        element = self._element(explanation.place)
+        if force is None or element is None:
+            return None
+        solved = fitted_form(current.model, current.free, element, force)
+        return None if solved is None else solved[1]
+
+    def stands(self, candidate: Candidate, current: Fit) -> bool:
+        """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there."""
+        begun = self._begun(candidate, current.free)
+        explanation, left = begun.explanation, begun.left
+        if explanation is None or left is None or explanation.score < NEARLY * self.chosen[0].score:
+            return False
+        bare, (_, force) = self._bare(explanation, current), self._solved(explanation)
+        if force is None or bare is None or left**2 > (1.0 - TELLS) * bare**2:
+            return False
+        of_curve = float(np.sqrt(np.mean(force.left**2)))
+        beyond = left**2 - of_curve**2
+        return of_curve < bare and left <= STANDS_ALIKE * of_curve and beyond <= STANDS * (bare**2 - of_curve**2)
 
     def _located(self, evidence: Evidence) -> Evidence:
         found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
@@ -119,30 +191,43 @@ class Suspects:
         current
             The parameters of the model that it extends.
         """
+        models = self._begun(candidate, current).models
+        least = min((left or 0.0 for left, _ in models), default=0.0)
+        most = 1 if candidate.shape is not None else STARTS
+        return [model for left, model in models if (left or 0.0) <= SAME * least][:most]
+
+    def _begun(self, candidate: Candidate, current: Sequence[Free]) -> _Begun:
+        key = *candidate.key, tuple(free.path for free in candidate.free), candidate.shape
+        if key not in self._fits:
+            self._fits[key] = self._begin(candidate, current)
+        return self._fits[key]
+
+    def _begin(self, candidate: Candidate, current: Sequence[Free]) -> _Begun:
         explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
         if explanation is None:
-            return list(candidate.starts)
+            return _Begun(models=[(None, start) for start in candidate.starts], explanation=None)
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
-        if explanation not in self._values:
-            self._values[explanation] = start_values(self.equations, explanation), element_force(self.equations, explanation)
-        values, force = self._values[explanation]
-        found: list[tuple[float, RigModel]] = []
+        values, force = self._solved(explanation)
+        element = self._element(candidate.location)
+        found: list[tuple[float | None, RigModel]] = []
         for start in candidate.starts:
             with suppress(ModelError):  # values that exclude the candidate's own
                 model = start.replace({path: value for path, value in values.items() if path in kept})
                 model = model.replace(_own_values(candidate, explanation, model))
-                element = next((e for e in self.equations.elements() if candidate.location in e.names), None)
                 solved = None
                 if force is not None and element is not None:
                     free = [*candidate.free, *(f for f in current if f.path in kept)]
                     solved = fitted_form(model, free, element, force)
-                if solved is not None:
-                    found.append((solved[1], model.replace(solved[0])))
-                else:
-                    found.append((0.0, model))
-        found.sort(key=lambda pair: pair[0])
-        most = 1 if candidate.shape is not None else STARTS
-        return [model for left, model in found if left <= SAME * found[0][0]][:most]
+                found.append((solved[1], model.replace(solved[0])) if solved is not None else (None, model))
+        return _Begun(models=sorted(found, key=lambda pair: pair[0] or 0.0), explanation=explanation)
+
+    def _solved(self, explanation: Explanation) -> tuple[dict[str, float], ElementForce | None]:
+        if explanation not in self._values:
+            self._values[explanation] = start_values(self.equations, explanation), element_force(self.equations, explanation)
+        return self._values[explanation]
+
+    def _element(self, place: str) -> Element | None:
+        return next((e for e in self.equations.elements() if place in e.names), None)
 
 
 def _own_values(candidate: Candidate, explanation: Explanation, model: RigModel) -> dict[str, float]:

@@ -41,12 +41,15 @@ class ElementForce:
         m, m/s, and seconds since the campaign's start.
     force
         N.
+    left
+        What the regression with the free shape leaves of it, N.
     """
 
     deflection: FloatArray
     velocity: FloatArray
     time: FloatArray
     force: FloatArray
+    left: FloatArray
 
 
 def shape_of(explanation: Explanation) -> Shape | None:
@@ -74,10 +77,12 @@ def _sliding_force(
     equations: Equations, balance: Balance, element: Element, shape: Shape, size: float, sliding: Sliding, base: SlidingFit
 ) -> ElementForce:  # fmt: skip
     state = sliding.state()
-    fitted = equations.slid(element, sliding, base, shape, equations.own_frequency(element, balance))
+    own = equations.own_frequency(element, balance)
+    fitted = equations.slid(element, sliding, base, shape, own)
     sliding.restore(equations.slow_parts(sliding, shape))
+    columns = equations.columns_with(element, sliding, shape, own)
     first = 3 + law_columns(element)
-    d, v, t, f = [], [], [], []
+    d, v, t, f, left = [], [], [], [], []
     for block in (sliding.active[k] for k in fitted.sound):
         place = block.first + block.used
         run = block.run
@@ -86,17 +91,18 @@ def _sliding_force(
         v.append((run.velocity + run.slow_velocity)[place])
         t.append(run.time[place])
         f.append((run.force[place] - others) / size)
+        left.append((run.force[place] - columns(d[-1], v[-1], run, place) @ fitted.values) / size)
     sliding.restore(state)
-    return _thinned(*(np.concatenate(part) for part in (d, v, t, f)))
+    return _thinned(*(np.concatenate(part) for part in (d, v, t, f, left)))
 
 
-def _thinned(d: FloatArray, v: FloatArray, t: FloatArray, f: FloatArray) -> ElementForce:
+def _thinned(d: FloatArray, v: FloatArray, t: FloatArray, f: FloatArray, left: FloatArray) -> ElementForce:
     # Half of the samples evenly in time, half where the deflection is large: rare events decide.
     even = np.linspace(0, len(d) - 1, min(MOST_SAMPLES // 2, len(d))).astype(int)
     order = np.argsort(d)
     across = order[np.searchsorted(d[order], np.linspace(d.min(), d.max(), MOST_SAMPLES // 2)).clip(0, len(d) - 1)]
     chosen = np.unique(np.concatenate([even, across]))
-    return ElementForce(deflection=d[chosen], velocity=v[chosen], time=t[chosen], force=f[chosen])
+    return ElementForce(deflection=d[chosen], velocity=v[chosen], time=t[chosen], force=f[chosen], left=left[chosen])
 
 
 def fitted_form(

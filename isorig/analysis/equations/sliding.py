@@ -26,7 +26,7 @@ REVERSAL, SPREAD = 5, 0.6
 #: noise and the sampling filter blur the moment of a reversal.
 SLOW = 0.1
 #: Largest number of samples in use: neighbours repeat each other.
-MOST_SAMPLES = 60_000
+MOST_SAMPLES = 30_000
 #: Samples of a block below which it is not used.
 FEWEST = 50
 #: Relative accuracy of the force, rms (see `spectral.ACCURACY`).
@@ -379,9 +379,10 @@ class Sliding:
             block = item.block
             block.spline = block.spline + np.clip(scale * (item.back[:, -1] - item.back[:, :-1] @ change), -most, most)
             inside = slice(block.first, block.first + self.length)
-            parts = block.spline[self._first[:, None] + np.arange(4)]
-            block.run.slow[inside] = (self._value * parts).sum(axis=1)
-            block.run.slow_velocity[inside] = (self._slope * parts).sum(axis=1)
+            # Between two knots four coefficients count, with the same weights in every interval.
+            parts = np.lib.stride_tricks.sliding_window_view(block.spline, 4).T
+            block.run.slow[inside] = (self._value[: self.knot] @ parts).T.ravel()
+            block.run.slow_velocity[inside] = (self._slope[: self.knot] @ parts).T.ravel()
 
 
 def spline_columns(values: FloatArray, low: float, high: float, intervals: int) -> FloatArray:

@@ -441,6 +441,16 @@ class Equations:
         return self._slid[id(sliding), shape.name][1]
 
     def _with_shape(self, element: Element, sliding: Sliding, base: SlidingFit, shape: Shape, own: float) -> SlidingFit:
+        columns = self.columns_with(element, sliding, shape, own)
+        few = sliding.active[0]
+        at = few.first + few.used[:2]
+        before = len(base.values)
+        count = columns(np.zeros(2), np.ones(2) * sliding.speed, few.run, at).shape[1] - before
+        values = np.concatenate([base.values, np.zeros(count)])
+        return sliding.fit(columns, values, SHAPE_ROUNDS, shape.penalty(count, before, sliding.power, sliding.allowed))
+
+    def columns_with(self, element: Element, sliding: Sliding, shape: Shape, own: float) -> Columns:
+        """The columns of a sliding equation with a shape."""
         plain = self.base_columns(element)
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
@@ -451,12 +461,7 @@ class Equations:
             )  # fmt: skip
             return np.column_stack([plain(d, v, run, place), shape.columns(course)])
 
-        few = sliding.active[0]
-        at = few.first + few.used[:2]
-        before = len(base.values)
-        count = columns(np.zeros(2), np.ones(2) * sliding.speed, few.run, at).shape[1] - before
-        values = np.concatenate([base.values, np.zeros(count)])
-        return sliding.fit(columns, values, SHAPE_ROUNDS, shape.penalty(count, before, sliding.power, sliding.allowed))
+        return columns
 
     def _course(self, run: int, element: Element, balance: Balance) -> Course:
         # The motion of an element for a spectral equation: the whole run.
