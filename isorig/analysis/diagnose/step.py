@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -304,9 +304,10 @@ class _Job:
 
 @dataclass(frozen=True, kw_only=True)
 class _Tries:
-    # Fitted forms, and how their pairs and the free shapes are found.
+    # Fitted forms, the causes and places that were considered, and how pairs of forms and the free shapes are found.
     run: Race
     screened: Sequence[ScreenedCandidate]
+    known: frozenset[tuple[str, str]]
     pairs: Callable[[], list[Pair]]
     shapes: Callable[[Sequence[Entry], tuple[Kind, str] | None], Running]
 
@@ -332,7 +333,8 @@ def _searched(job: _Job) -> _Tries | None:
         starts = _shape_starts(forms, job.current, job.evidence, place)
         return race(starts, job.rungs, job.current, job.progress, job.promising).ranked
 
-    return _Tries(run=run, screened=screened, pairs=found_pairs, shapes=shapes)
+    known = frozenset(item.candidate.key for item in screened)
+    return _Tries(run=run, screened=screened, known=known, pairs=found_pairs, shapes=shapes)
 
 
 def _suspected(job: _Job, found_by: Suspects) -> _Tries:
@@ -357,14 +359,18 @@ def _suspected(job: _Job, found_by: Suspects) -> _Tries:
         ]
         return fitted([*_started(suspected, found_by, job.current), *from_forms]).ranked
 
-    return _Tries(run=fitted(begun), screened=(), pairs=lambda: _suspected_pairs(job, begun), shapes=shapes)
+    considered = (c for mechanism in CATALOGUE for c in mechanism.candidates(job.current.model, job.evidence))
+    return _Tries(
+        run=fitted(begun), screened=(), known=frozenset(c.key for c in considered),
+        pairs=lambda: _suspected_pairs(job, begun), shapes=shapes,
+    )  # fmt: skip
 
 
 def _kind_and_form(job: _Job, tries: _Tries, forms: Sequence[Entry], shapes: Sequence[Entry]) -> Found | None:
     """The best kind and place, after forms that extend those there were fitted too; the best form if one is adequate."""
     named = _by_kind(forms, shapes, job.now, job.floors, job.evidence)
     place = named.entry.place if named is not None and named.step.form is None else None
-    more = _extended(place, forms, tries.screened, job.current, job.evidence, job.rungs, job.progress)
+    more = _extended(place, forms, tries.known, job.current, job.evidence, job.rungs, job.progress)
     forms = _better([*forms, *_entries(more, job.trials, job.fine, job.progress)], job.floors)
     if any(adequate(entry.score, job.floors) for entry in forms):
         return _by_form(sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks)))), job.now, job.floors)
@@ -507,14 +513,13 @@ def _again(
 
 
 def _extended(
-    place: tuple[Kind, str] | None, forms: Sequence[Entry], screened: Sequence[ScreenedCandidate], current: Fit,
+    place: tuple[Kind, str] | None, forms: Sequence[Entry], known: Collection[tuple[str, str]], current: Fit,
     evidence: Evidence, rungs: Sequence[Rung], progress: Progress,
 ) -> list[tuple[Candidate, Fit]]:  # fmt: skip
     """Forms of a kind and place that extend one of the `forms` there; none if no place is given.
 
     A rig whose baseline has no friction has no Stribeck friction to try before it has some.
     """
-    known = {item.candidate.key for item in screened}
     starts: Starts = []
     for entry in (entry for entry in forms if entry.place == place):
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
