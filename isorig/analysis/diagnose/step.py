@@ -59,6 +59,8 @@ FINALISTS, CURVES, PAIRS = 4, 3, 2
 #: Share of the model's misfit on the last rung that candidates for a further step must remove. Chosen: half of what the step must
 #: remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
+#: Kinds that simulations search for where the equations of motion show nothing.
+UNSEEN: frozenset[Kind] = frozenset({"friction_shape", "memory"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +236,9 @@ def next_step(
     by_drive = left < 1.0 and any(trial.motion for trial in trials)
     found_by = None if by_drive else suspects(equations, further=left < 1.0)
     anywhere = left >= 1.0 or by_drive or not equations.residuals()
-    tries = _suspected(job, found_by) if found_by else _searched(job) if anywhere else None
+    # Near reversals, which equations leave out, friction has effects that only a simulation shows.
+    kinds = UNSEEN if equations.complete and not by_drive else None
+    tries = _suspected(job, found_by) if found_by else _searched(job, kinds) if anywhere else None
     if tries is None:
         return None
     forms = _entries(tries.run.ranked[:FINALISTS], trials, fine, progress)
@@ -312,11 +316,12 @@ class _Tries:
     shapes: Callable[[Sequence[Entry], tuple[Kind, str] | None], Running]
 
 
-def _searched(job: _Job) -> _Tries | None:
-    """All candidates at all places: the equations of motion show nothing."""
+def _searched(job: _Job, kinds: Collection[Kind] | None) -> _Tries | None:
+    """All candidates of some kinds (None: all) at all places: the equations of motion show nothing."""
     problem = Problem(shortened(job.trials, job.seconds))
     glance = fit(job.current.model, job.current.free, problem, iterations=3, tolerance=CLOSE)
-    candidates = [c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, job.evidence)]
+    proposed = (c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, job.evidence))
+    candidates = [c for c in proposed if kinds is None or kind_of(c.cause) in kinds or c.cause in ALWAYS]
     screened = Screen(glance, problem).ranked(candidates)
     if screened:
         job.progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in screened[:3]))
@@ -326,11 +331,14 @@ def _searched(job: _Job) -> _Tries | None:
     run = race(starts, job.rungs, job.current, job.progress, job.promising)
 
     def found_pairs() -> list[Pair]:
+        if kinds is not None:
+            return []
         seen = partial(observe, job.campaign, trials=job.trials, guess=job.guesses[0])
         return pairs(run, job.rungs, seen, job.progress)
 
     def shapes(forms: Sequence[Entry], place: tuple[Kind, str] | None) -> Running:
         starts = _shape_starts(forms, job.current, job.evidence, place)
+        starts = [start for start in starts if kinds is None or kind_of(start[0].cause) in kinds]
         return race(starts, job.rungs, job.current, job.progress, job.promising).ranked
 
     known = frozenset(item.candidate.key for item in screened)

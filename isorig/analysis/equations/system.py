@@ -420,6 +420,13 @@ class Equations:
                 found.setdefault(element.name, element)
         return list(found.values())
 
+    @property
+    def complete(self) -> bool:
+        """Whether every link and contact occurs in an equation of measured bodies, so that a fault at any place shows."""
+        named = {name for element in self.elements() for name in element.names}
+        every = {link.name for link in self.model.links} | {contact.name for contact in self.model.contacts}
+        return bool(self.prepared or self.sliding) and not self.hidden and every <= named
+
     def balance_of(self, name: str) -> Balance:
         return next(balance for balance in self.balances if balance.name == name)
 
