@@ -11,9 +11,10 @@ from scipy.signal import lfilter
 from small_rigs import guessed, played, stage
 
 from isorig.analysis.campaign import Channel
+from isorig.analysis.fitting.uncertainty import MOST_NOISE
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.analysis.parameters.joint_fit import MOST_NOISE, characterize
+from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main

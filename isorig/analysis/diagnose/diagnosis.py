@@ -26,7 +26,6 @@ from isorig.analysis.diagnose.policy import (
     step_counts,
     verdict,
 )
-from isorig.analysis.diagnose.repeats import disturbance
 from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.equations.forms import start_values
@@ -36,6 +35,7 @@ from isorig.analysis.fitting.division import Divide, Division, beginnings, ends,
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import baseline_fit, calibrated, finished, widened, without
 from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.repeats import disturbance
 from isorig.analysis.fitting.score import (
     Improvement,
     Score,

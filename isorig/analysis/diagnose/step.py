@@ -705,7 +705,7 @@ def _deviation(reported: Reported, fitted: Fit) -> float:
             with suppress(ModelError):
                 slope[k] = (reported.of(fitted.model.replace({free.path: value + way})) - middle) / way
                 break
-    return float(np.sqrt(max(float(slope @ fitted.covariance @ slope), 0.0)))
+    return fitted.deviation(slope)
 
 
 def with_evidence(step: Step, said: Sequence[Sign]) -> Step:
