@@ -37,6 +37,8 @@ HEAD = "drive.factor"
 #: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
 CALIBRATION = "calibration_std"
 MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
+#: Methods of values that are not fitted: given with the recording or its description, or a law's own number that no fit changes.
+FIXED = ("given", "held")
 WEIGHED, ASSUMED = "weighed", "not in the recording: the thesis's value is assumed"
 NO_SLIDING = "not identifiable from these runs; record one in which the contact slides"
 NO_TRACE = "not identifiable from these runs; record one that excites it"
@@ -51,6 +53,11 @@ class Entry:
     unit: str
     method: str
     note: str
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the value was given or held, and not fitted."""
+        return self.method in FIXED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +91,11 @@ class Characterization(Viewed):
     def error(self) -> float:
         """Held-out error: the median over runs and channels."""
         return self.score.figure
+
+    @property
+    def noise_alone(self) -> str:
+        """The floor in per cent; beside a model that misfits a lower limit, for the missing cause may amplify noise."""
+        return f"{'' if self.adequate else 'at least '}{100 * self.floor:.2g} %"
 
 
 def characterize(
@@ -177,7 +189,7 @@ def _table(known: _Known) -> dict[str, Entry]:
         for free in fitted.free
     }
     table |= {
-        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method="given", note="")
+        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method=_unfitted(path), note="")
         for path in physical_parameters(fitted.model)
         if path not in table
     }
@@ -189,6 +201,10 @@ def _table(known: _Known) -> dict[str, Entry]:
             table[f"{name}.frequency"] = known.entry(slopes[k][0], mode.frequency, "Hz", "frequency")
             table[f"{name}.damping"] = known.entry(slopes[k][1], mode.damping, "1", "damping")
     return table
+
+
+def _unfitted(path: str) -> str:
+    return "held" if ".law" in path else "given"
 
 
 def _kind(free: Free) -> str:

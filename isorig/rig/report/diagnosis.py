@@ -66,7 +66,10 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
             charts=surface_charts(diagnosis.baseline.model, diagnosis.compared),
         ),
-        *(_named(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)),
+        *(
+            _named(step, share, own.get("held", {}))
+            for step, share, own in zip(diagnosis.steps, diagnosis.shares, content["steps"], strict=True)
+        ),
         _considered(diagnosis),
         _budget(diagnosis),
         Section(
@@ -156,7 +159,7 @@ def _what(step: Step) -> str:
     return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
 
 
-def _named(step: Step, share: tuple[float, float, float]) -> Section:
+def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Any]) -> Section:
     removed, low, high = (100.0 * value for value in share)
     notes = [
         f"It removes {removed:.3g} % ({low:.3g} to {high:.3g} %) of the baseline's reproducible excess error.",
@@ -177,6 +180,7 @@ def _named(step: Step, share: tuple[float, float, float]) -> Section:
             f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
         )
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
+    values += [(words(name), number(row["value"], 6), "held", row["unit"]) for name, row in held.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
     return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
 

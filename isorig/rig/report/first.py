@@ -118,11 +118,11 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
         short = "No discrepancy found"
         text = (
             f"It explains the runs down to the noise: its error is {of_signal(found.error)}, that of noise alone "
-            f"{100 * found.floor:.2g} %."
+            f"{found.noise_alone}."
         )
     else:
         short = f"Its error is {of_signal(found.error)}"
-        text = f"Noise alone would cause {100 * found.floor:.2g} %."
+        text = f"Noise alone would cause {found.noise_alone}."
         if wrong:
             worst = wrong[0]
             text += (

@@ -117,7 +117,7 @@ def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: st
 def entries_table(entries: Mapping[str, Entry]) -> Table:
     """The parameters of a joint fit by name."""
     rows = [
-        (name, number(e.value, 6), number(e.std, 2) if e.method != "given" else "–", unit(e.unit), e.method, e.note)
+        (name, number(e.value, 6), number(e.std, 2) if not e.fixed else "–", unit(e.unit), e.method, e.note)
         for name, e in entries.items()
     ]
     return Table(columns=("parameter", "value", "std", "unit", "method", "note"), rows=rows)
