@@ -12,6 +12,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.score import Score
+from isorig.analysis.wording import state
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -242,7 +243,8 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     worst = max(diagnosis.discrepancies, key=lambda d: d.size, default=None)
     if diagnosis.verdict in ("unexplained", "partly explained") and worst is not None:
         sentences.append(
-            f"The remaining error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, between "
+            f"The remaining error is largest at the {worst.channel}, "
+            f"{state(worst.configuration, worst.gain, alone=len(diagnosis.baseline.model.configurations) == 1)}, between "
             f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )
     if not any(trial.run.use == "holdout" for trial in diagnosis.trials):

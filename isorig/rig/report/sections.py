@@ -11,6 +11,7 @@ from pathlib import Path
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.parameters.joint_fit import Entry
+from isorig.analysis.wording import state
 from isorig.rig.report.page import Section, Table
 
 #: Text for missing information of a recording.
@@ -36,9 +37,9 @@ def unbroken(text: str) -> str:
     return re.sub(r"(?<=[\d±]) (?=[±\d%]|[a-zA-Zµ]{1,2}(?:[ ,;.)/²³]|$))", "\u00a0", text)
 
 
-def label(run: Run) -> str:
+def label(run: Run, alone: bool = False) -> str:
     """Name of a run in a legend."""
-    return f"{run.id} ({run.configuration}, gain {run.gain:g})"
+    return f"{run.id} ({state(run.configuration, run.gain, alone)})"
 
 
 def number(value: float | None, digits: int = 5) -> str:
