@@ -94,7 +94,7 @@ class Characterization(Viewed):
 
     @property
     def noise_alone(self) -> str:
-        """The floor in per cent; beside a model that misfits a lower limit, for the missing cause may amplify noise."""
+        """The floor in per cent; a lower limit if the model misfits, for the missing cause may amplify noise."""
         return f"{'' if self.adequate else 'at least '}{100 * self.floor:.2g} %"
 
 
