@@ -80,6 +80,17 @@ def capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def state(configuration: str, gain: float, alone: bool = False) -> str:
+    """Configuration and gain; the gain only of a rig that has one configuration, whose name says nothing.
+
+    Examples
+    --------
+    >>> state("locked", 7.0), state("unlocked", 7.0, alone=True)
+    ('locked at gain 7', 'at gain 7')
+    """
+    return f"at gain {gain:g}" if alone else f"{configuration} at gain {gain:g}"
+
+
 def sized(value: float, unit: str, std: float | None = None, digits: int = 3) -> str:
     """A value in a unit of its size, to the digits that its standard uncertainty justifies.
 

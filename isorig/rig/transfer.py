@@ -31,7 +31,8 @@ class Transfer(Frf):
     `reference_density` is the power spectral density of the reference, unit^2 / Hz; `left_out` are runs with faulty records;
     `periods` is the same period by period, for a periodic drive; `hammer` is the hammer test, if it is one. `imported` are
     those that another program estimated: their averages and runs are unknown. `level` is the rms of the drive with its unit, if
-    runs of the same stated gain were driven differently; empty otherwise.
+    runs of the same stated gain were driven differently; empty otherwise. `alone` are those of a recording with one
+    configuration, whose name says nothing.
     """
 
     configuration: str
@@ -44,6 +45,7 @@ class Transfer(Frf):
     hammer: HammerTest | None = None
     imported: bool = False
     level: str = ""
+    alone: bool = False
 
     @classmethod
     def of(cls, frf: Frf, **more: Any) -> Transfer:
@@ -71,7 +73,8 @@ class Transfer(Frf):
         """As a legend entry."""
         if self.imported:
             return self.configuration
-        return f"{self.configuration}, {self.level} rms" if self.level else f"{self.configuration}, gain {self.gain:g}"
+        size = f"{self.level} rms" if self.level else f"gain {self.gain:g}"
+        return size if self.alone else f"{self.configuration}, {size}"
 
     @cached_property
     def limits(self) -> Limits:
@@ -166,7 +169,8 @@ def transfer_functions(
                     chosen = partial(estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap)
                     found_here = _averaged(averaged, drives, group, chosen, estimator, left_out)
                     transfers += [replace(item, level=level) for item in found_here]
-    return sorted(transfers, key=lambda item: item.frf.response)
+    alone = len({run.configuration for run in campaign.runs}) == 1
+    return sorted((replace(item, alone=alone) for item in transfers), key=lambda item: item.frf.response)
 
 
 def _level(runs: Sequence[Run], drive: str) -> str:

@@ -104,7 +104,7 @@ def rows_of(seed: int, noise: str = WHITE) -> list[dict[str, object]]:
             "std": "" if entry.std is None else f"{entry.std:.4g}",
         }
         for name, entry in found.table.items()
-        if entry.method != "given"
+        if not entry.fixed
     ]  # fmt: skip
 
 

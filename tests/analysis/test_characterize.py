@@ -11,9 +11,10 @@ from scipy.signal import lfilter
 from small_rigs import guessed, played, stage
 
 from isorig.analysis.campaign import Channel
+from isorig.analysis.fitting.uncertainty import MOST_NOISE
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.analysis.parameters.joint_fit import MOST_NOISE, characterize
+from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
@@ -50,7 +51,7 @@ def test_intervals_hold_the_truth_and_are_no_wider_than_they_need() -> None:
     assert found.adequate
     for name, truth in truths(model).items():
         entry = found.table[name]
-        if entry.method != "given":
+        if not entry.fixed:
             assert entry.value is not None
             assert entry.std is not None
             assert abs(entry.value - truth) <= 4.0 * entry.std, name
@@ -67,7 +68,7 @@ def test_intervals_hold_the_truth_with_other_noise_than_white(noise: str) -> Non
     assert "is related to neither the drive nor the motion: it is taken as noise" in found.noise
     for name, truth in truths(model).items():
         entry = found.table[name]
-        if entry.method != "given":
+        if not entry.fixed:
             assert entry.value is not None
             assert entry.std is not None
             assert abs(entry.value - truth) <= 3.5 * entry.std, name

@@ -52,3 +52,14 @@ def test_the_baseline_is_the_description(measured: Campaign, tmp_path: Path, cap
     assert "unlocked" not in capsys.readouterr().out
     assert main(["diagnose", str(tmp_path / "a.h5"), "-o", str(tmp_path / "d")]) == 0
     assert '"name":"description"' in (tmp_path / "d" / "findings.json").read_text().replace(" ", "")
+
+
+def test_one_configuration_needs_no_name(measured: Campaign, tmp_path: Path) -> None:
+    (found,) = iso.frf(measured, resolution=1.0)
+    assert found.label == "gain 20"
+    iso.write(tmp_path / "a.h5", measured)
+    assert main(["report", str(tmp_path / "a.h5"), "-o", str(tmp_path / "r")]) == 0
+    pages = "".join(page.read_text() for page in tmp_path.rglob("*.html"))
+    assert "at gain 20" in pages
+    assert "unlocked, gain" not in pages
+    assert "Unlocked at gain" not in pages

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
-from isorig.analysis.diagnose.repeats import disturbance, repeated
+from isorig.analysis.fitting.repeats import disturbance, repeated
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 

@@ -26,12 +26,11 @@ from isorig.analysis.diagnose.policy import (
     step_counts,
     verdict,
 )
-from isorig.analysis.diagnose.repeats import disturbance
 from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.equations.forms import start_values
 from isorig.analysis.equations.system import Equations
-from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import baseline_fit, calibrated, finished, widened, without
@@ -48,6 +47,7 @@ from isorig.analysis.fitting.score import (
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
+from isorig.analysis.fitting.uncertainty import assessed, floors_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
 
@@ -178,12 +178,13 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
             found = again
     with suppress(OutOfTimeError):
         progress("gathering the evidence")
+    found = search.settled(found)
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
     compared = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
     said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
     steps = (stage.step for stage in stages[1 : found.kept + 1])
-    floor = float(np.median(found.quiet))
+    floor = float(np.median(search.floors(last.fit.model, found.division.judged)))
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
     return Diagnosis(
         verdict=found.verdict, baseline=first.fit, extended=last.fit,
@@ -261,7 +262,7 @@ class _Search:
         division = divide(self._trials)
         trials, judged = division.fits, division.judged
         stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
-        quiet = self._floor(baseline.model, judged)
+        quiet = self.floors(baseline.model, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
         tries, repeated = 0, False
@@ -300,7 +301,7 @@ class _Search:
             if found.then is not None:
                 stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
-                quiet = np.maximum(quiet, self._floor(better.model, judged))
+                quiet = np.maximum(quiet, self.floors(better.model, judged))
                 continue
             repeated = False
             stage = _stage(now.score, found)
@@ -310,7 +311,7 @@ class _Search:
             ):
                 break
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
-            quiet = np.maximum(quiet, self._floor(better.model, judged))
+            quiet = np.maximum(quiet, self.floors(better.model, judged))
             stages.append(stage)
             left = 1.0 - share_removed(stages[0].score.error, best.error, _allowed(quiet))
             if step.form is None and left < POLICY.rest:
@@ -371,14 +372,28 @@ class _Search:
     def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
         return is_adequate(found.error, floors, enough, self._tolerance)
 
-    def _floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
-        return np.asarray(np.hypot(noise_floor(model, judged, self._drive_noise), disturbance(model, judged)))
+    def floors(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
+        """The noise floor of a model in held-out data, shape (runs, channels)."""
+        return floors_of(model, judged, self._drive_noise)
+
+    def settled(self, found: _Found) -> _Found:
+        """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
+        last, fits = found.stages[found.kept], [refined(trial) for trial in found.division.fits]
+        if self.cut_short or not last.fit.free:
+            return found
+        try:
+            self._progress("computing the uncertainties")
+            fit = assessed(last.fit, fits, self._drive_noise).fit
+        except (OutOfTimeError, FitError):
+            return found
+        stage = replace(last, fit=fit, score=score(fit.model, found.division.judged))
+        return replace(found, stages=[*found.stages[: found.kept], stage])
 
     def begins_otherwise(self, fitted: Fit, enough: float) -> bool:
         judged = beginnings(self._trials).judged
         if not judged:
             return False
-        floors = _allowed(self._floor(fitted.model, judged))
+        floors = _allowed(self.floors(fitted.model, judged))
         if self._adequate(score(fitted.model, judged), floors, enough):
             return False
         # A rig that moved before its record started may differ at the beginning for that reason.

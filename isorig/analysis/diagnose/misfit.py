@@ -13,7 +13,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.wording import of_signal
+from isorig.analysis.wording import capitalized, of_signal, state
 
 #: A band counts if the misfit's power exceeds the noise's by this factor, other quantities by this many standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
@@ -80,13 +80,14 @@ def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> t
         rms of the misfit and of the noise divided by that of the signal, shape (runs, channels).
     """
     found = []
+    alone = len({trial.run.configuration for trial in judged}) == 1
     for trial, errors, noises in zip(judged, error, quiet, strict=True):
         run, seconds = trial.run, trial.samples / trial.sample_rate
         for name, size, noise in zip(trial.channels, errors.tolist(), noises.tolist(), strict=True):
             if size**2 < ABOVE_NOISE * noise**2:
                 continue
             text = (
-                f"{run.configuration.capitalize()} at gain {run.gain:g} ({run.id}) the first {seconds:g} s of the {name} are "
+                f"{capitalized(state(run.configuration, run.gain, alone))} ({run.id}) the first {seconds:g} s of the {name} are "
                 f"simulated with an error of {of_signal(size)}, where noise alone would be {of_signal(noise)}; "
                 "the end of the run fits."
             )
@@ -127,7 +128,7 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             size, noise = (float(np.sqrt(power[inside].sum() / heard)) for power in (e, quiet))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
             text = (
-                f"{trial.run.configuration.capitalize()} at gain {trial.run.gain:g} ({trial.run.id}) the {name} between "
+                f"{_at(model, trial.run.configuration, trial.run.gain)} ({trial.run.id}) the {name} between "
                 f"{band[0]:g} and {band[1]:g} Hz is simulated with an error of {of_signal(size)}, where noise alone would be "
                 f"{of_signal(noise)}."
             )
@@ -215,7 +216,7 @@ def _peaks(model: RigModel, compared: Doubles) -> list[Discrepancy]:
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if _agree([s for k, s in shifts.items() if k[0] == c])]
         text = (
-            f"{configuration.capitalize()} at gain {gain:g} the {sensor.channel}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
+            f"{_at(model, configuration, gain)} the {sensor.channel}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
             f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and its height is {height:.3g} times the "
             "simulated one"
         )
@@ -244,6 +245,10 @@ def _error_in(pair: Double, channel: str, band: tuple[float, float]) -> tuple[fl
     return float(np.sqrt((np.abs(error) ** 2).sum() / signal)), float(np.sqrt(quiet / signal))
 
 
+def _at(model: RigModel, configuration: str, gain: float) -> str:
+    return capitalized(state(configuration, gain, alone=len(model.configurations) == 1))
+
+
 def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
     found = []
     for (configuration, gain), group in compared.groups.items():
@@ -261,7 +266,7 @@ def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
             whole = float(np.sqrt(np.mean(seen.coherence[bad] ** 2)))
             size, noise = float(np.sqrt(np.mean(off[bad] ** 2))) / whole, float(np.sqrt(np.mean(std[bad] ** 2))) / whole
             text = (
-                f"{configuration.capitalize()} at gain {gain:g} the coherence of the {sensor.channel} with the drive is "
+                f"{_at(model, configuration, gain)} the coherence of the {sensor.channel} with the drive is "
                 f"{seen.coherence[bad].mean():.3f} in {int(bad.sum())} frequency bins between {low:g} and {high:g} Hz, "
                 f"where the simulation has {seen.simulated_coherence[bad].mean():.3f}."
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -84,6 +84,8 @@ class Curve:
         (position, value, standard deviation), ascending; negative velocities are those of the backward direction.
     reached
         Lowest and highest position covered by the runs.
+    paths
+        Each point's path in the model.
     """
 
     over: str
@@ -91,6 +93,12 @@ class Curve:
     value_unit: str
     points: tuple[tuple[float, float, float], ...]
     reached: tuple[float, float]
+    paths: tuple[str, ...] = ()
+
+    def known(self, std: Mapping[str, float]) -> Curve:
+        """The curve with the standard uncertainties of a fit, by path."""
+        points = [(x, y, std.get(path, s)) for path, (x, y, s) in zip(self.paths, self.points, strict=True)]
+        return replace(self, points=tuple(points)) if self.paths else self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -674,20 +682,25 @@ def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | N
     at, tables, straight, reached = tabulated(fitted.model, shape, evidence)
     std = fitted.std
     points: list[tuple[float, float, float]] = []
+    paths: list[str] = []
     for table, values in tables.items():
         way = -1.0 if table == "backward" else 1.0
-        points += [
-            (way * x, float(v + straight * x), std.get(f"{shape.path}.{table}.{k}", 0.0))
-            for k, (x, v) in enumerate(zip(at, values, strict=True))
-            if way > 0.0 or x > 0.0
-        ]
-    return Curve(over=shape.over, unit=shape.unit, value_unit=shape.value_unit, points=tuple(sorted(points)), reached=reached)
+        for k, (x, v) in enumerate(zip(at, values, strict=True)):
+            if way > 0.0 or x > 0.0:
+                paths.append(f"{shape.path}.{table}.{k}")
+                points.append((way * x, float(v + straight * x), std.get(paths[-1], 0.0)))
+    order = sorted(range(len(points)), key=points.__getitem__)
+    return Curve(
+        over=shape.over, unit=shape.unit, value_unit=shape.value_unit, points=tuple(points[k] for k in order), reached=reached,
+        paths=tuple(paths[k] for k in order),
+    )  # fmt: skip
 
 
 def updated(step: Step, extended: Fit) -> Step:
     """The step with its parameters after later steps; a later step may have replaced them altogether."""
     try:
-        return replace(step, parameters=_values(step.reported, extended))
+        curve = step.curve and step.curve.known(extended.std)
+        return replace(step, parameters=_values(step.reported, extended), curve=curve)
     except ModelError:
         return step
 
@@ -713,7 +726,7 @@ def _deviation(reported: Reported, fitted: Fit) -> float:
             with suppress(ModelError):
                 slope[k] = (reported.of(fitted.model.replace({free.path: value + way})) - middle) / way
                 break
-    return float(np.sqrt(max(float(slope @ fitted.covariance @ slope), 0.0)))
+    return fitted.deviation(slope)
 
 
 def with_evidence(step: Step, said: Sequence[Sign]) -> Step:

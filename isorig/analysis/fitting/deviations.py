@@ -14,7 +14,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.solve import Fit, Problem, fit
+from isorig.analysis.fitting.solve import Fit, Problem, bending, fit
 from isorig.analysis.fitting.trials import Trial
 
 #: Rounds of fits with finer differences, and the relative decrease of the cost that justifies another one.
@@ -65,10 +65,13 @@ def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def normalised(done: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Column sizes of a fit's Jacobian, the Jacobian with columns of size one, and the inverse of its normal matrix."""
+    """Column sizes of a fit's Jacobian, the Jacobian with columns of size one, and the inverse of its normal matrix.
+
+    The normal matrix includes the smoothness of curves, which holds their points without data.
+    """
     scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
-    jacobian = done.jacobian / scale
-    return scale, jacobian, np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+    jacobian, ties = done.jacobian / scale, bending(done.model, done.free)[0] / scale
+    return scale, jacobian, np.linalg.pinv(jacobian.T @ jacobian + ties.T @ ties, rcond=1e-12, hermitian=True)
 
 
 def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
+from typing import Protocol
 
 import numpy as np
 
@@ -70,6 +71,14 @@ class Free:
         return float(min(max(value, self.low), self.high))
 
 
+class Spread(Protocol):
+    """What determines the uncertainty of fitted values."""
+
+    def deviation(self, slope: FloatArray) -> float:
+        """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """A fitted model.
@@ -89,6 +98,8 @@ class Fit:
     jacobian, residual, sizes
         At the last step: derivatives of the weighted residual, shape (size, k), the residual, shape (size,), and the number of
         its entries for each trial.
+    known
+        What determines the uncertainty of the values (`uncertainty`); None of a fit that is only compared with others.
     """
 
     model: RigModel
@@ -99,6 +110,7 @@ class Fit:
     jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     sizes: tuple[int, ...] = ()
+    known: Spread | None = field(default=None, repr=False)
 
     @property
     def values(self) -> dict[str, float]:
@@ -107,10 +119,15 @@ class Fit:
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard deviation by path."""
+        """Standard uncertainty by path."""
+        return {free.path: self.deviation(row) for free, row in zip(self.free, np.eye(len(self.free)), strict=True)}
+
+    def deviation(self, slope: FloatArray) -> float:
+        """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""
+        if self.known is not None:
+            return self.known.deviation(slope)
         # At a bound rounding may leave a variance below zero.
-        variances = np.maximum(np.diag(self.covariance), 0.0)
-        return dict(zip((free.path for free in self.free), np.sqrt(variances).tolist(), strict=True))
+        return float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
 
 class Waveform:
@@ -239,7 +256,7 @@ def fit(
 
     # Rows of the tethers and of the curves' smoothness, below those of the data: ties @ coordinates - ties_at.
     hold = np.diag([_tethered(f, tether) for f in free])
-    bend, straight = _bending(model, free)
+    bend, straight = bending(model, free)
     ties, ties_at = np.vstack([hold, bend]), np.concatenate([hold @ theta, -straight])
 
     def misfit(coordinates: FloatArray) -> FloatArray:
@@ -300,8 +317,11 @@ def _tethered(free: Free, tether: float) -> float:
     return 0.0 if free.follows else tether / (1.0 if free.log else 100.0 * free.step)
 
 
-def _bending(model: RigModel, free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
-    # Rows on the coordinates, and constants, for the deviations of curve points from their neighbours' expectation.
+def bending(model: RigModel, free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
+    """Deviations of curve points from their neighbours' expectation, in those that cost as much as a residual of 1.
+
+    Returns rows on the search coordinates, shape (points, k), and constants, shape (points,).
+    """
     index = {f.path: k for k, f in enumerate(free)}
     points = [f for f in free if f.follows]
     rows, constants = np.zeros((len(points), len(free))), np.zeros(len(points))

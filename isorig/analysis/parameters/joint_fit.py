@@ -10,16 +10,13 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.fitting.deviations import awakened, given_moves, grid_shift, line_moves, polished, untraced
-from isorig.analysis.fitting.drive_noise import DriveNoise, drive_noise_effect, without_bias
-from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.deviations import awakened, given_moves, untraced
 from isorig.analysis.fitting.ladder import fit_again, fit_baseline
 from isorig.analysis.fitting.plausible import Doubt, doubts
-from isorig.analysis.fitting.related import related
-from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
-from isorig.analysis.fitting.solve import Fit, Free, disagreement
+from isorig.analysis.fitting.score import Score
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import Trial, drive_noise
-from isorig.analysis.jackknife import deviation
+from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
@@ -31,9 +28,6 @@ BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation")
 #: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
 #: recordings with filters of 0.75 to 2.5 times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
-#: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
-#: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
-MOST_NOISE = 0.1
 #: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
 ANY_SIGN = "any sign"
 #: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
@@ -43,6 +37,8 @@ HEAD = "drive.factor"
 #: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
 CALIBRATION = "calibration_std"
 MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
+#: Methods of values that are not fitted: given with the recording or its description, or a law's own number that no fit changes.
+FIXED = ("given", "held")
 WEIGHED, ASSUMED = "weighed", "not in the recording: the thesis's value is assumed"
 NO_SLIDING = "not identifiable from these runs; record one in which the contact slides"
 NO_TRACE = "not identifiable from these runs; record one that excites it"
@@ -57,6 +53,11 @@ class Entry:
     unit: str
     method: str
     note: str
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the value was given or held, and not fitted."""
+        return self.method in FIXED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +92,11 @@ class Characterization(Viewed):
         """Held-out error: the median over runs and channels."""
         return self.score.figure
 
+    @property
+    def noise_alone(self) -> str:
+        """The floor in per cent; a lower limit if the model misfits, for the missing cause may amplify noise."""
+        return f"{'' if self.adequate else 'at least '}{100 * self.floor:.2g} %"
+
 
 def characterize(
     campaign: Campaign,
@@ -103,12 +109,10 @@ def characterize(
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by
-    noise in the recorded drive (`drive_noise`). Standard uncertainties are the larger of those from the residuals frequency bin
-    by bin (`deviations`) and from draws of the noise in drive and responses, with a simulation with a smaller time step; if the
-    model misfits, also from the differences between runs and the remaining error; they include `UNSEEN`. A misfit is an error
-    above the white noise of the sensors that is related to the drive or the motion (`related`), or above `MOST_NOISE`; other
-    errors are noise. If the recording gives the uncertainty of its sensors' calibration and of the weighed masses
-    (`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact. The head's mass is
+    noise in the recorded drive (`drive_noise`). Standard uncertainties are those of `uncertainty`, and include `UNSEEN`. A
+    misfit is an error above the white noise of the sensors that is related to the drive or the motion (`related`), or above
+    `MOST_NOISE`; other errors are noise. If the recording gives the uncertainty of its sensors' calibration and of the weighed
+    masses (`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact. The head's mass is
     fitted too if the recording does not give it.
 
     Parameters
@@ -147,30 +151,15 @@ def characterize(
     progress(f"fitting {len(fitted or model.free)} parameters to all runs")
     rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
     progress("computing the uncertainties")
-    done = polished(awakened(rough, fine), fine)
-    shaken = drive_noise_effect(done, fine)
-    done = without_bias(done, shaken)
-    judged = score(done.model, fine)
-    floors = noise_floor(done.model, fine, drive_noise(campaign, model.drive.channel))
-    explained = adequate(judged, np.sqrt(floors**2 + SIMULATION_LIMIT**2))
-    noise = ""
-    if not explained and judged.figure < MOST_NOISE and not related(done.model, fine):
-        ratio = float(np.max(judged.error / floors))
-        noise = (
-            f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
-            "nor the motion: it is taken as noise, with its spectrum and its level in each run."
-        )
-        floors, explained = np.maximum(floors, judged.error), True
-    # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
-    excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
-    misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
-    note = "" if misfit < 0.01 else f"the model leaves {of_signal(misfit)} unexplained; see rig diagnose"
-    known = _Known(done, fine, explained, misfit, note, _uncertain(campaign.known, done), shaken)
+    final = assessed(awakened(rough, fine), fine, drive_noise(campaign, model.drive.channel))
+    done = final.fit
+    note = f"the model leaves {of_signal(final.misfit)} unexplained; see rig diagnose" if final.misfit else ""
+    known = _Known(done, fine, note, _uncertain(campaign.known, done))
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
         table=table, head_mass=_head(known, given) if bonder else None,
-        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=judged, floor=float(np.median(floors)),
-        adequate=explained, noise=noise, faults=wrong, doubts=doubts(model, (done,), fine),
+        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score, floor=final.floor,
+        adequate=final.explained, noise=final.noise, faults=wrong, doubts=doubts(model, (done,), fine),
     )  # fmt: skip
 
 
@@ -200,7 +189,7 @@ def _table(known: _Known) -> dict[str, Entry]:
         for free in fitted.free
     }
     table |= {
-        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method="given", note="")
+        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method=_unfitted(path), note="")
         for path in physical_parameters(fitted.model)
         if path not in table
     }
@@ -212,6 +201,10 @@ def _table(known: _Known) -> dict[str, Entry]:
             table[f"{name}.frequency"] = known.entry(slopes[k][0], mode.frequency, "Hz", "frequency")
             table[f"{name}.damping"] = known.entry(slopes[k][1], mode.damping, "1", "damping")
     return table
+
+
+def _unfitted(path: str) -> str:
+    return "held" if ".law" in path else "given"
 
 
 def _kind(free: Free) -> str:
@@ -243,16 +236,10 @@ def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float]
 class _Known:
     """Uncertainties of quantities that depend on the fitted values."""
 
-    def __init__(
-        self, fitted: Fit, trials: tuple[Trial, ...], explained: bool, misfit: float, note: str, given: Mapping[str, float],
-        shaken: DriveNoise,
-    ) -> None:  # fmt: skip
-        self.fitted, self.trials, self._misfit, self._note = fitted, trials, misfit, note
+    def __init__(self, fitted: Fit, trials: tuple[Trial, ...], note: str, given: Mapping[str, float]) -> None:
+        self.fitted, self.trials, self._note = fitted, trials, note
         self._given, self._given_moves = given, given_moves(fitted, trials, given)
         self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
-        self._moves, self._shift = line_moves(fitted, trials), grid_shift(fitted, trials)
-        self._shaken = shaken.covariance
-        self._runs = np.zeros((len(self._order),) * 2) if explained else disagreement(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
         """The row of a quantity with derivatives `slopes` with respect to the values at those paths."""
@@ -262,15 +249,11 @@ class _Known:
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
         # A mass treated as known affects the fitted values, and directly a quantity whose formula contains it.
         own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
-        variance = max(deviation(self._moves, slope) ** 2, float(slope @ self._shaken @ slope))
-        variance += (self._shift @ slope) ** 2 + slope @ self._runs @ slope
-        variance += float(((self._given_moves @ slope + own) ** 2).sum())
+        variance = self.fitted.deviation(slope) ** 2 + float(((self._given_moves @ slope + own) ** 2).sum())
         whole = float(np.sqrt(variance + (UNSEEN.get(kind, UNSEEN["damping"]) * value) ** 2))
         if value and whole > 0.5 * abs(value) and kind != ANY_SIGN:
             note = self._note or "the data do not determine it"
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
-        if self._note:
-            whole = float(np.hypot(whole, self._misfit * value))
         return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
 
 

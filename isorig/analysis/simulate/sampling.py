@@ -13,7 +13,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.jit import fast_kernel
 
 #: Half the length of the filters, in samples.
-TAPS = 16
+TAPS = 20
 #: Share of the sample rate up to which the filter of the simulation's samples is flat, and the width in which `within` falls off.
 FLAT, FALL = 0.42, 0.06
 #: Number of samples kept after the end of a shortened drive.
@@ -31,7 +31,7 @@ PLAIN = np.array([0.5, 0.0, -0.5])
 def _lowpass(factor: int, half: int) -> FloatArray:
     from scipy.signal import firwin
 
-    return firwin(2 * half * factor + 1, 1.0 / factor, window=("kaiser", 8.0)) if factor > 1 else np.ones(1)
+    return firwin(2 * half * factor + 1, 1.0 / factor, window=("kaiser", 10.0)) if factor > 1 else np.ones(1)
 
 
 def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -> FloatArray:

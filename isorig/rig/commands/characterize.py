@@ -67,7 +67,7 @@ def characterize(
     ]  # fmt: skip
     for doubt in found.doubts:
         print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
-    title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {100 * found.floor:.2g} %"
+    title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
     if common:
         print(f"* {common}")

@@ -79,7 +79,7 @@ def demo(
     show_table("Parameters compared with the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)
     results = [
         ("held-out error of the simulation with friction", f"{100 * found.error:.2g} %"),
-        ("noise alone", f"{100 * found.floor:.2g} %"),
+        ("noise alone", found.noise_alone),
         ("held-out error without friction", f"{100 * (outcome.holdout_baseline or 0.0):.3g} %"),
         ("identified cause of that", f"{outcome.causes} at {outcome.locations}" if outcome.causes else "none"),
         ("recording", str(recording)),

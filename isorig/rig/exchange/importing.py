@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, IntArray, Run, Samples
-from isorig.analysis.diagnose.repeats import same_drive
+from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel

@@ -13,7 +13,7 @@ from isorig.analysis.diagnose.budget import Budget
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.solve import Fit
-from isorig.analysis.model.parameter_units import unit_of
+from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import write_rivals
@@ -54,7 +54,7 @@ def findings(
         "tolerance": diagnosis.tolerance,
         "cut_short": diagnosis.cut_short,
         "time_limit_s": limit,
-        "steps": [_step(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
+        "steps": [_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
         "candidates": [msgspec.to_builtins(candidate) for candidate in diagnosis.considered],
         "budget": {name: _budget(each) for name, each in zip(("baseline", "extended"), diagnosis.budgets, strict=True)},
         "indistinguishable": [
@@ -101,7 +101,18 @@ def _curve(curve: Curve) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _step(step: Step, share: tuple[float, float, float]) -> dict[str, Any]:
+def held(step: Step, fitted: Fit) -> dict[str, tuple[float, str]]:
+    """Values and units of the parameters of a step's law that no fit changes, by name."""
+    laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
+    fixed = [path for path in physical_parameters(fitted.model) if path.rpartition(".")[0] in laws]
+    return {
+        path.rpartition(".")[2]: (fitted.model.get(path), unit_of(path, fitted.model))
+        for path in fixed
+        if path not in fitted.values
+    }
+
+
+def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> dict[str, Any]:
     return {
         "cause": step.cause,
         "location": step.location,
@@ -112,6 +123,7 @@ def _step(step: Step, share: tuple[float, float, float]) -> dict[str, Any]:
         "share": dict(zip(("value", "low", "high"), share, strict=True)),
         **({"curve": _curve(step.curve)} if step.curve else {}),
         "parameters": {k: {"value": v, "std": s, "unit": u} for k, (v, s, u) in step.parameters.items()},
+        "held": {name: {"value": value, "unit": u} for name, (value, u) in held(step, fitted).items()},
         "confidence": step.confidence,
         "rivals": [msgspec.to_builtins(rival) for rival in step.rivals],
         "evidence": list(step.evidence),

@@ -76,7 +76,7 @@ def of_parameters(found: Characterization) -> str:
     rows = [
         (name, "–" if e.value is None else sized(e.value, e.unit, e.std), e.method, e.note) for name, e in found.table.items()
     ]  # fmt: skip
-    title = f"held-out error {of_signal(found.error)}, noise alone {100.0 * found.floor:.2g} %"
+    title = f"held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"
     return table(title, ("parameter", "value", "method", "note"), rows)
 
 

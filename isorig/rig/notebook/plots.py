@@ -144,7 +144,7 @@ def plot_ratio(found: IsolationRatio, *others: IsolationRatio) -> Figure:
 @shows(Characterization, "plot")
 def plot_parameters(found: Characterization, *others: Characterization) -> Figure:
     """Each parameter relative to the first table's value, with its standard uncertainty."""
-    first = {name: entry.value for name, entry in found.table.items() if entry.value and entry.method != "given"}
+    first = {name: entry.value for name, entry in found.table.items() if entry.value and not entry.fixed}
     figure = Figure(figsize=(8.0, 1.2 + 0.3 * len(first)), layout="constrained")
     axis = figure.subplots()
     for k, one in enumerate((found, *others)):

@@ -99,7 +99,7 @@ def conclude(findings: Mapping[str, Any], folder: str | None = None) -> Conclusi
         verdict=verdict,
         check=f"Check units, channels and given values first: {doubts}" if doubts else "",
         found=_found(verdict, steps, bool(findings.get("cut_short"))),
-        error=_error(holdout, bool(steps)),
+        error=_error(holdout, bool(steps), verdict in ("adequate", "explained")),
         ruled_out=_ruled_out(findings),
         next=_next(findings, folder),
     )
@@ -144,10 +144,11 @@ def _found(verdict: str, steps: Sequence[Mapping[str, Any]], cut_short: bool) ->
     return f"{verdict}: {', and '.join(cause_in_words(step) for step in steps)}{late}"
 
 
-def _error(holdout: Mapping[str, Any], extended: bool) -> str:
+def _error(holdout: Mapping[str, Any], extended: bool, all_known: bool) -> str:
     before, after, floor = (in_per_cent(holdout[name]) for name in ("baseline", "extended", "noise_floor"))
     falls = f"falls from {before} to {after}" if extended else f"is {before}"
-    return f"the error on held-out data {falls}, noise alone is {floor}"
+    # A cause that the model lacks may amplify noise.
+    return f"the error on held-out data {falls}, noise alone is {'' if all_known else 'at least '}{floor}"
 
 
 def in_per_cent(share: float) -> str:

@@ -12,6 +12,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.score import Score
+from isorig.analysis.wording import state
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -66,7 +67,10 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
             charts=surface_charts(diagnosis.baseline.model, diagnosis.compared),
         ),
-        *(_named(step, share) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)),
+        *(
+            _named(step, share, own.get("held", {}))
+            for step, share, own in zip(diagnosis.steps, diagnosis.shares, content["steps"], strict=True)
+        ),
         _considered(diagnosis),
         _budget(diagnosis),
         Section(
@@ -156,7 +160,7 @@ def _what(step: Step) -> str:
     return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
 
 
-def _named(step: Step, share: tuple[float, float, float]) -> Section:
+def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Any]) -> Section:
     removed, low, high = (100.0 * value for value in share)
     notes = [
         f"It removes {removed:.3g} % ({low:.3g} to {high:.3g} %) of the baseline's reproducible excess error.",
@@ -177,6 +181,7 @@ def _named(step: Step, share: tuple[float, float, float]) -> Section:
             f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
         )
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
+    values += [(words(name), number(row["value"], 6), "held", row["unit"]) for name, row in held.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
     return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
 
@@ -238,7 +243,8 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     worst = max(diagnosis.discrepancies, key=lambda d: d.size, default=None)
     if diagnosis.verdict in ("unexplained", "partly explained") and worst is not None:
         sentences.append(
-            f"The remaining error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, between "
+            f"The remaining error is largest at the {worst.channel}, "
+            f"{state(worst.configuration, worst.gain, alone=len(diagnosis.baseline.model.configurations) == 1)}, between "
             f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )
     if not any(trial.run.use == "holdout" for trial in diagnosis.trials):

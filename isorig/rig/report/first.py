@@ -9,7 +9,7 @@ from isorig.analysis.diagnose.misfit import Discrepancy
 from isorig.analysis.isolation.moves import move_within, on_move
 from isorig.analysis.isolation.ratio import Isolated
 from isorig.analysis.parameters.joint_fit import Characterization
-from isorig.analysis.wording import of_signal
+from isorig.analysis.wording import of_signal, state
 from isorig.rig.design_study import BOND
 from isorig.rig.isolation_comparison import Compared
 from isorig.rig.report.advice import NOTHING
@@ -118,15 +118,16 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
         short = "No discrepancy found"
         text = (
             f"It explains the runs down to the noise: its error is {of_signal(found.error)}, that of noise alone "
-            f"{100 * found.floor:.2g} %."
+            f"{found.noise_alone}."
         )
     else:
         short = f"Its error is {of_signal(found.error)}"
-        text = f"Noise alone would cause {100 * found.floor:.2g} %."
+        text = f"Noise alone would cause {found.noise_alone}."
         if wrong:
             worst = wrong[0]
+            where = state(worst.configuration, worst.gain, alone=len(found.fit.model.configurations) == 1)
             text += (
-                f" Its error is largest at the {worst.channel}, {worst.configuration} at gain {worst.gain:g}, from "
+                f" Its error is largest at the {worst.channel}, {where}, from "
                 f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
             )
     return Answer(question=question, short=short, text=[text, *([costs] if costs else [])])

@@ -21,8 +21,7 @@ def fits_page(campaign: Campaign, found: Characterization) -> str:
     charts = [*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
-        verdict=f"The held-out error of the joint fit is {of_signal(found.error)}, that of noise alone "
-        f"{100 * found.floor:.2g} %.",
+        verdict=f"The held-out error of the joint fit is {of_signal(found.error)}, that of noise alone {found.noise_alone}.",
         summary=[fault.text for fault in found.faults],
         sections=[
             Section(title="Parameters", tables=[entries_table(found.table)]),

@@ -89,12 +89,7 @@ def contradictions(campaign: Campaign, found: Characterization) -> list[str]:
     said = []
     for name, entry in found.table.items():
         known = campaign.known.get(name)
-        if (
-            known is None
-            or entry.value is None
-            or entry.method == "given"
-            or abs(entry.value - known) <= CONTRADICTS * abs(known)
-        ):
+        if known is None or entry.value is None or entry.fixed or abs(entry.value - known) <= CONTRADICTS * abs(known):
             continue
         why = (
             "only part of the mass takes part in the mode, so the effective mass is smaller than the weighed one"

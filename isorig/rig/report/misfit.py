@@ -37,10 +37,16 @@ def distinct(trials: Sequence[Trial]) -> list[Trial]:
 def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
     """A chart for each kind of run: spectra of the measurement, of each model's error, and of the noise."""
     about = ": amplitude density of each channel and of the models' errors."
-    return [_misfit_chart(trial, models, about if k == 0 else ".") for k, trial in enumerate(distinct(trials))]
+    alone = _alone(trials)
+    return [_misfit_chart(trial, models, about if k == 0 else ".", alone) for k, trial in enumerate(distinct(trials))]
 
 
-def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated], about: str) -> Chart:
+def _alone(trials: Sequence[Trial]) -> bool:
+    # A single configuration needs no name.
+    return len({trial.run.configuration for trial in trials}) == 1
+
+
+def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated], about: str, alone: bool) -> Chart:
     rate = trial.sample_rate
     traces = []
     for panel, name in enumerate(trial.channels):
@@ -56,7 +62,7 @@ def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated], ab
             traces.append(Trace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
     return Chart(
         name=f"misfit-{trial.run.id}",
-        caption=f"{label(trial.run)}{about}",
+        caption=f"{label(trial.run, alone)}{about}",
         panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}/√Hz", log=True) for name in trial.channels],
         traces=traces,
         link="spectra",
@@ -74,6 +80,7 @@ def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]
 def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
     """A held-out time interval of each kind of unlocked run: measurement, and free-run simulation of each model."""
     charts: list[Chart] = []
+    alone = _alone(trials)
     for trial in [t for t in distinct(trials) if t.run.configuration == "unlocked"] or distinct(trials):
         rate = trial.sample_rate
         part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
@@ -88,9 +95,9 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
             Chart(
                 name=f"time-{trial.run.id}",
                 # Text common to all charts is printed once.
-                caption=f"{label(trial.run)}."
+                caption=f"{label(trial.run, alone)}."
                 if charts
-                else f"{label(trial.run)}: {SECONDS:g} s of held-out data; free-run simulation from the start of the run.",
+                else f"{label(trial.run, alone)}: {SECONDS:g} s of held-out data; free-run simulation from the start of the run.",
                 panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}") for name in trial.channels],
                 traces=traces,
                 x_label="time, s",

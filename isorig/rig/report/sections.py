@@ -11,6 +11,7 @@ from pathlib import Path
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.parameters.joint_fit import Entry
+from isorig.analysis.wording import state
 from isorig.rig.report.page import Section, Table
 
 #: Text for missing information of a recording.
@@ -36,9 +37,9 @@ def unbroken(text: str) -> str:
     return re.sub(r"(?<=[\d±]) (?=[±\d%]|[a-zA-Zµ]{1,2}(?:[ ,;.)/²³]|$))", "\u00a0", text)
 
 
-def label(run: Run) -> str:
+def label(run: Run, alone: bool = False) -> str:
     """Name of a run in a legend."""
-    return f"{run.id} ({run.configuration}, gain {run.gain:g})"
+    return f"{run.id} ({state(run.configuration, run.gain, alone)})"
 
 
 def number(value: float | None, digits: int = 5) -> str:
@@ -117,7 +118,7 @@ def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: st
 def entries_table(entries: Mapping[str, Entry]) -> Table:
     """The parameters of a joint fit by name."""
     rows = [
-        (name, number(e.value, 6), number(e.std, 2) if e.method != "given" else "–", unit(e.unit), e.method, e.note)
+        (name, number(e.value, 6), number(e.std, 2) if not e.fixed else "–", unit(e.unit), e.method, e.note)
         for name, e in entries.items()
     ]
     return Table(columns=("parameter", "value", "std", "unit", "method", "note"), rows=rows)

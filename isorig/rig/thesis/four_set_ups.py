@@ -88,7 +88,7 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
         verdict=f"The error of the joint fit is {of_signal(found.error)} on held-out data, that of noise alone "
-        f"{100 * found.floor:.2g} %.",
+        f"{found.noise_alone}.",
         summary=[fault.text for fault in found.faults]
         + [f"{words(name).capitalize()}: not available, because {reason}." for name, reason in read.refused.items()],
         sections=[

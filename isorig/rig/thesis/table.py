@@ -109,7 +109,7 @@ def joint(base: Characterization, own: Characterization) -> Step:
     """Table 4: the joint fit on the base campaign, and on the campaign whose rig is the model."""
     cells: list[tuple[str, ...]] = []
     for name, entry in own.table.items():
-        if entry.method == "given":
+        if entry.fixed:
             continue
         there = base.table[name]
         off = (entry.value - THESIS[name]) / entry.std if entry.value is not None and entry.std else float("nan")

@@ -10,8 +10,8 @@ from small_rigs import SESSION, Take, chain, played, rubbing
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.budget import NATURES, budget
-from isorig.analysis.diagnose.repeats import disturbance, repeated
 from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.repeats import disturbance, repeated
 from isorig.analysis.fitting.score import noise_floor
 from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
 from isorig.analysis.model.rig_model import RigModel

@@ -15,8 +15,6 @@ from instrument import CONVERTERS, FloatArray, Input, converted, faulty, late, u
 from motion import Elongation, Law, Rub, Seen, Spring
 from rigs import FAMILIES, GROUND, ORDER, WRONG, Draw, Rig, Take, described
 
-#: Fine steps per second at least.
-FINEST = 32768.0
 #: Share of every signal that a soiled rig has from parts that nobody modelled.
 SOIL = 0.02
 #: An effect of full size changes at least one record by this share of its rms; otherwise place and numbers are drawn again.
@@ -39,15 +37,19 @@ class Setting:
         Whether small disturbances are in every signal.
     effects
         Names in `EFFECTS`; "none", "one" or "two" leave the names to the seed.
+    finest
+        Fine steps per second at least. Dry friction and stops are exact to the first order of a step: 32768 Hz is a few parts
+        in ten thousand of a parameter.
     """
 
     severity: float | None = None
     soiled: bool | None = None
     effects: tuple[str, ...] | None = None
+    finest: float = 32768.0
 
 
 def _steps(rig: Rig) -> int:
-    return 2 * int(np.ceil(FINEST / rig.rate / 2.0))
+    return 2 * int(np.ceil(rig.finest / rig.rate / 2.0))
 
 
 def _wave(rig: Rig, take: Take, rest: float) -> FloatArray:
@@ -240,7 +242,7 @@ def draw(family: str, seed: int, setting: Setting, folder: Path) -> tuple[Path, 
         Folder of `SEED.h5` and `SEED.json`.
     """
     draw_ = np.random.default_rng([seed, list(FAMILIES).index(family)])
-    rig = FAMILIES[family](draw_)
+    rig = replace(FAMILIES[family](draw_), finest=setting.finest)
     converter = None if rig.counts else str(draw_.choice(list(CONVERTERS)))
     severity = setting.severity if setting.severity is not None else float(draw_.choice([1.0, 1.0 / 3.0]))
     soiled = setting.soiled if setting.soiled is not None else bool(draw_.random() < 0.5)

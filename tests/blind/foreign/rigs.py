@@ -90,6 +90,8 @@ class Rig:
         Whether the coordinates are angles.
     counts
         Counts of an encoder over the largest motion; 0 where the channels have converters.
+    finest
+        Steps of its simulation per second at least.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Rig:
     locks: tuple[str, ...] = ()
     turns: bool = False
     counts: int = 0
+    finest: float = 32768.0
 
     def link(self, name: str) -> Link:
         """The link with that name."""

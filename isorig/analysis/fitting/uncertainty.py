@@ -1,0 +1,187 @@
+"""The uncertainty of fitted values and the noise floor, defined once for every command.
+
+The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`deviations`), and that from
+draws of the noise in drive and responses (`drive_noise`). Where runs ask for values that differ by more than this noise, that of
+the runs takes its place. A smaller time step is added. A model that misfits biases every value; its error relative to the signal
+bounds the bias and is added, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.deviations import grid_shift, line_moves, normalised, polished
+from isorig.analysis.fitting.drive_noise import drive_noise_effect, without_bias
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.related import related
+from isorig.analysis.fitting.repeats import disturbance
+from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
+from isorig.analysis.fitting.solve import Fit, bending, disagreement
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.rig_model import RigModel
+
+#: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
+#: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
+MOST_NOISE = 0.1
+#: Mean excess error, as a share of the signal, from which a misfit is stated and added to every value.
+STATED = 0.01
+#: Probability with which differences between runs that are noise count as more.
+CHANCE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assessed:
+    """A fit at its minimum, without the bias by noise, and what is known of its errors.
+
+    Parameters
+    ----------
+    fit
+        The fit with its complete covariance.
+    score
+        Its errors on held-out data.
+    floors
+        The error of a perfect model in each run and channel, shape (runs, channels).
+    explained
+        Whether noise explains the errors.
+    misfit
+        Error above the noise and the accuracy of the simulation, as a share of the signal; zero if it is not stated.
+    noise
+        A sentence on noise that is not white or differs between runs, or empty.
+    """
+
+    fit: Fit
+    score: Score
+    floors: FloatArray
+    explained: bool
+    misfit: float
+    noise: str
+
+    @property
+    def floor(self) -> float:
+        """What noise alone causes: the median over runs and channels."""
+        return float(np.median(self.floors))
+
+
+def floors_of(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
+    """The noise floor: the error of a perfect model in each run and channel, shape (runs, channels).
+
+    The noise of the sensors, that of the drive through the model, and what repeated runs do not share.
+
+    Parameters
+    ----------
+    model, trials
+        The model through which noise passes, and the held-out data.
+    drive_noise
+        Standard deviation of the noise of the drive's channel, in its unit.
+    """
+    return np.asarray(np.hypot(noise_floor(model, trials, drive_noise), disturbance(model, trials)))
+
+
+def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float) -> Assessed:
+    """The fit at its minimum with its uncertainty, and its noise floor.
+
+    Parameters
+    ----------
+    done
+        The fit.
+    trials
+        Its runs, on the grid for judging models.
+    drive_noise
+        As for `floors_of`.
+    """
+    done = polished(done, trials)
+    shaken = drive_noise_effect(done, trials)
+    done = without_bias(done, shaken)
+    judged = score(done.model, trials)
+    floors = floors_of(done.model, trials, drive_noise)
+    explained = adequate(judged, np.hypot(floors, SIMULATION_LIMIT))
+    noise = ""
+    if not explained and judged.figure < MOST_NOISE and not related(done.model, trials):
+        ratio = float(np.max(judged.error / floors))
+        noise = (
+            f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
+            "nor the motion: it is taken as noise, with its spectrum and its level in each run."
+        )
+        floors, explained = np.maximum(floors, judged.error), True
+    # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
+    excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
+    misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
+    misfit = misfit if misfit >= STATED else 0.0
+    known = Known(
+        moves=line_moves(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
+        ratio=_by_chance(trials) if explained else 1.0, step=grid_shift(done, trials),
+        bias=misfit * np.array([abs(value) for value in done.values.values()]),
+    )  # fmt: skip
+    return Assessed(
+        fit=replace(done, covariance=known.covariance, known=known), score=judged, floors=floors, explained=explained,
+        misfit=misfit, noise=noise,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What determines the uncertainty of fitted values, in their units.
+
+    Parameters
+    ----------
+    moves
+        Their changes without each frequency bin, shape (bins, k).
+    held
+        Covariance of the points of curves by what their smoothness allows, shape (k, k).
+    shaken, runs
+        Covariance by draws of the noise in drive and responses, and by the differences between runs, shape (k, k).
+    ratio
+        Ratio of the variance by the runs to that by the noise from which the differences between runs count.
+    step
+        Their changes with half the time step, shape (k,).
+    bias
+        Bound of the bias by a misfit, shape (k,).
+    """
+
+    moves: FloatArray
+    held: FloatArray
+    shaken: FloatArray
+    runs: FloatArray
+    ratio: float
+    step: FloatArray
+    bias: FloatArray
+
+    def deviation(self, slope: FloatArray) -> float:
+        """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""
+        bins = deviation(self.moves, slope) ** 2 + float(slope @ self.held @ slope)
+        variance, runs = max(bins, float(slope @ self.shaken @ slope)), float(slope @ self.runs @ slope)
+        variance = runs if runs > self.ratio * variance else variance
+        return float(np.sqrt(variance + (self.step @ slope) ** 2 + float(((self.bias * slope) ** 2).sum())))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the values for draws of them, shape (k, k): by the bins, in the size of their standard uncertainties together."""
+        bins = self.moves.T @ self.moves + self.held
+        plain = np.sqrt(np.maximum(np.diag(bins), 1e-300))
+        whole = np.array([self.deviation(row) for row in np.eye(len(plain))])
+        stretch = float(np.median(whole / plain)) if len(plain) else 1.0
+        return np.asarray(stretch**2 * bins)
+
+
+def _by_chance(trials: Sequence[Trial]) -> float:
+    # The variance between a few runs is itself uncertain: of independent noise it follows a chi-square distribution.
+    from scipy.stats import chi2
+
+    degrees = max(sum(trial.fitted > 0 for trial in trials) - 1, 1)
+    return float(chi2.ppf(1.0 - CHANCE, degrees) / degrees)
+
+
+def _held(done: Fit) -> FloatArray:
+    # Points of a curve are also held by their neighbours, to the deviation that their smoothness allows.
+    rows, _ = bending(done.model, done.free)
+    if not len(rows):
+        return np.zeros((len(done.free),) * 2)
+    scale, _, bread = normalised(done)
+    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
+    pulled = (rows / scale) @ bread / scale * slope
+    return np.asarray(pulled.T @ pulled)

@@ -1,0 +1,79 @@
+"""One uncertainty and one floor: the page's values are those of characterize, and differences between runs count."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strange_rigs import StrangeRig, campaign
+
+import isorig as iso
+from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.uncertainty import Known
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.rig.cli import main
+from isorig.rig.files.rigtext import description_text
+
+ONE = np.ones(1)
+
+
+def known(
+    *, bins: float, shaken: float = 0.0, runs: float = 0.0, ratio: float = 4.0, step: float = 0.0, bias: float = 0.0
+) -> Known:
+    """Of one value, from a thousand bins."""
+    moves = np.full((1000, 1), bins / np.sqrt(1000.0))
+    square = np.zeros((1, 1))
+    return Known(
+        moves=moves, held=square, shaken=square + shaken**2, runs=square + runs**2, ratio=ratio, step=ONE * step, bias=ONE * bias
+    )
+
+
+@pytest.mark.parametrize(
+    ("parts", "whole"),
+    [
+        ({"bins": 2.0}, 2.0),
+        ({"bins": 2.0, "shaken": 3.0}, 3.0),
+        ({"bins": 2.0, "shaken": 1.0}, 2.0),
+        ({"bins": 2.0, "runs": 3.99}, 2.0),  # such differences between runs are chance
+        ({"bins": 2.0, "runs": 4.01}, 4.01),
+        ({"bins": 3.0, "step": 4.0}, 5.0),
+        ({"bins": 3.0, "bias": 4.0}, 5.0),
+    ],
+)
+def test_the_largest_part_counts(parts: dict[str, float], whole: float) -> None:
+    each = known(**parts)
+    assert each.deviation(ONE) == pytest.approx(whole, rel=2e-3)
+    fit = Fit(
+        model=wire_bonder(),
+        free=(Free(path="bodies.table.mass"),),
+        covariance=each.covariance,
+        cost=1.0,
+        evaluations=1,
+        known=each,
+    )
+    assert fit.std["bodies.table.mass"] == pytest.approx(whole, rel=2e-3)
+    assert np.sqrt(each.covariance[0, 0]) == pytest.approx(whole, rel=2e-3)
+
+
+def test_the_page_and_characterize_agree(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    rig = StrangeRig(masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 20.0)),
+                     sensors=(("x", 0, "acceleration"), ("y", 1, "acceleration")))  # fmt: skip
+    made = replace(
+        campaign(rig, (10.0, 20.0), seconds=12.0), description=description_text(rig.description({"links.l0.stiffness": 1.2}), {})
+    )
+    iso.write(tmp_path / "a.h5", made)
+    assert main(["diagnose", str(tmp_path / "a.h5"), "-o", str(tmp_path / "d")]) == 0
+    model = str(tmp_path / "d" / "model.json")
+    assert main(["characterize", str(tmp_path / "a.h5"), "--model", model, "-o", str(tmp_path / "c")]) == 0
+    assert main(["characterize", str(tmp_path / "a.h5"), "-o", str(tmp_path / "p")]) == 0
+    found = json.loads((tmp_path / "d" / "findings.json").read_text())
+    for folder in ("c", "p"):
+        table = json.loads((tmp_path / folder / "parameters.json").read_text())
+        for path, row in found["extended"]["parameters"].items():
+            other = table["parameters"][path]
+            assert row["std"] == pytest.approx(other["std"], rel=0.25), path
+            assert abs(row["value"] - other["value"]) < 0.2 * row["std"], path
