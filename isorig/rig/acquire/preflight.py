@@ -16,6 +16,7 @@ from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.pace import REFUSED, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.errors import PlanError
 
 #: Seconds at rest and with drive; seconds without a sample after which the check ends.
@@ -56,7 +57,11 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     rest, driven = round(REST * rate), round(DRIVEN * rate)
     drive = drive_of(*plan.original(run, 0), rate)[:driven] if run.played else np.zeros(driven)
     load(instrument, run, np.concatenate([np.zeros(rest), drive]), plan.limits)
-    blocks = list(_blocks(instrument, rest + driven, rate))
+    guard = Guard(plan, instrument)
+    blocks = []
+    for block in _blocks(instrument, rest + driven, rate):
+        guard.check(block)
+        blocks.append(block)
     if not blocks:
         return ["no sample arrives; check that the instrument is on and scans"]
     raw = np.concatenate([block.samples for block in blocks])
