@@ -35,13 +35,17 @@ class Status(IntFlag):
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """One input of an instrument: physical value in `unit` = raw * per_count + offset, up to `full_scale`."""
+    """One input of an instrument: physical value in `unit` = raw * per_count + offset, up to `full_scale`.
+
+    An input that `counts` adds up events, e.g. pulses of a tachometer: its value may rest, and does not follow the drive.
+    """
 
     unit: str
     per_count: float
     full_scale: float | None
     dtype: Literal["int16", "int32", "float32", "float64"]
     offset: float = 0.0
+    counts: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

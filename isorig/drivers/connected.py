@@ -5,16 +5,17 @@ from __future__ import annotations
 import logging
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from isorig.drivers.errors import DriverError, SettingError
 from isorig.drivers.kinds import Bus, RecordsKind, StreamKind, kinds
 
-#: Interfaces of python-can that are no hardware, or serial ports.
-NO_HARDWARE = ("virtual", "udp_multicast", "serial", "slcan")
+#: Interfaces of python-can that are no hardware, serial ports, or servers on the network that are awaited for seconds.
+NO_HARDWARE = ("virtual", "udp_multicast", "serial", "slcan", "socketcand")
 #: Resources that are also listed as serial ports, or are adapters.
 LISTED_ELSEWHERE = ("ASRL", "PRLGX")
 #: Longest name that is printed.
@@ -62,13 +63,16 @@ class Connected:
 
 def connected() -> tuple[list[Connected], list[str]]:
     """All that is connected, and for each bus that cannot be searched a sentence with the reason."""
+    searches = (serial_ports, visa_resources, can_interfaces, ni_devices, sound_devices)
     found: list[Connected] = []
     reasons: list[str] = []
-    for search in (serial_ports, visa_resources, can_interfaces, ni_devices, sound_devices):
-        try:
-            found += search()
-        except SettingError as error:
-            reasons.append(str(error))
+    # Side by side: some wait for answers, others load libraries.
+    with _quiet(), ThreadPoolExecutor(len(searches)) as pool:
+        for searched in [pool.submit(search) for search in searches]:
+            try:
+                found += searched.result()
+            except SettingError as error:
+                reasons.append(str(error))
     return found, reasons
 
 
@@ -110,7 +114,7 @@ def visa_resources() -> list[Connected]:
 
     opened = manager()
     try:
-        names = _quietly(lambda: opened.list_resources("?*::INSTR"))
+        names = opened.list_resources("?*::INSTR")
     except Exception as error:
         if "RSRC_NFOUND" in str(error):
             return []
@@ -124,14 +128,13 @@ def can_interfaces() -> list[Connected]:
     """Interfaces that python-can detects."""
     import can
 
-    found = _quietly(can.detect_available_configs)
+    found = can.detect_available_configs(sorted(can.VALID_INTERFACES - set(NO_HARDWARE)))
     return [
         Connected(
             bus="can", port=str(one["channel"]), name=_printable(f"CAN interface {one['interface']}"),
             settings={"bus": one["interface"]},
         )
         for one in found
-        if one["interface"] not in NO_HARDWARE
     ]  # fmt: skip
 
 
@@ -164,14 +167,15 @@ def sound_devices() -> list[Connected]:
     return [Connected(bus="sound", port=name, name=_printable(about)) for name, about in devices()]
 
 
-def _quietly(action: Callable[[], Any]) -> Any:
+@contextmanager
+def _quiet() -> Iterator[None]:
     # The libraries log what they do not find, which is no error here.
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return action()
+            yield
     finally:
         logging.disable(before)
 

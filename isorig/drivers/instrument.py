@@ -148,6 +148,10 @@ class Describing(Protocol):
         """The memory of the sensor at an input, lowest bit first, without checksums; None if there is none."""
         ...
 
+    def force_sensitivity(self, place: int) -> float | None:
+        """V per N by the memory of a force sensor at an input, as the vendor's library reads it; None if it does not."""
+        ...
+
 
 @runtime_checkable
 class Sourcing(Protocol):

@@ -1,4 +1,5 @@
-"""NI-DAQmx devices through National Instruments' own package: inputs of one chassis on one clock, and an output for the drive.
+"""NI-DAQmx devices through National Instruments' own package: inputs of one chassis on one clock, an output for the drive, a
+counter for a tachometer.
 
 The device counts its samples: each block is placed by the read position, so that samples which the host did not fetch in time
 (error -200279) are a counted gap. The output is clocked by the inputs' sample clock and starts with them. Overloads and open
@@ -21,6 +22,7 @@ from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError
 from isorig.drivers.instrument import Values
 from isorig.drivers.kinds import StreamKind
+from isorig.drivers.tachometer import Tachometer
 from isorig.drivers.voltage import OutputSettings, Voltage, fade_out
 
 T = TypeVar("T")
@@ -36,6 +38,8 @@ GONE = (-201003, -200220, -88705, -88708)
 CURRENTS = (0.0, 2.0, 2.1, 4.0, 6.0, 10.0)
 #: Values of a soft stop, written one by one.
 STEPS = 50
+#: Newtons in a pound-force, exactly (0.45359237 kg times standard gravity).
+POUND = 4.4482216152605
 
 
 class NiSettings(OutputSettings, frozen=True, kw_only=True):
@@ -55,6 +59,10 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
         Physical channel that plays the drive, e.g. "cDAQ1Mod3/ao0".
     trigger
         Terminal of a start trigger, e.g. "/cDAQ1/PFI0".
+    tachometer
+        Counter of a tachometer's or encoder's pulses, e.g. "cDAQ1/_ctr0": the input after the others, in pulses since the start.
+    tachometer_terminal
+        Terminal of the pulses, e.g. "/cDAQ1/PFI1"; the counter's default without it.
     """
 
     inputs: tuple[str, ...]
@@ -63,11 +71,17 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
     iepe: float = 0.0
     output: str = ""
     trigger: str = ""
+    tachometer: str = ""
+    tachometer_terminal: str = ""
 
     def __post_init__(self) -> None:
         self.check_output(bool(self.output))
         if not self.inputs or any("/ai" not in name or not name.isprintable() or "," in name for name in self.inputs):
             raise ValueError(f'inputs is {list(self.inputs)}; give the physical channels, e.g. ["cDAQ1Mod1/ai0"]')
+        if self.tachometer and "ctr" not in self.tachometer.rsplit("/", maxsplit=1)[-1]:
+            raise ValueError(f"tachometer is {self.tachometer!r}; give a counter, e.g. cDAQ1/_ctr0")
+        if self.tachometer_terminal and not self.tachometer:
+            raise ValueError("tachometer_terminal is given without tachometer; give its counter, e.g. cDAQ1/_ctr0")
         if not 0.0 < self.full_scale < math.inf:
             raise ValueError(f"full_scale is {self.full_scale:g}; give the range of the inputs in V, e.g. 5.0")
         if self.iepe not in CURRENTS:
@@ -94,11 +108,13 @@ class NiInstrument:
         self._ni, self._errors = _package()
         self._name, self._settings = port, settings
         one = Input(unit="V", per_count=1.0, full_scale=settings.full_scale, dtype="float64")
-        self.inputs: Sequence[Input] = (one,) * len(settings.inputs)
+        pulses = Input(unit="pulses", per_count=1.0, full_scale=None, dtype="float64", counts=True)
+        self.inputs: Sequence[Input] = (one,) * len(settings.inputs) + (pulses,) * bool(settings.tachometer)
         device = self._call(lambda: self._ni.system.System.local().devices[port].product_type)
         self.identity = f"NI {device} {port}"
         self._task: Any = None
         self._output: Any = None
+        self._tachometer: Tachometer | None = None
         self._rate = math.nan
         self._gain = 1.0
         self._drive: Voltage | None = None
@@ -120,6 +136,8 @@ class NiInstrument:
         task = self._task = self._call(self._ni.Task)
         self._call(lambda: self._set_inputs(task, sample_rate))
         self._rate = float(self._call(lambda: task.timing.samp_clk_rate))
+        if self._settings.tachometer:
+            self._tachometer = self._call(self._counter)
         return self._rate
 
     def set_gain(self, gain: float) -> None:
@@ -132,12 +150,28 @@ class NiInstrument:
 
     def memory(self, place: int) -> bytes | None:
         """The memory of the sensor at an input; None if it has none, or the module reads none."""
+        if place >= len(self._settings.inputs):
+            return None
         channel = self._ni.system.PhysicalChannel(self._settings.inputs[place])
         try:
             return bytes(int(byte) for byte in channel.teds_bit_stream)
         except self._errors.DaqError:
             # The module reads no memories, or there is none at this input.
             return None
+
+    def force_sensitivity(self, place: int) -> float | None:
+        """V per N by the memory of a force sensor, as NI's library reads it; None if it does not."""
+        name, constants = self._settings.inputs[place], self._ni.constants
+        try:
+            self._ni.system.PhysicalChannel(name).configure_teds()
+            # The task is not started: the library fills in what the memory states.
+            with self._ni.Task() as task:
+                channel = task.ai_channels.add_teds_ai_force_iepe_chan(name)
+                sensitivity, unit = channel.ai_force_iepe_sensor_sensitivity, channel.ai_force_iepe_sensor_sensitivity_units
+        except self._errors.DaqError:
+            return None
+        newtons = 1.0 if unit == constants.ForceIEPESensorSensitivityUnits.MILLIVOLTS_PER_NEWTON else POUND
+        return 1e-3 * float(sensitivity) / newtons
 
     def load_drive(self, drive: Values) -> bool:
         """Load the drive; False without an output.
@@ -161,6 +195,8 @@ class NiInstrument:
         self._noticed = []
         if self._drive is not None:
             self._call(self._arm_output)
+        if self._tachometer is not None:
+            self._call(self._tachometer.start)
         self._call(self._task.start)
         self._running = True
 
@@ -191,6 +227,8 @@ class NiInstrument:
             self._silence()
             with suppress(DriverError):
                 self._call(self._task.stop)
+                if self._tachometer is not None:
+                    self._call(self._tachometer.stop)
 
     def close(self) -> None:
         """Switch the output off and release the device."""
@@ -216,6 +254,13 @@ class NiInstrument:
         task.in_stream.overwrite = constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
         if own.trigger:
             task.triggers.start_trigger.cfg_dig_edge_start_trig(own.trigger)
+
+    def _counter(self) -> Tachometer:
+        own = self._settings
+        return Tachometer(
+            self._ni, own.tachometer, own.tachometer_terminal, rate=self._rate, clock=self._task.timing.samp_clk_term,
+            buffer=round(BUFFER * self._rate),
+        )  # fmt: skip
 
     def _arm_output(self) -> None:
         assert self._drive is not None
@@ -291,10 +336,13 @@ class NiInstrument:
             count = min(count, until - first)
         if count <= 0:
             return False
-        data = np.empty((len(self._settings.inputs), count))
+        data = np.empty((len(self.inputs), count))
+        volts = data[: len(self._settings.inputs)]
         try:
             reader = AnalogMultiChannelReader(stream)
-            got = reader.read_many_sample(data, number_of_samples_per_channel=count, timeout=1.0)
+            got = reader.read_many_sample(volts, number_of_samples_per_channel=count, timeout=1.0)
+            if self._tachometer is not None:
+                data[-1, :got] = self._tachometer.edges(first, got)
         except self._errors.DaqError as error:
             if error.error_code != OVERWRITTEN:
                 raise self._failure(error) from None
@@ -344,6 +392,9 @@ class NiInstrument:
 
     def _close_tasks(self) -> None:
         self._close_output()
+        if self._tachometer is not None:
+            self._tachometer.close()
+            self._tachometer = None
         task, self._task = self._task, None
         if task is not None:
             with suppress(Exception):

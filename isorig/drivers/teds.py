@@ -1,14 +1,14 @@
 """Electronic data sheets of sensors (IEEE 1451.4): serial number, sensitivity and calibration date from the memory's bytes.
 
-Read are the Basic TEDS (64 bits) and template 25 of accelerometers with constant-current supply (IEPE). Force transducers use the
-same template, but the layout of their fields is not known here, nor that of accelerometers with extended functions: of these
-only the Basic TEDS is read.
+Read are the Basic TEDS (64 bits) and template 25 of accelerometers with constant-current supply (IEPE). Force sensors use the
+same template, but the layout of their fields is not published: of these the Basic TEDS is read here, and the sensitivity by the
+instrument's own library (`Describing.force_sensitivity`). Of accelerometers with extended functions only the Basic TEDS is read.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, timedelta
 
 from isorig.drivers.errors import ProtocolError
@@ -30,6 +30,8 @@ class Teds:
         Numbers of the manufacturer and of the model, version as in "B1".
     serial_number
         Serial number.
+    quantity
+        acceleration or force by template 25; empty for other templates.
     sensitivity
         V per m/s^2; None if the template is not read.
     calibrated, due
@@ -40,6 +42,7 @@ class Teds:
     model: int
     version: str
     serial_number: int
+    quantity: str = ""
     sensitivity: float | None = None
     calibrated: date | None = None
     due: date | None = None
@@ -85,7 +88,10 @@ def decode(data: bytes) -> Teds:
         manufacturer=manufacturer, model=model, version=f"{chr(ord('@') + letter) if 1 <= letter <= 26 else ''}{version}",
         serial_number=serial,
     )  # fmt: skip
-    if 8 * len(data) < BASIC + 12 or bits.take(2) != 0 or bits.take(8) != TEMPLATE or bits.take(1) or bits.take(1):
+    if 8 * len(data) < BASIC + 12 or bits.take(2) != 0 or bits.take(8) != TEMPLATE:
+        return basic
+    basic = replace(basic, quantity="force" if bits.take(1) else "acceleration")
+    if basic.quantity == "force" or bits.take(1):
         return basic
     sensitivity = bits.relative(16, 5e-7, 0.00015)
     # Lower corner frequency, direction, weight, polarity.
@@ -103,7 +109,4 @@ def decode(data: bytes) -> Teds:
     period = bits.take(12)
     calibrated = None if day in (0, (1 << 16) - 1) else EPOCH + timedelta(days=day)
     due = None if calibrated is None or period in (0, (1 << 12) - 1) else calibrated + timedelta(days=period)
-    return Teds(
-        manufacturer=basic.manufacturer, model=basic.model, version=basic.version, serial_number=basic.serial_number,
-        sensitivity=sensitivity, calibrated=calibrated, due=due,
-    )  # fmt: skip
+    return replace(basic, sensitivity=sensitivity, calibrated=calibrated, due=due)

@@ -23,7 +23,8 @@ RATE, POSITION, OVERLOADED, OPEN_NAMES, IDLE = 0x1344, 0x1221, 0x2174, 0x3101, 0
 PRODUCT, CHASSIS, INPUTS, OUTPUTS = 0x631, 0x29B7, 0x231E, 0x231F
 #: The modules of the chassis: product, direction and number of channels.
 MODULES = {"cDAQ1Mod1": ("NI 9234", "ai", 4), "cDAQ1Mod2": ("NI 9234", "ai", 4), "cDAQ1Mod3": ("NI 9263", "ao", 4)}
-RELATIVE, NEWEST, CHANNELS = 0x190A, 10428, 0x217B
+RELATIVE, NEWEST, CHANNELS, OFFSET = 0x190A, 10428, 0x217B, 0x190B
+TERMINAL, SENSITIVITY, SENSITIVITY_UNIT = 0x18C7, 0x2F81, 0x2F82
 
 
 @dataclass
@@ -55,6 +56,10 @@ class Device:
     mute_after: int | None = None
     #: The sensors' memories by physical channel.
     memories: dict[str, bytes] = field(default_factory=dict)
+    #: What the library reads from the memories of force sensors: value, and the number of its unit.
+    forces: dict[str, tuple[float, int]] = field(default_factory=dict)
+    #: Pulses of the tachometer up to each tick.
+    pulses: Callable[[np.ndarray], np.ndarray] = lambda ticks: ticks // 5
     #: Given the name of a call of the library, raises what it raises then.
     fault: Callable[[str], None] = lambda name: None
     silent: bool = False
@@ -120,6 +125,28 @@ class Interpreter:
     def set_chan_attribute_double(self, handle: str, channel: str, number: int, value: float) -> None:
         self._task(handle)["attributes"][channel, number] = value
 
+    def set_chan_attribute_string(self, handle: str, channel: str, number: int, value: str) -> None:
+        self._task(handle)["attributes"][channel, number] = value
+
+    def get_chan_attribute_double(self, handle: str, channel: str, number: int) -> float:
+        assert number == SENSITIVITY
+        return self._device.forces[channel][0]
+
+    def get_chan_attribute_int32(self, handle: str, channel: str, number: int) -> int:
+        assert number == SENSITIVITY_UNIT
+        return self._device.forces[channel][1]
+
+    def configure_teds(self, name: str, path: str) -> None:
+        if name not in self._device.memories:
+            raise DaqError("TEDS sensor was not detected.", -200709)
+
+    def create_tedsai_force_iepe_chan(self, handle: str, name: str, *_: Any) -> None:
+        if name not in self._device.forces:
+            raise DaqError("TEDS sensor cannot be used by this channel.", -200754)
+
+    def create_ci_count_edges_chan(self, handle: str, counter: str, *_: Any) -> None:
+        self._task(handle)["counter"] = counter
+
     def cfg_samp_clk_timing(self, handle: str, rate: float, source: str, edge: int, mode: int, count: int) -> None:
         self._task(handle).update(rate=self._device.coerced or rate, source=source, buffer=self._device.buffer or count)
 
@@ -137,7 +164,7 @@ class Interpreter:
         self._task(handle)[number] = value
 
     def start_task(self, handle: str) -> None:
-        self._task(handle)["began"] = time.monotonic()
+        self._task(handle).update(began=time.monotonic(), position=0)
 
     def stop_task(self, handle: str) -> None:
         self._task(handle)["began"] = None
@@ -182,6 +209,17 @@ class Interpreter:
         for k, row in enumerate(out):
             row[:count] = column(ticks, k)
         task["position"] += count
+        return out, count
+
+    def read_counter_u32_ex(self, handle: str, count: int, timeout: float, mode: int, out: np.ndarray) -> tuple[np.ndarray, int]:
+        task = self._task(handle)
+        inputs = next(one for one in self._device.tasks.values() if one["inputs"] and one.get("began"))
+        # It counts from its start on, and is clocked by the inputs.
+        assert task["began"] <= inputs["began"]
+        first = task["position"] + task.get(OFFSET, 0)
+        assert 0 <= first <= first + count <= self._device.acquired(inputs)
+        out[:count] = (self._device.pulses(np.arange(first, first + count)) % (1 << 32)).astype(np.uint32)
+        task["position"] = first + count
         return out, count
 
     def get_write_attribute_uint32(self, handle: str, number: int) -> int:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 from itertools import pairwise
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -19,6 +21,8 @@ from isorig.drivers import ni
 from isorig.drivers.block import Block, Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, SettingError
 from isorig.drivers.ni import NiInstrument, NiSettings
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read as read_recording
 
 INPUTS = ("cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1", "cDAQ1Mod2/ai0")
 PLAYING = NiSettings(inputs=INPUTS, output="cDAQ1Mod3/ao0", drive_volts=0.01, limit=1.0, iepe=2.0, coupling="AC")
@@ -184,6 +188,90 @@ def test_a_trigger_is_set() -> None:
         assert next(iter(device.tasks.values()))["trigger"] == "/cDAQ1/PFI0"
 
 
+TURNING = NiSettings(inputs=INPUTS, tachometer="cDAQ1/_ctr0", tachometer_terminal="/cDAQ1/PFI1")
+
+
+@pytest.mark.parametrize("pulses", [
+    lambda ticks: ticks // 5,
+    # The 32 bits of the counter return to zero every 2^8 ticks.
+    lambda ticks: ticks << 24,
+    lambda ticks: 0 * ticks,
+])  # fmt: skip
+def test_a_tachometer_is_counted_at_each_sample_of_the_inputs(pulses: Callable[[np.ndarray], np.ndarray]) -> None:
+    with chassis(Device(pulses=pulses)) as device, closing(NiInstrument("cDAQ1", TURNING)) as instrument:
+        instrument.prepare(sample_rate=2048.0, channels=[0])
+        for _ in range(2):
+            instrument.start()
+            blocks = read(instrument, 3000)
+            instrument.stop()
+            blocks += read(instrument, 10**9, 0.05)
+            samples = np.concatenate([block.samples for block in blocks])
+            ticks = np.arange(len(samples))
+            np.testing.assert_array_equal(samples[:, 0], ticks)
+            np.testing.assert_array_equal(samples[:, -1], pulses(ticks))
+    counter = next(task for task in device.tasks.values() if "counter" in task)
+    assert (counter["counter"], counter["source"], counter["rate"]) == ("cDAQ1/_ctr0", "/cDAQ1/ai/SampleClock", 2048.0)
+    assert "/cDAQ1/PFI1" in counter["attributes"].values()
+    assert counter["cleared"]
+    assert [(one.unit, one.counts) for one in instrument.inputs[-2:]] == [("V", False), ("pulses", True)]
+    assert instrument.memory(len(INPUTS)) is None
+
+
+def test_a_tachometer_that_rests_is_recorded_as_an_angle(tmp_path: Path) -> None:
+    text = f"""
+[instrument]
+kind = "nidaqmx"
+port = "cDAQ1"
+sample_rate = 2048.0
+inputs = {list(INPUTS)}
+full_scale = 1e6
+tachometer = "cDAQ1/_ctr0"
+[channels.head]
+input = 0
+sensitivity = 0.01
+[channels.shaft]
+input = 3
+quantity = "angle"
+unit = "rad"
+sensitivity = 159.15494309189535  # pulses per rad: 1000 in a turn
+[[runs]]
+id = "a"
+configuration = "unlocked"
+gain = 1.0
+excitation = "other"
+seconds = 1.0
+"""
+    (tmp_path / "plan.toml").write_text(text)
+    # At rest for as long as the pre-run check lasts.
+    with chassis(Device(speed=1.0, pulses=lambda ticks: np.maximum(ticks - 2047, 0))):
+        assert main(["acquire", str(tmp_path / "plan.toml"), "--yes", "-o", str(tmp_path / "c.h5")]) == 0
+    shaft = read_recording(tmp_path / "c.h5").runs[0].channels["shaft"]
+    assert (shaft.quantity, shaft.unit) == ("angle", "rad")
+    np.testing.assert_array_equal(shaft.read()[:2048], 0.0)
+    np.testing.assert_allclose(np.diff(shaft.read()[2048:]), 2.0 * np.pi / 1000.0)
+
+
+def test_a_tachometer_keeps_its_place_after_samples_that_the_host_did_not_fetch() -> None:
+    with chassis(Device(lost=(1000, 300))), closing(NiInstrument("cDAQ1", TURNING)) as instrument:
+        instrument.prepare(sample_rate=2048.0, channels=[0])
+        instrument.start()
+        blocks = read(instrument, 3000)
+        instrument.stop()
+    assert any(b.first_tick > a.end_tick for a, b in pairwise(blocks))
+    for block in blocks:
+        ticks = np.arange(block.first_tick, block.end_tick)
+        np.testing.assert_array_equal(block.samples[:, [0, -1]], np.column_stack([ticks, ticks // 5]))
+
+
+@pytest.mark.parametrize(("unit", "expected"), [(15891, 2.248e-3), (15892, 2.248e-3 / 4.4482216152605)])
+def test_the_library_reads_the_memory_of_a_force_sensor(unit: int, expected: float) -> None:
+    first, second, _ = INPUTS
+    device = Device(memories={first: b"1", second: b"2"}, forces={first: (2.248, unit)})
+    with chassis(device), closing(NiInstrument("cDAQ1", NiSettings(inputs=INPUTS))) as instrument:
+        assert instrument.force_sensitivity(0) == pytest.approx(expected)
+        assert [instrument.force_sensitivity(place) for place in (1, 2)] == [None, None]
+
+
 def test_what_is_missing_is_named_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     # Here NI's runtime is not installed.
     with within(20.0), pytest.raises(SettingError, match=r"NI-DAQmx is missing on this computer .* install it from ni\.com"):
@@ -201,6 +289,7 @@ def test_what_is_missing_is_named_in_a_sentence(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(("changed", "says"), [
     ({"inputs": []}, "give the physical channels"), ({"inputs": ["cDAQ1Mod1/ao0"]}, "give the physical channels"),
     ({"full_scale": 0.0}, "full_scale is 0"), ({"iepe": 3.0}, "iepe is 3 mA"), ({"output": "x/ao0"}, "drive_volts is 0"),
+    ({"tachometer": "cDAQ1Mod1/ai0"}, "give a counter"), ({"tachometer_terminal": "/cDAQ1/PFI0"}, "without tachometer"),
     ({"limit": -1.0}, "limit is -1"), ({"ramp": 11.0}, "ramp is 11"), ({"coupling": "GND"}, "Invalid enum value"),
 ])  # fmt: skip
 def test_settings_that_cannot_be_are_refused(changed: dict[str, object], says: str) -> None:

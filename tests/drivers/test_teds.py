@@ -46,15 +46,23 @@ def test_every_field_is_at_its_place(transfer: int) -> None:
         (16, 5), (10227, 16), (77, 15), (730, 12), (3, 11),
     )  # fmt: skip
     assert decode(data) == Teds(
-        manufacturer=43, model=3520, version="B7", serial_number=123456, sensitivity=5e-7 * 1.0003**33000,
+        manufacturer=43, model=3520, version="B7", serial_number=123456, quantity="acceleration",
+        sensitivity=5e-7 * 1.0003**33000,
         calibrated=date(2026, 1, 1), due=date(2028, 1, 1),
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("template", [((0, 2), (25, 8), (1, 1)), ((0, 2), (33, 8), (0, 1)), ((1, 2), (0, 8), (0, 1))])
-def test_of_other_templates_the_basic_part_is_read(template: tuple[tuple[int, int], ...]) -> None:
+FORCE = packed(*BASIC, (0, 2), (25, 8), (1, 1), (0, 200))
+
+
+@pytest.mark.parametrize(("template", "quantity"), [
+    (((0, 2), (25, 8), (1, 1)), "force"), (((0, 2), (25, 8), (0, 1), (1, 1)), "acceleration"), (((0, 2), (33, 8), (0, 1)), ""),
+    (((1, 2), (0, 8), (0, 1)), ""),
+])  # fmt: skip
+def test_of_other_templates_the_basic_part_is_read(template: tuple[tuple[int, int], ...], quantity: str) -> None:
     found = decode(packed(*BASIC, *template, (0, 200)))
     assert (found.serial_number, found.sensitivity, found.calibrated) == (123456, None, None)
+    assert found.quantity == quantity
 
 
 def test_a_date_that_is_not_given_is_none() -> None:

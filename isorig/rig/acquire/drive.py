@@ -93,7 +93,7 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
 
 
 def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
-    """Compare the drive of a run with the limits of the rig that follow from the drive alone: its gain, its band, its magnitude.
+    """Compare the drive of a run with the limits that follow from the drive alone: gain, band, duration, magnitude.
 
     Raises
     ------
@@ -106,6 +106,8 @@ def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
                 f"run {run.id!r} has the {name.rstrip('s')} {found[0] if name == 'gains' else list(found)}; limits.{name} allows "
                 f"{limit[0]:g} to {limit[1]:g}, so change the run"
             )
+    if limits.seconds is not None and run.seconds > limits.seconds:
+        raise PlanError(f"run {run.id!r} lasts {run.seconds:g} s; limits.seconds allows {limits.seconds:g}, so shorten it")
     if limits.drive is None or not run.played:
         return
     highest = max(

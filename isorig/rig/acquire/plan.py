@@ -10,7 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 from isorig.analysis.campaign import Quantity
-from isorig.analysis.model.built_in import wire_bonder
+from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
@@ -149,6 +149,11 @@ class Plan(Part, frozen=True):
     def described(self) -> RigModel:
         """The rig described by the plan, or the wire bonder."""
         return self.model() or wire_bonder()
+
+    def nominal(self, *, friction: bool = False) -> RigModel:
+        """The rig with the values of its description; the wire bonder with those of the plan, and with dry friction if asked."""
+        known = {name: value for name, value in self.rig.items() if not isinstance(value, str)}
+        return self.model() or wire_bonder({**THESIS, **known}, friction=friction)
 
     def model(self) -> RigModel | None:
         """The rig described by the plan; None for the wire bonder."""

@@ -16,6 +16,7 @@ from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.pace import REFUSED, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.errors import PlanError
 
 #: Seconds at rest and with drive; seconds without a sample after which the check ends.
@@ -56,7 +57,11 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     rest, driven = round(REST * rate), round(DRIVEN * rate)
     drive = drive_of(*plan.original(run, 0), rate)[:driven] if run.played else np.zeros(driven)
     load(instrument, run, np.concatenate([np.zeros(rest), drive]), plan.limits)
-    blocks = list(_blocks(instrument, rest + driven, rate))
+    guard = Guard(plan, instrument)
+    blocks = []
+    for block in _blocks(instrument, rest + driven, rate):
+        guard.check(block)
+        blocks.append(block)
     if not blocks:
         return ["no sample arrives; check that the instrument is on and scans"]
     raw = np.concatenate([block.samples for block in blocks])
@@ -65,12 +70,13 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     for status, sentence in REPORTED.items():
         if any(block.status & status for block in blocks):
             found.append(sentence)
-    for name, about in plan.channels.items():
+    sensors = {name: about for name, about in plan.channels.items() if not instrument.inputs[about.input].counts}
+    for name, about in sensors.items():
         source = instrument.inputs[about.input]
         values = raw[:, about.input].astype(np.float64)
         found += _channel(name, values, None if source.full_scale is None else source.full_scale / source.per_count)
     if run.played and not found:
-        found += _response(plan, {n: raw[:, c.input].astype(np.float64) for n, c in plan.channels.items()}, ticks < rest)
+        found += _response({name: raw[:, about.input].astype(np.float64) for name, about in sensors.items()}, ticks < rest)
     return found
 
 
@@ -148,8 +154,8 @@ def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:
     return []
 
 
-def _response(plan: Plan, values: dict[str, FloatArray], resting: np.ndarray) -> list[str]:
-    if not resting.any() or resting.all():
+def _response(values: dict[str, FloatArray], resting: np.ndarray) -> list[str]:
+    if not resting.any() or resting.all() or not values:
         return []
     livelier = {
         name: float(v[~resting].std()) / max(float(v[resting].std()), 1e-9) for name, v in values.items()

@@ -32,13 +32,15 @@ MOST_ROWS, LARGEST = 10_000, 1 << 22
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """A sensor's sheet: sensitivity in the unit of the plan, dates of its calibration and of the next one, where it is from."""
+    """A sensor's sheet: sensitivity in the unit of the plan, dates of its calibration and of the next one, where it is from, and
+    the quantity that it measures, empty if unknown."""
 
     serial_number: str
     sensitivity: float | None
     calibrated: date | None = None
     due: date | None = None
     source: str = ""
+    quantity: str = ""
 
 
 def read_list(path: Path) -> dict[str, Sheet]:
@@ -112,14 +114,14 @@ def memories(plan: Plan, instrument: object) -> dict[str, Sheet]:
     if not isinstance(instrument, Describing):
         return {}
     found = {name: instrument.memory(channel.input) for name, channel in plan.channels.items()}
-    return {name: of_teds(decode(data)) for name, data in found.items() if data}
+    return {name: _of_teds(decode(data), instrument, plan.channels[name].input) for name, data in found.items() if data}
 
 
-def of_teds(teds: Teds) -> Sheet:
-    """A data sheet as the sheet of a sensor."""
+def _of_teds(teds: Teds, instrument: Describing, place: int) -> Sheet:
+    sensitivity = instrument.force_sensitivity(place) if teds.quantity == "force" else teds.sensitivity
     return Sheet(
-        serial_number=str(teds.serial_number), sensitivity=teds.sensitivity, calibrated=teds.calibrated, due=teds.due,
-        source="its memory",
+        serial_number=str(teds.serial_number), sensitivity=sensitivity, calibrated=teds.calibrated, due=teds.due,
+        source="its memory", quantity=teds.quantity,
     )  # fmt: skip
 
 
@@ -187,7 +189,9 @@ def _one(
 
 
 def _sheet_against(name: str, channel: ChannelPlan, sheet: Sheet, today: date) -> Iterator[str]:
-    if sheet.sensitivity is not None and abs(channel.sensitivity / sheet.sensitivity - 1.0) > DIFFERS:
+    if sheet.quantity and sheet.quantity != channel.quantity:
+        yield f"{name} is {channel.quantity} in the plan, and its sensor measures {sheet.quantity} by {sheet.source}; correct one"
+    elif sheet.sensitivity is not None and abs(channel.sensitivity / sheet.sensitivity - 1.0) > DIFFERS:
         yield (
             f"the sensitivity of {name} is {channel.sensitivity:.6g} in the plan and {sheet.sensitivity:.6g} in {sheet.source}; "
             "correct the one that is wrong"

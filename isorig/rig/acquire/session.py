@@ -23,6 +23,7 @@ from isorig.rig.acquire.preflight import check_room, look_at_analyzer, look_at_r
 from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
 from isorig.rig.acquire.recover import Recovered, WorkingFile
 from isorig.rig.acquire.remarks import Remarks
+from isorig.rig.acquire.response_limits import check_responses
 from isorig.rig.acquire.run_check import Verdict, check_run
 from isorig.rig.acquire.sensors import refuse_sensors
 from isorig.rig.acquire.shutdown import ended_by_signals
@@ -158,6 +159,8 @@ def _with_stream(
 ) -> list[Taken]:
     partial = working_file(output)
     taken: list[Taken] = []
+    if not force:
+        check_responses(plan, ((run, repeat) for run, repeat, _ in _wanted(plan, done)))
     with opened(plan, port) as instrument:
         _check_against(instrument, plan)
         if not force:

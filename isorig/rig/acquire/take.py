@@ -19,6 +19,7 @@ from isorig.rig.acquire.pace import REFUSED, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
 from isorig.rig.acquire.remarks import Remarks
+from isorig.rig.acquire.response_limits import Guard
 
 #: Seconds between two updates of the levels.
 LOOK = 0.25
@@ -160,6 +161,7 @@ def take(
     writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period)
     summary = BlockSummary(plan, run, instrument)
     incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
+    guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else _PaceCheck(instrument.identity, rate)
     counted, whole = None, False
 
@@ -167,6 +169,7 @@ def take(
         writer.put(block)
         summary.add(block)
         remarks.add(block)
+        guard.check(block)
         if pace is not None:
             pace.add(block)
         if summary.due():

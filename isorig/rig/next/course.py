@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.fitting.solve import base_parameters
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import SHORTEST
@@ -314,8 +313,7 @@ def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
 
 def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
     """The rig described by a plan, with starting values."""
-    known = {name: value for name, value in plan.rig.items() if not isinstance(value, str)}
-    return single_driven(plan.model() or wire_bonder({**THESIS, **known}, friction=baseline == "coulomb"))
+    return single_driven(plan.nominal(friction=baseline == "coulomb"))
 
 
 def _over(course: Course, terms: Terms) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from msgspec import structs
+
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recorder import working_file
 from isorig.rig.acquire.session import Decision, Operator, acquire
@@ -41,7 +43,9 @@ def measuring(wire: str, operator: Operator, consent: Callable[[str], Decision] 
         broken_off = working_file(recording).exists()
         if left or broken_off:
             resume = broken_off or recording.exists()
-            acquire(plan, wire, recording, replace(operator, decide=decide), resume=resume, force=force)
+            # The proposals keep to the strokes by a model fitted to the runs so far, which knows more than the description.
+            chosen = structs.replace(plan, limits=structs.replace(plan.limits, stroke={}))
+            acquire(chosen, wire, recording, replace(operator, decide=decide), resume=resume, force=force)
         return Measured(names=sorted(whole_runs(recording, plan)), stopped=stopped)
 
     return measure

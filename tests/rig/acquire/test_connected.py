@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import can
@@ -80,9 +81,13 @@ resources:
     assert connected.asked(found[0]).recognized == ("35670a",)
 
 
-def test_can_interfaces_without_hardware_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = [{"interface": "virtual", "channel": "c"}, {"interface": "socketcan", "channel": "can0"}]
-    monkeypatch.setattr(can, "detect_available_configs", lambda: found)
+def test_can_interfaces_without_hardware_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    def detected(interfaces: list[str]) -> list[dict[str, str]]:
+        # A search for servers of socketcand listens on the network for seconds.
+        assert {"virtual", "udp_multicast", "slcan", "serial", "socketcand"}.isdisjoint(interfaces)
+        return [{"interface": name, "channel": "can0"} for name in interfaces if name == "socketcan"]
+
+    monkeypatch.setattr(can, "detect_available_configs", detected)
     (one,) = connected.can_interfaces()
     assert (one.port, one.possible, dict(one.settings)) == ("can0", ("mti600",), {"bus": "socketcan"})
     assert 'bus = "socketcan"' in draft_plan(one, "mti600")
@@ -162,7 +167,7 @@ def test_the_list_names_kinds_and_what_could_not_be_searched(
     monkeypatch.setattr(connected, "serial_ports", lambda: [Connected(bus="serial", port="/dev/ttyACM0", name="DATAQ")])
     monkeypatch.undo()
     monkeypatch.setattr(list_ports, "comports", lambda: [serial_port("/dev/ttyACM0", manufacturer="DATAQ")])
-    monkeypatch.setattr(can, "detect_available_configs", list)
+    monkeypatch.setattr(can, "detect_available_configs", lambda interfaces: [])
     for package in ("pyvisa", "nidaqmx", "sounddevice"):
         monkeypatch.setitem(sys.modules, package, None)
     assert main(["instruments"]) == 0
@@ -172,6 +177,19 @@ def test_the_list_names_kinds_and_what_could_not_be_searched(
     assert main(["instruments", "--json"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
     assert json.loads(line)["recognized"] == ["di1100"]
+
+
+def test_the_searches_run_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each search ends when all have begun.
+    begun = threading.Barrier(5)
+
+    def search() -> list[Connected]:
+        begun.wait(timeout=30.0)
+        return []
+
+    for name in ("serial_ports", "visa_resources", "can_interfaces", "ni_devices", "sound_devices"):
+        monkeypatch.setattr(connected, name, search)
+    assert connected.connected() == ([], [])
 
 
 @pytest.mark.parametrize("call", ["main(['--help'])", "main(['acquire', '--help'])", "kinds()"])

@@ -145,6 +145,41 @@ def test_memories_are_read_through_the_instrument(lab: Path, monkeypatch: pytest
     assert any("expired on 2023-11-07, by its memory" in text for text in found)
 
 
+def test_a_force_sensor_is_compared_by_what_the_instrument_reads(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "drivers"))
+    from ni_device import Device, chassis
+    from test_teds import FORCE
+
+    from isorig.rig.acquire.instruments import opened
+
+    def told(changed: str, new: str) -> list[str]:
+        text = """[instrument]
+kind = "nidaqmx"
+port = "cDAQ1"
+sample_rate = 100.0
+inputs = ["cDAQ1Mod1/ai0"]
+[channels.force]
+input = 0
+sensitivity = 0.002248
+quantity = "force"
+unit = "N"
+"""
+        (lab / "plan.toml").write_text(text.replace(changed, new))
+        planned = read_plan(lab / "plan.toml", runs=False)
+        # 2.248 mV/N.
+        device = Device(memories={"cDAQ1Mod1/ai0": FORCE}, forces={"cDAQ1Mod1/ai0": (2.248, 15891)})
+        with chassis(device), opened(planned, "cDAQ1") as instrument:
+            return compare(planned, {}, memories(planned, instrument), TODAY)
+
+    assert told("", "") == []
+    assert told("0.002248", "0.00230") == [
+        "the sensitivity of force is 0.0023 in the plan and 0.002248 in its memory; correct the one that is wrong"
+    ]
+    assert told('quantity = "force"\nunit = "N"\n', "") == [
+        "force is acceleration in the plan, and its sensor measures force by its memory; correct one"
+    ]
+
+
 def test_the_command_and_the_session(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan(lab, ("2026-01-15", "2026-01-16"))
     assert main(["sensors", str(lab / "plan.toml")]) == 2
