@@ -1,9 +1,9 @@
 """The sample rate of an instrument by the host's clock, the only one that the instrument cannot set.
 
 Samples arrive late, never early, and on a busy host much too late. The deviation is therefore the slope of the lower convex hull
-of lateness over time, at its edge above the middle of the time (Moon, Skelly and Towsley, Estimation and removal of clock skew from
-network delay measurements, INFOCOM 1999). A wrong clock has the same slope in every part of the time, a host that becomes slower
-has not: the differences between parts are the uncertainty.
+of lateness over time, at its edge above the middle of the time (Moon, Skelly and Towsley, Estimation and removal of clock skew
+from network delay measurements, INFOCOM 1999). A wrong clock has the same slope in every part of the time, a host that becomes
+slower has not: the differences between parts are the uncertainty.
 """
 
 from __future__ import annotations
