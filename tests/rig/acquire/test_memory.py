@@ -75,8 +75,8 @@ def test_a_long_run_needs_a_fraction_of_its_samples_in_memory(tmp_path: Path) ->
             take(stream, file, planned, run, 0, "a", Watcher().operator.watch, Remarks(RATE))
         finally:
             tracemalloc.stop()
-    # The samples are 197 MB. The queue, what the writer took from it, a copy of that, and what the display sums up in a quarter of
-    # a second may be in memory.
+    # The samples are 197 MB. The queue, what the writer took from it, a copy of that, and what the display sums up in a quarter
+    # of a second may be in memory.
     queue = QUEUE_SECONDS * RATE * INPUTS * 4
     assert max(stream.allocated) < 10.0 * queue
 
