@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -48,19 +49,23 @@ def plan(seconds: float) -> str:
     )
 
 
+def anonymous(pid: int) -> float:
+    """Memory of a process without that of files, MiB: pages of libraries belong to all processes that have loaded them."""
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) / 1024.0 for line in lines if line.startswith("RssAnon:"))
+
+
 class Memory:
     """Memory of a process over time, MiB."""
 
     def __init__(self, pid: int) -> None:
-        self._process = psutil.Process(pid)
+        self._pid = pid
         self.seen: list[float] = []
 
     def look(self) -> None:
         """Measure once; a process that has ended is not measured."""
-        try:
-            self.seen.append(self._process.memory_full_info().uss / (1 << 20))
-        except psutil.Error:
-            return
+        with suppress(OSError, StopIteration):
+            self.seen.append(anonymous(self._pid))
 
     @property
     def halves(self) -> tuple[float, float]:

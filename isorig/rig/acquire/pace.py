@@ -1,6 +1,9 @@
 """The sample rate of an instrument by the host's clock, the only one that the instrument cannot set.
 
-Samples arrive late, never early: the earliest arrivals give the difference between the number of samples and the elapsed time.
+Samples arrive late, never early, and on a busy host much too late. The deviation is therefore the slope of the lower convex hull
+of lateness over time, at its edge above the middle of the time (Moon, Skelly and Towsley, Estimation and removal of clock skew
+from network delay measurements, INFOCOM 1999). A wrong clock has the same slope in every part of the time, a host that becomes
+slower has not: the differences between parts are the uncertainty.
 """
 
 from __future__ import annotations
@@ -16,8 +19,10 @@ from isorig.analysis.campaign import FloatArray
 REPORTED, REFUSED = 0.002, 0.02
 #: Number of arrivals kept, the earliest of neighbours.
 ARRIVALS = 4096
-#: Number of equal parts of the time, each with its earliest arrival; minimum number of parts with arrivals; minimum time, s.
-PARTS, LEAST, SHORTEST = 16, 8, 0.5
+#: Number of equal parts of the time whose slopes are compared, minimum number of arrivals, and minimum time, s.
+PARTS, LEAST, SHORTEST = 4, 8, 0.5
+#: Time after which a rate is judged, s: a host that is late by a tenth of a second then shows 1 %.
+DECIDED = 10.0
 #: Uncertainty of an earliest arrival that is always assumed, s: the steps in which hosts schedule.
 GRAIN = 1e-3
 #: Factor from a standard uncertainty to certainty.
@@ -80,10 +85,34 @@ class Pace:
         # time, so the parts are parts of the time.
         late = host - tick / self._rate
         part = np.clip((host / span * PARTS).astype(np.int64), 0, PARTS - 1)
-        order = np.lexsort((late, part))
-        first = order[np.unique(part[order], return_index=True)[1]]
-        if len(first) < LEAST:
+        slopes = [_slope(host[part == k], late[part == k]) for k in range(PARTS)]
+        known = [slope for slope in slopes if slope is not None]
+        slope = _slope(host, late)
+        if slope is None or len(known) < PARTS - 1:
             return None
-        (slope, _), covariance = np.polyfit(host[first], late[first], 1, cov=True)
+        scatter = float(np.sqrt(np.mean((np.array(known) - slope) ** 2)))
         # In the time t the instrument has taken rate * t * (1 - slope) samples.
-        return Drift(ppm=-1e6 * float(slope), std=1e6 * max(float(np.sqrt(covariance[0, 0])), GRAIN / span))
+        return Drift(ppm=-1e6 * slope, std=1e6 * max(scatter, GRAIN / span))
+
+
+def _slope(times: FloatArray, late: FloatArray) -> float | None:
+    # Slope of the edge of the lower convex hull above the middle of the time; None for less than two times.
+    if len(times) < 2 or times[-1] <= times[0]:
+        return None
+    order = np.lexsort((late, times))
+    hull: list[tuple[float, float]] = []
+    for x, y in zip(times[order].tolist(), late[order].tolist(), strict=True):
+        if hull and x == hull[-1][0]:
+            continue
+        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], (x, y)):
+            hull.pop()
+        hull.append((x, y))
+    middle = 0.5 * (hull[0][0] + hull[-1][0])
+    right = next(k for k, (x, _) in enumerate(hull) if x >= middle)
+    (x0, y0), (x1, y1) = hull[right - 1], hull[right]
+    return (y1 - y0) / (x1 - x0)
+
+
+def _turns_down(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+    # Whether b lies on or above the line from a to c.
+    return (b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0])

@@ -1,4 +1,7 @@
-"""The pre-run check: one second at rest and one second with drive; refuses a faulty set-up and names the remedy."""
+"""The pre-run check: a quarter of a second at rest and three with drive; refuses a faulty set-up and names the remedy.
+
+A sample rate that looks wrong by the host's clock is observed for up to ten seconds, because a busy host may be late for one.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Records, Stream, in_real_time
 from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.pace import REFUSED, Pace
+from isorig.rig.acquire.pace import DECIDED, REFUSED, Drift, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.errors import PlanError
@@ -22,6 +25,8 @@ from isorig.rig.errors import PlanError
 #: Seconds at rest and with drive; seconds without a sample after which the check ends.
 REST, DRIVEN = 0.25, 0.75
 SILENCE = 1.0
+#: More ticks than any check lasts.
+ENDLESS = 1 << 62
 #: Factor by which a channel must increase under drive, and allowed relative rate errors by the instrument's clock, and by the
 #: host's clock if too few blocks arrive to estimate its uncertainty.
 LIVELIER = 1.2
@@ -59,14 +64,15 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     load(instrument, run, np.concatenate([np.zeros(rest), drive]), plan.limits)
     guard = Guard(plan, instrument)
     blocks = []
-    for block in _blocks(instrument, rest + driven, rate):
+    watched = _Watched(rate) if in_real_time(instrument) else None
+    for block in _blocks(instrument, rest + driven, rate, watched):
         guard.check(block)
         blocks.append(block)
     if not blocks:
         return ["no sample arrives; check that the instrument is on and scans"]
     raw = np.concatenate([block.samples for block in blocks])
     ticks = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
-    found = _rate(instrument, blocks, rate)
+    found = _rate(blocks, rate, watched)
     for status, sentence in REPORTED.items():
         if any(block.status & status for block in blocks):
             found.append(sentence)
@@ -109,17 +115,66 @@ def refuse(run: str, found: list[str]) -> None:
         raise PlanError(f"run {run!r} was not started: {'; '.join(found)}; --force starts it anyway")
 
 
-def _blocks(instrument: Stream, ticks: int, rate: float) -> Iterable[Block]:
-    incoming = Incoming(instrument, ticks, rate, away=SILENCE)
+class _Watched:
+    """The sample rate by the host's clock while blocks arrive."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._pace = rate, Pace(rate)
+        self._first: Block | None = None
+        self._last: Block | None = None
+
+    def add(self, block: Block) -> None:
+        """Add a block."""
+        self._first, self._last = self._first or block, block
+        self._pace.add(np.array([float(block.end_tick)]), np.array([block.host_time]))
+
+    def known(self, ticks: int) -> bool:
+        """Whether the rate is right as far as so many ticks show it, or was observed for long enough."""
+        if self._last is None or self._last.end_tick < ticks:
+            return False
+        return self._passed >= DECIDED or not self._wrong(self._pace.drift(), certain=False)
+
+    @property
+    def wrong(self) -> float | None:
+        """The rate in Hz if it is certainly wrong."""
+        drift = self._pace.drift()
+        if not self._wrong(drift, certain=True):
+            return None
+        return self._few if drift is None else self._rate * (1.0 + 1e-6 * drift.ppm)
+
+    @property
+    def _passed(self) -> float:
+        return 0.0 if self._first is None or self._last is None else self._last.host_time - self._first.host_time
+
+    @property
+    def _few(self) -> float:
+        assert self._first is not None
+        assert self._last is not None
+        return (self._last.end_tick - self._first.end_tick) / self._passed
+
+    def _wrong(self, drift: Drift | None, *, certain: bool) -> bool:
+        if drift is not None:
+            return drift.beyond(REFUSED) if certain else abs(drift.ppm) > 1e6 * REFUSED
+        return self._passed > 0.0 and abs(self._few / self._rate - 1.0) > FEW
+
+
+def _blocks(instrument: Stream, ticks: int, rate: float, watched: _Watched | None) -> Iterable[Block]:
+    incoming = Incoming(
+        instrument, ticks if watched is None else ENDLESS, rate, away=SILENCE,
+        stopped=lambda: watched is not None and watched.known(ticks),
+    )  # fmt: skip
     instrument.start()
-    yield from incoming.blocks()
+    for block in incoming.blocks():
+        if watched is not None:
+            watched.add(block)
+        yield block
     instrument.stop()
     yield from incoming.rest()
 
 
-def _rate(instrument: Stream, blocks: list[Block], rate: float) -> list[str]:
+def _rate(blocks: list[Block], rate: float, watched: _Watched | None) -> list[str]:
     # By the host's clock, which decides; and by the instrument's own, which is more accurate in so short a time.
-    measured = _by_host(blocks, rate) if in_real_time(instrument) else None
+    measured = None if watched is None else watched.wrong
     if measured is not None:
         return [f"the instrument's sample rate is {measured:.6g} Hz by the host's clock, not {rate:g} Hz; correct sample_rate"]
     first, last = blocks[0], blocks[-1]
@@ -129,17 +184,6 @@ def _rate(instrument: Stream, blocks: list[Block], rate: float) -> list[str]:
     if abs(own / rate - 1.0) <= OWN:
         return []
     return [f"the instrument's sample rate is {own:.6g} Hz by its own clock, not {rate:g} Hz; correct sample_rate"]
-
-
-def _by_host(blocks: list[Block], rate: float) -> float | None:
-    # The rate if it is certainly wrong.
-    pace = Pace(rate)
-    pace.add(np.array([float(block.end_tick) for block in blocks]), np.array([block.host_time for block in blocks]))
-    drift = pace.drift()
-    if drift is not None:
-        return rate * (1.0 + 1e-6 * drift.ppm) if drift.beyond(REFUSED) else None
-    passed, count = blocks[-1].host_time - blocks[0].host_time, blocks[-1].end_tick - blocks[0].end_tick
-    return None if passed <= 0.0 or abs(count / passed / rate - 1.0) <= FEW else count / passed
 
 
 def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:

@@ -19,6 +19,7 @@ from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RESERVE
 from isorig.rig.acquire.recover import Recovered, campaign_of, working
 from isorig.rig.errors import OutputError, PlanError
+from isorig.rig.files.hdf import CHUNK_CACHE
 from isorig.rig.files.output import sweep
 from isorig.rig.files.recording import SENSOR, Extra, Stored, open_recording, write
 
@@ -166,7 +167,7 @@ def _earlier(output: Path, wanted: bool) -> Iterator[dict[str, _Kept]]:
     if not (wanted and output.exists()):
         yield {}
         return
-    with open_recording(output) as campaign, h5py.File(output, "r") as file:
+    with open_recording(output) as campaign, h5py.File(output, "r", rdcc_nbytes=CHUNK_CACHE) as file:
         yield {run.id: _Kept(run=run, extra=_extra_in(file[f"runs/{run.id}"], run)) for run in campaign.runs}
 
 

@@ -15,7 +15,7 @@ from isorig.drivers.instrument import Stream, in_real_time
 from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.live_coherence import RunningCoherence
-from isorig.rig.acquire.pace import REFUSED, Pace
+from isorig.rig.acquire.pace import DECIDED, REFUSED, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
 from isorig.rig.acquire.remarks import Remarks
@@ -23,8 +23,6 @@ from isorig.rig.acquire.response_limits import Guard
 
 #: Seconds between two updates of the levels.
 LOOK = 0.25
-#: Seconds between two comparisons of the sample rate with the host's clock.
-CHECKED = 1.0
 
 
 class Live(msgspec.Struct, frozen=True, kw_only=True):
@@ -103,11 +101,19 @@ class BlockSummary:
         )  # fmt: skip
 
 
-class _PaceCheck:
-    """Compares the rate of a running stream with the host's clock."""
+class PaceCheck:
+    """Compares the rate of a running stream with the host's clock, each `DECIDED` seconds anew: a rate may become wrong.
+
+    Parameters
+    ----------
+    who
+        The instrument, for the message.
+    rate
+        Stated sample rate, Hz.
+    """
 
     def __init__(self, who: str, rate: float) -> None:
-        self._who, self._rate, self._pace = who, rate, Pace(rate)
+        self._who, self._rate = who, rate
         self._blocks: list[tuple[int, float]] = []
 
     def add(self, block: Block) -> None:
@@ -119,12 +125,12 @@ class _PaceCheck:
             The sample rate certainly deviates by more than `REFUSED`.
         """
         self._blocks.append((block.end_tick, block.host_time))
-        if block.host_time - self._blocks[0][1] < CHECKED:
+        if block.host_time - self._blocks[0][1] < DECIDED:
             return
-        ticks, times = np.array(self._blocks).T
+        pace = Pace(self._rate)
+        pace.add(*np.array(self._blocks).T)
         self._blocks = []
-        self._pace.add(ticks, times)
-        drift = self._pace.drift()
+        drift = pace.drift()
         if drift is not None and drift.beyond(REFUSED):
             raise InstrumentError(
                 f"{self._who} has a sample rate of {self._rate * (1.0 + 1e-6 * drift.ppm):.6g} Hz by the host's clock, not "
@@ -162,7 +168,7 @@ def take(
     summary = BlockSummary(plan, run, instrument)
     incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
     guard = Guard(plan, instrument)
-    pace = None if force or not in_real_time(instrument) else _PaceCheck(instrument.identity, rate)
+    pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
     counted, whole = None, False
 
     def keep(block: Block) -> None:

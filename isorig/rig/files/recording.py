@@ -426,7 +426,8 @@ def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | No
                 _write(file, campaign, extras or {})
         except OSError as error:
             raise OutputError(f"{path} could not be written ({reason(error)}); choose another place with -o") from None
-        with h5py.File(temporary, "r") as file:
+        # Each chunk is read once; the library would keep up to 8 MiB for each dataset.
+        with h5py.File(temporary, "r", rdcc_nbytes=0) as file:
             for run in _campaign(file, Path(path)).runs:
                 for channel in run.channels.values():
                     for start in range(0, len(channel), ROWS):

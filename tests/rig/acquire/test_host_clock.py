@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -16,11 +17,13 @@ from far import DataqFar, FramedFar, scan_bytes
 from ramps import Watcher, plan_of, ramp_instrument
 from test_sessions_attacked import plan, session, wait_for
 
+from isorig.drivers.block import Block
 from isorig.drivers.errors import InstrumentError
-from isorig.rig.acquire.pace import PARTS, REFUSED, REPORTED, Pace
+from isorig.rig.acquire.pace import DECIDED, REFUSED, REPORTED, Pace
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recover import working
 from isorig.rig.acquire.session import acquire
+from isorig.rig.acquire.take import PaceCheck
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 
@@ -73,7 +76,6 @@ def test_too_little_is_not_judged() -> None:
     pace.add(np.arange(50, 350, 50), np.arange(6) * 0.05)
     assert pace.drift() is None
     assert arrivals(500.0, 0.3, 0).drift() is None
-    assert PARTS >= 16
 
 
 @pytest.mark.parametrize("speed", [0.5, 0.88, 2.0])
@@ -158,3 +160,87 @@ def test_recovery_reports_a_wrong_rate(tmp_path: Path) -> None:
         process.communicate()
     with working(tmp_path / "c.h5.partial") as (_, found):
         assert "by the host's clock its sample rate deviates by -" in found[0].text
+
+
+def busy(rate: float, seconds: float, seed: int, *, worst: float) -> Pace:
+    """Arrivals at a host that is busy for most of the time: it then reads late, up to the worst, and all that waited at once."""
+    random = np.random.default_rng(seed)
+    ticks = np.arange(50, rate * seconds, 50)
+    times, at = ticks / rate, 0.0
+    while at < seconds:
+        stall, pause = random.uniform(0.0, worst), random.exponential(0.05)
+        times = np.where((times >= at) & (times < at + stall), at + stall, times)
+        at += stall + pause
+    pace = Pace(1000.0)
+    pace.add(ticks, 12345.0 + times)
+    return pace
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_ten_seconds_on_a_busy_host_refuse_no_right_rate(seed: int) -> None:
+    found = busy(1000.0, DECIDED, seed, worst=0.5).drift()
+    assert found is None or not found.beyond(REFUSED)
+    # Late from the middle on, or later and later over two seconds.
+    ticks = np.arange(50, 10_000, 50)
+    late = {"step": 0.4 * (ticks > 5000), "growing": np.clip(ticks - 5000 - 100 * seed, 0, 2000) * 2e-4}
+    for name, delays in late.items():
+        pace = Pace(1000.0)
+        pace.add(ticks, ticks / 1000.0 + delays + np.random.default_rng(seed).uniform(0.0, 4e-3, len(ticks)))
+        drift = pace.drift()
+        assert drift is not None, name
+        assert not drift.beyond(REFUSED), name
+
+
+@pytest.mark.parametrize("clock", [0.5, 0.88, 1.2, 2.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_ten_seconds_on_a_busy_host_refuse_a_wrong_rate(clock: float, seed: int) -> None:
+    found = busy(1000.0 * clock, DECIDED, seed, worst=0.1).drift()
+    assert found is not None
+    assert found.beyond(REFUSED)
+    assert found.ppm == pytest.approx(1e6 * (clock - 1.0), abs=2e4)
+
+
+@pytest.mark.parametrize(("clock", "refused"), [(1.0, False), (0.985, False), (0.96, True), (1.04, True)])
+def test_a_running_stream_is_judged_after_ten_seconds(clock: float, refused: bool) -> None:
+    check = PaceCheck("it", 1000.0)
+
+    def until(seconds: float) -> None:
+        for tick in range(0, round(1000.0 * clock * seconds), 50):
+            check.add(Block(first_tick=tick, samples=np.zeros((50, 1)), host_time=(tick + 50) / (1000.0 * clock)))
+
+    until(DECIDED - 0.1)
+    check = PaceCheck("it", 1000.0)
+    if refused:
+        with pytest.raises(InstrumentError, match="by the host's clock, not 1000 Hz"):
+            until(DECIDED + 0.2)
+    else:
+        until(3.0 * DECIDED)
+
+
+def test_a_rate_that_becomes_wrong_after_an_hour_is_noticed_within_twenty_seconds() -> None:
+    check = PaceCheck("it", 1000.0)
+
+    def pass_on(first: int, last: int, rate: float) -> None:
+        for tick in range(first, last, 50):
+            time_then = min(tick + 50, 3_600_000) / 1000.0 + max(tick + 50 - 3_600_000, 0) / rate
+            check.add(Block(first_tick=tick, samples=np.zeros((50, 1)), host_time=time_then))
+
+    pass_on(0, 3_600_000, 1000.0)
+    with pytest.raises(InstrumentError, match="so the run was ended"):
+        pass_on(3_600_000, 3_620_000, 900.0)
+
+
+class Late(FramedFar):
+    """Right in the long run, but later and later in the first second and a half, up to half a second."""
+
+    def work(self) -> None:
+        self.speed = 0.7 if time.monotonic() - self._began < 1.5 else 1.0
+        super().work()
+
+
+def test_a_host_that_is_late_during_the_check_does_not_refuse_a_right_instrument(tmp_path: Path) -> None:
+    watcher = Watcher()
+    with Late(frames=10**9, speed=1.0) as far:
+        acquire(plan(2.0, excitation="other"), far.port, tmp_path / "c.h5", watcher.operator)
+        assert far.stopped == 2
+    assert len(read(tmp_path / "c.h5").runs[0]) >= 2000
