@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.score import Score
+from isorig.rig.files.findings import Findings
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -29,7 +29,7 @@ EVIDENCE = (
 )
 
 
-def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, Any]) -> str:
+def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings) -> str:
     """The report of a diagnosis as HTML.
 
     Parameters
@@ -38,7 +38,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         The result of the diagnosis.
     campaign
         The measurement.
-    content
+    findings
         The content of findings.json.
     """
     models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
@@ -46,7 +46,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
     if diagnosis.steps:
         models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
         scores[EXTENDED] = diagnosis.scores[1]
-    said = conclude(content)
+    said = conclude(findings)
     wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["No discrepancy exceeds the noise."]
     frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)
     sections = [
@@ -54,9 +54,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         frf,
         Section(
             title="Parameters of the baseline",
-            tables=[
-                parameters_table(content["baseline"]["parameters"], "Fitted to all runs at once; std: standard uncertainty.")
-            ],
+            tables=[parameters_table(findings.baseline.parameters, "Fitted to all runs at once; std: standard uncertainty.")],
         ),
         Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
         *isolation,
@@ -71,7 +69,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         _budget(diagnosis),
         Section(
             title="Improvement on held-out data",
-            text=[_improvement(diagnosis), content["holdout"]["how"]],
+            text=[_improvement(diagnosis), findings.holdout.how],
             charts=[scores_chart(scores, diagnosis.division.judged)],
         ),
         Section(title="Advice for the next measurement", text=advice(diagnosis)),
@@ -82,7 +80,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         verdict=unbroken(f"{said.answer[0].upper()}{said.answer[1:]}."),
         summary=[said.check] if said.check else [],
         sections=sections,
-        first=_first(diagnosis, campaign, said, content["remarks"], models, scores),
+        first=_first(diagnosis, campaign, said, findings.remarks, models, scores),
     )
     return build_report(report)
 

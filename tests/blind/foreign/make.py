@@ -12,8 +12,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from foreign_campaign import Setting, draw
 from effects import EFFECTS
+from foreign_campaign import Setting, draw
 from rigs import FAMILIES
 
 SEVERITIES = {"full": 1.0, "third": 1.0 / 3.0}

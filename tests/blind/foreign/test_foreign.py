@@ -10,8 +10,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import motion
-from foreign_campaign import Setting, draw
 from effects import EFFECTS
+from foreign_campaign import Setting, draw
 from instrument import CONVERTERS, converted
 from motion import Elongation, Law, Rub, Seen, Spring
 from rigs import FAMILIES
