@@ -25,16 +25,16 @@ class Incoming:
 
     Parameters
     ----------
-    The instrument, which is streaming.
-        Which is streaming.
-    Number of ticks to read.
-        How many to take.
-    Sample rate, Hz.
-        Samples a second, Hz.
-    Seconds for which nothing may arrive.
-        Seconds for which nothing may come.
-    Called continuously, also without blocks; True ends the run.
-        Asked all the time, whether blocks come or not; True ends the run.
+    instrument
+        The instrument, which is streaming.
+    ticks
+        Number of ticks to read.
+    rate
+        Sample rate, Hz.
+    away
+        Seconds for which nothing may arrive; `AWAY` if None.
+    stopped
+        Called continuously, also without blocks; True ends the run.
     """
 
     def __init__(
