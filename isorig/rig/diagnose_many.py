@@ -14,14 +14,17 @@ from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
 from isorig.analysis.parallel import cores
 from isorig.rig.baseline import Baseline
-from isorig.rig.errors import REFUSALS, RigError, TimeLimitError
+from isorig.rig.errors import REFUSALS, PlanError, RigError, TimeLimitError
 from isorig.rig.files.output import cell
+
+if TYPE_CHECKING:
+    from isorig.rig.files.findings import Findings
 
 LOOPBACK = "127.0.0.1:0"
 #: Seconds to wait for a scheduler's file to appear: its processes start concurrently.
@@ -95,7 +98,7 @@ def diagnose_file(
     from isorig.analysis.diagnose.diagnosis import diagnose
     from isorig.analysis.errors import OutOfTimeError
     from isorig.rig.baseline import baseline_model
-    from isorig.rig.files.findings import write_findings
+    from isorig.rig.diagnose.answer import write_answer
     from isorig.rig.files.recording import read
 
     # The processor's time: other work on the computer does not count.
@@ -113,8 +116,8 @@ def diagnose_file(
     except OutOfTimeError as late:
         raise TimeLimitError(f"{late}, before the baseline was fitted; increase it with --seconds") from None
     tell("writing the answer")
-    write_findings(folder, found, campaign, {"baseline": baseline, **fingerprint(file)}, limit=limit, page=page)
-    return _outcome(folder)
+    origin = {"baseline": baseline, **fingerprint(file)}
+    return _outcome(write_answer(folder, found, campaign, origin, limit=limit, page=page))
 
 
 def diagnose_files(
@@ -141,6 +144,8 @@ def diagnose_files(
     tolerance, limit
         As for `diagnose_file`.
     """
+    from isorig.rig.files.findings import read_findings
+
     left = []
     for file, folder in jobs:
         if (
@@ -148,7 +153,7 @@ def diagnose_files(
             and file.is_file()
             and answered(folder, {"baseline": baseline, **fingerprint(file)}, tolerance=tolerance, limit=limit)
         ):
-            yield _outcome(folder)
+            yield _outcome(read_findings(folder))
         else:
             left.append((str(file.resolve()), str(folder.resolve()), baseline, tolerance, limit))
     for job, outcome in shared_out(_answer, left, scheduler):
@@ -299,31 +304,25 @@ def program_version() -> str:
 
 def answered(folder: Path, origin: dict[str, str], *, tolerance: float = 0.0, limit: float | None = None) -> bool:
     """Whether the folder has findings for that baseline, recording, version and tolerance that more time would not change."""
+    from isorig.rig.files.findings import read_findings
+
     try:
-        found = answer_in(folder)
-        enough = not found["cut_short"] or (limit is not None and limit <= found["time_limit_s"])
-        return bool(found["origin"] == origin and found["tolerance"] == tolerance and enough)
-    except (OSError, msgspec.DecodeError, KeyError, TypeError):
+        found = read_findings(folder)
+    except PlanError:
         return False
+    enough = not found.cut_short or (limit is not None and found.time_limit_s is not None and limit <= found.time_limit_s)
+    return found.origin == origin and found.tolerance == tolerance and enough
 
 
-def answer_in(folder: Path) -> dict[str, Any]:
-    """The content of a folder's findings.json, which this program wrote."""
-    found: dict[str, Any] = msgspec.json.decode((folder / "findings.json").read_bytes())
-    return found
-
-
-def _outcome(folder: Path) -> Outcome:
+def _outcome(found: Findings) -> Outcome:
     from isorig.rig.report.conclusion import conclude
 
-    found = answer_in(folder)
     return Outcome(
-        campaign=Path(found["origin"]["recording"]).stem, verdict=found["verdict"],
-        causes="+".join(step["cause"] for step in found["steps"]),
-        locations="+".join(step["location"] for step in found["steps"]),
-        holdout_baseline=found["holdout"]["baseline"], holdout_extended=found["holdout"]["extended"],
-        noise_floor=found["holdout"]["noise_floor"], cut_short=found["cut_short"],
-        doubts=" ".join(doubt["text"] for doubt in found.get("doubts", ())), answer=conclude(found).answer,
+        campaign=Path(found.origin["recording"]).stem, verdict=found.verdict,
+        causes="+".join(step.cause for step in found.steps), locations="+".join(step.location for step in found.steps),
+        holdout_baseline=found.holdout.baseline, holdout_extended=found.holdout.extended,
+        noise_floor=found.holdout.noise_floor, cut_short=found.cut_short,
+        doubts=" ".join(doubt.text for doubt in found.doubts), answer=conclude(found).answer,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.mechanisms.modes import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import solve
-from isorig.analysis.fitting.division import BEGINNING, beginnings, ends
+from isorig.analysis.fitting.division import beginnings, ends
 from isorig.analysis.fitting.solve import Problem, base_parameters, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.built_in import THESIS, wire_bonder
@@ -40,7 +40,7 @@ def test_what_judges_is_kept_from_fits() -> None:
     assert [t.run.id for t in by_beginnings.fits] == ["u7", "u70a", "l70"]
     (judged,) = by_beginnings.judged
     assert judged.fitted == 0
-    assert judged.samples == judged.onset + BEGINNING * judged.sample_rate
+    assert judged.samples == judged.onset + 5.0 * judged.sample_rate  # of the first five seconds
     # What is cut off the record changes nothing of what is left, except within the low-pass's length of the cut.
     whole = next(t for t in ends(trials).judged if t.run.id == "u70b")
     left, same = judged.samples - 50, expected(RIG, whole)

@@ -5,14 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.peak_offset import loaded_frequencies, peak_offset
-from isorig.analysis.isolation.ratio import friction_bound, isolation_ratio, stuck_share
+from isorig.analysis.isolation.ratio import (
+    IsolationRatio,
+    Peaks,
+    Piece,
+    friction_bound,
+    isolated_share,
+    isolation_ratio,
+    stuck_share,
+)
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.parameters.four_set_ups import classic, error_surface
 from isorig.analysis.simulate.compiled import constraint_basis
+from isorig.analysis.spectra.welch import Frf
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 WIDE = (0.5, 400.0)
@@ -62,6 +71,41 @@ def test_without_friction_the_ratio_is_the_closed_form(smooth: tuple[RigModel, C
     (step, std) = found.steps[0]
     assert abs(step - 1.0) < 0.02
     assert std < 0.02
+
+
+def hann_segments(rng: np.random.Generator, segments: int, bins: int) -> ComplexArray:
+    """Spectra of white noise of power 1 through a Hann window: weights -1/4, 1/2, -1/4 over the bins (Harris 1978)."""
+    noise = (rng.normal(size=(segments, bins + 2)) + 1j * rng.normal(size=(segments, bins + 2))) / np.sqrt(2.0)
+    return np.asarray((0.5 * noise[:, 1:-1] - 0.25 * (noise[:, :-2] + noise[:, 2:])) / np.sqrt(0.375))
+
+
+def estimated(rng: np.random.Generator, size: float, error: float, bins: int = 400, segments: int = 40) -> Frf:
+    """H1 estimate of a flat transfer function from segments with noise in the response."""
+    x, noise = hann_segments(rng, segments, bins), size * error * hann_segments(rng, segments, bins)
+    power = (np.abs(x) ** 2).sum(axis=0)
+    value = (np.conj(x) * (size * x + noise)).sum(axis=0) / power
+    std = np.full(bins, size * error / np.sqrt(2.0 * segments))
+    return Frf(
+        response="heatblock", reference="head", frequency=10.0 + 0.25 * np.arange(bins), value=value, magnitude_std=std,
+        phase_std=std / size, coherence=np.ones(bins), averages=float(segments), resolution=0.25, estimator="H1",
+    )  # fmt: skip
+
+
+def test_the_uncertainty_of_the_isolation_is_its_scatter_over_repeated_estimates() -> None:
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(300):
+        unlocked, locked = estimated(rng, 0.2, 0.3), estimated(rng, 1.0, 0.3)
+        ratio = np.abs(unlocked.value) / np.abs(locked.value)
+        std = ratio * 0.05
+        piece = Piece(gain=70.0, band=(10.0, 200.0), unlocked=unlocked, locked=locked, ratio=ratio, std=std)
+        stitched = IsolationRatio(
+            frequency=unlocked.frequency, ratio=ratio, std=std, gain=np.full(len(ratio), 70.0), pieces=(piece,), stitches=(),
+            steps=(), peaks=Peaks(*[np.nan] * 5),
+        )  # fmt: skip
+        found.append(isolated_share(stitched, above=10.0))
+    assert np.mean([each.share for each in found]) == pytest.approx(0.8, abs=0.001)
+    assert np.mean([each.std for each in found]) == pytest.approx(np.std([each.share for each in found]), rel=0.15)
 
 
 def test_the_stitch_is_where_it_is_asked(rubbing: tuple[RigModel, Campaign]) -> None:

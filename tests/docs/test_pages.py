@@ -109,12 +109,13 @@ def test_every_command_is_on_the_first_page() -> None:
 
 
 def test_every_place_that_a_page_names_exists() -> None:
+    # The rooms of the package also have links at the top level, which a clone may lack.
     named = re.compile(r"`((?:analysis|drivers|rig|tests|bench|docs|fixtures_data)/[\w./-]*)`")
     missing = {
         f"{page.name}: {place}"
         for page in [*DOCS.glob("*.md"), ROOT / "README.md"]
         for place in named.findall(page.read_text(encoding="utf-8"))
-        if not (ROOT / place).exists()
+        if not any((start / place).exists() for start in (ROOT, ROOT / "isorig"))
     }
     assert not missing
 

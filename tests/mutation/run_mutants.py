@@ -1,7 +1,7 @@
 """Which changes of the scoring and decision code do the tests notice? Each mutant is one change; a test that fails kills it.
 
     python tests/mutation/run_mutants.py --named      mutants that tests once let through, each by name
-    python tests/mutation/run_mutants.py [FILE ...]   every operator, number and bound of these modules, else of all below
+    python tests/mutation/run_mutants.py [FILE ...]   operators, numbers and bounds of these modules, else of all below
 
 A mutant is run in a process of its own, forked after the libraries have been loaded; nothing on disk changes. Survivors that
 docs/mutants.md does not list with a reason make the run fail.
@@ -25,17 +25,61 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from random import Random
 from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[2]
-QUICK = (
+VERDICT = (
     "tests/analysis/diagnose/test_thresholds.py",
     "tests/analysis/diagnose/test_policy.py",
     "tests/analysis/test_floors.py",
     "tests/analysis/test_scores.py",
 )
+EQUATIONS = ("tests/analysis/equations/test_equations.py",)
+PROPOSALS = ("tests/analysis/proposals/test_proposal_thresholds.py", "tests/analysis/proposals/test_next_choice.py")
+
+
+@dataclass(frozen=True)
+class Covered:
+    """How a module is mutated: the tests that take seconds, and the number of mutants that are drawn; all if None."""
+
+    tests: tuple[str, ...]
+    most: int | None = None
+
+
 #: Modules that score and decide.
-MODULES = ("isorig/analysis/fitting/excess.py", "isorig/analysis/diagnose/policy.py", "isorig/analysis/fitting/score.py")
+MODULES: dict[str, Covered] = {
+    "isorig/analysis/fitting/excess.py": Covered(VERDICT),
+    "isorig/analysis/diagnose/policy.py": Covered(VERDICT),
+    "isorig/analysis/fitting/score.py": Covered(VERDICT),
+    "isorig/drivers/order.py": Covered(("tests/drivers/test_order.py", "tests/drivers/test_framed.py")),
+    "isorig/drivers/frames.py": Covered(("tests/drivers/test_framed.py",)),
+    "isorig/analysis/units.py": Covered(("tests/analysis/test_units.py",)),
+    "isorig/analysis/isolation/ratio.py": Covered(("tests/analysis/test_isolation.py",), 40),
+    "isorig/rig/acquire/run_check.py": Covered(("tests/rig/acquire/test_check.py",)),
+    "isorig/analysis/fitting/division.py": Covered(("tests/analysis/test_fits.py::test_what_judges_is_kept_from_fits",)),
+    "isorig/analysis/fitting/drive_noise.py": Covered(
+        ("tests/analysis/test_characterize.py::test_intervals_hold_the_truth_with_other_noise_than_white",), 8
+    ),
+    "isorig/analysis/trends/cusum.py": Covered(("tests/analysis/trends/test_trends.py",), 40),
+    **{
+        f"isorig/analysis/proposals/{name}.py": Covered(PROPOSALS, 10)
+        for name in ("choice", "hypotheses", "limits", "menu", "policy", "precision", "prediction", "remedies")
+    },
+    **{
+        f"isorig/analysis/equations/{name}.py": Covered(EQUATIONS, 5)
+        for name in (
+            "balances", "columns", "filters", "forms", "hidden", "known", "motion", "ranking", "sliding", "slip", "spectral",
+            "system",
+        )
+    },
+}  # fmt: skip
+#: Seed of the mutants that are drawn: the same ones in each run, so that survivors can be listed.
+SEED = 1
+#: Further tests of named mutants, by module.
+OTHERS: dict[str, tuple[str, ...]] = {
+    "isorig/analysis/diagnose/link_force.py": ("tests/analysis/diagnose/test_link_force.py",),
+}
 #: Seconds after which a mutant counts as noticed: it runs for ever.
 TIMEOUT = 120
 #: Where survivors stand with the reason.
@@ -44,11 +88,12 @@ LISTED = ROOT / "docs" / "mutants.md"
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of one module; `source` writes the changed text."""
+    """A change of one module; `source` writes the changed text, `tests` may notice it."""
 
     file: str
     name: str
     source: Callable[[], str]
+    tests: tuple[str, ...]
 
 
 #: Changes that no test noticed once: what, where, the text and what it becomes.
@@ -87,6 +132,22 @@ NAMED = (
         "a plainly larger error is no other answer", "isorig/analysis/diagnose/policy.py",
         "    if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):\n        return False\n", "",
     ),
+    (
+        "samples may arrive fifty times as fast", "isorig/drivers/order.py",
+        "SLACK, FASTER = 1.0, 2.0", "SLACK, FASTER = 1.0, 50.0",
+    ),
+    (
+        "a clock agrees within ten times its resolution", "isorig/drivers/order.py", "LOOSE, EXACT = (2.0, 0.005)",
+        "LOOSE, EXACT = (20.0, 0.05)",
+    ),
+    (
+        "the sign of a link's force is always 1", "isorig/analysis/diagnose/link_force.py",
+        "sign=1.0 if link.a in beyond else -1.0", "sign=1.0",
+    ),
+    ("neighbouring bins count as independent", "isorig/analysis/isolation/ratio.py", "TIED = 2.0", "TIED = 1.0"),
+    ("a contact sticks below a fiftieth", "isorig/rig/acquire/run_check.py", "STUCK = 0.2", "STUCK = 0.02"),
+    ("a second of a run is its beginning", "isorig/analysis/fitting/division.py", "BEGINNING = 5.0", "BEGINNING = 1.0"),
+    ("a Gal is ten times as large", "isorig/analysis/units.py", '"Gal": 0.01}', '"Gal": 0.1}'),
 )  # fmt: skip
 
 COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
@@ -113,7 +174,14 @@ def mutants_of(file: str) -> Iterator[Mutant]:
             if ast.unparse(changed) == ast.unparse(node):
                 continue
             name = f"{where}: `{ast.unparse(node)}` -> `{ast.unparse(changed)}`"
-            yield Mutant(file, name, partial(_swapped, tree, node, changed))
+            yield Mutant(file, name, partial(_swapped, tree, node, changed), MODULES[file].tests)
+
+
+def drawn(file: str) -> list[Mutant]:
+    """The mutants of a module that are tried: all, or those drawn, in the order of the code."""
+    made, most = list(mutants_of(file)), MODULES[file].most
+    chosen = range(len(made)) if most is None or most >= len(made) else sorted(Random(SEED).sample(range(len(made)), most))
+    return [made[k] for k in chosen]
 
 
 def _swapped(tree: ast.Module, old: ast.expr, new: ast.expr) -> str:
@@ -206,7 +274,7 @@ def killer(mutant: Mutant) -> str:
             import pytest
 
             sys.meta_path.insert(0, _Loader(mutant))
-            code = pytest.main(["-x", "-q", "--no-header", "-p", "no:cacheprovider", *QUICK])
+            code = pytest.main(["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-m", "not study", *mutant.tests])
         found = re.search(r"^(?:FAILED|ERROR) (\S+)", text.getvalue(), re.MULTILINE)
         os.write(writing, (found[1] if found else "" if code == 0 else f"pytest ends with {int(code)}").encode())
         os._exit(0)
@@ -224,7 +292,8 @@ def named() -> list[Mutant]:
         source = (ROOT / file).read_text(encoding="utf-8")
         if source.count(old) != 1:
             sys.exit(f"{file} has {source.count(old)} times the text {old!r}; correct the table NAMED")
-        found.append(Mutant(file, name, partial(source.replace, old, new)))
+        tests = OTHERS.get(file) or (MODULES[file].tests if file in MODULES else VERDICT)
+        found.append(Mutant(file, name, partial(source.replace, old, new), tests))
     return found
 
 
@@ -232,8 +301,8 @@ def main(arguments: Sequence[str]) -> int:
     """Run the mutants; status 1 where one survives that is not listed."""
     os.chdir(ROOT)
     by_name = "--named" in arguments
-    files = [argument for argument in arguments if argument.endswith(".py")] or MODULES
-    chosen = named() if by_name else [m for file in files for m in mutants_of(file)]
+    files = [argument for argument in arguments if argument.endswith(".py")] or [*MODULES]
+    chosen = named() if by_name else [m for file in files for m in drawn(file)]
     for library in ("hypothesis", "msgspec", "numba", "numpy", "pytest", "scipy.signal", "scipy.interpolate", "scipy.linalg"):
         importlib.import_module(library)
     listed = LISTED.read_text(encoding="utf-8") if LISTED.exists() else ""

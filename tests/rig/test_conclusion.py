@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.mechanisms import CATALOGUE
@@ -17,36 +18,24 @@ from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, sized
 from isorig.rig.cli import main
+from isorig.rig.diagnose.coverage import PERIODS, missing
+from isorig.rig.files.findings import NamedCause, read_findings
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
 from isorig.rig.prediction import predicted
 from isorig.rig.report.conclusion import CAUSES, cause_in_words, conclude, in_per_cent
-from isorig.rig.report.coverage import PERIODS, missing
 from isorig.rig.report.sections import unbroken
 from isorig.rig.transfer import transfer_functions
 from isorig.rig.virtual.described import described_campaign
 
 MECHANISMS = Path(__file__).resolve().parents[2] / "isorig" / "analysis" / "diagnose" / "mechanisms"
+DOUBT = {"parameter": "sensors", "kind": "unit", "ratio": 9.81, "text": "Doubtful unit."}
 
 
-def findings(**more: Any) -> dict[str, Any]:
-    """Findings of play in a coupling."""
-    step = {
-        "cause": "backlash", "location": "coupling", "kind": "spring_shape", "form": "backlash", "closest_form": None,
-        "parameters": {
-            "clearance": {"value": 0.00025, "std": 1.5e-7, "unit": "m"}, "residual": {"value": 0.0, "std": 0.01, "unit": "1"},
-        },
-    }  # fmt: skip
-    errors = {"end_stop": 0.3, "hardening_stiffness": 0.12, "softening_stiffness": 0.2, "stiffness_drift": 0.34}
-    out = [
-        {"cause": cause, "location": "coupling", "holdout_error": error, "standing": "ruled out"}
-        for cause, error in errors.items()
-    ]
-    return {
-        "verdict": "explained", "doubts": [], "cut_short": False, "steps": [step], "candidates": out, "indistinguishable": [],
-        "holdout": {"baseline": 0.35, "extended": 0.013, "noise_floor": 0.012}, **more,
-    }  # fmt: skip
+def step(**more: Any) -> NamedCause:
+    """A step of the findings of play in a coupling."""
+    return msgspec.convert(named(**more), NamedCause)
 
 
 def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
@@ -70,7 +59,7 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
         ({"verdict": "unexplained", "steps": []}, ["no place and kind of cause is certain", "rig next out"]),
         ({"verdict": "partly explained"}, ["partly explained: play of", "rig next out"]),
         ({"cut_short": True}, ["the time limit ended the search", "--seconds"]),
-        ({"doubts": [{"text": "Doubtful unit."}]}, ["given values first: Doubtful unit.", "diagnose again"]),
+        ({"doubts": [DOUBT]}, ["given values first: Doubtful unit.", "diagnose again"]),
         (
             {"indistinguishable": [[{"cause": "backlash", "location": "coupling"}, {"cause": "end_stop", "location": "mount"}]]},
             ["Not distinguishable from it by these runs: end stop at the mount.", "rig next out"],
@@ -83,12 +72,12 @@ def test_every_verdict_says_what_to_do(more: dict[str, Any], words: list[str]) -
 
 
 def test_a_kind_without_a_form_is_named_with_the_closest_form() -> None:
-    step = {**findings()["steps"][0], "cause": "spring_shape", "form": None, "parameters": {}}
+    without = {"cause": "spring_shape", "form": None, "level": "kind", "parameters": {}}
     closest = {"cause": "softening_stiffness", "share": 0.7}
-    assert cause_in_words({**step, "closest_form": closest}) == (
+    assert cause_in_words(step(**without, closest_form=closest)) == (
         "a nonlinear spring force over deflection at the coupling, closest to softening stiffness"
     )
-    assert cause_in_words(step).endswith("at the coupling, of no catalogued form")
+    assert cause_in_words(step(**without)).endswith("at the coupling, of no catalogued form")
 
 
 def test_every_catalogued_cause_has_a_phrase_of_its_own_parameters() -> None:
@@ -100,9 +89,11 @@ def test_every_catalogued_cause_has_a_phrase_of_its_own_parameters() -> None:
 
 
 def test_a_cause_without_a_phrase_lists_its_parameters() -> None:
-    step = {"cause": "worn_gear", "location": "mount", "kind": "memory", "form": "worn_gear", "parameters": {
-        "tooth_gap": {"value": 2e-5, "std": 1e-6, "unit": "m"}}}  # fmt: skip
-    assert cause_in_words(step) == "worn gear at the mount, tooth gap 20.0 ± 1.0 µm"
+    worn = {"cause": "worn_gear", "location": "mount", "kind": "memory", "form": "worn_gear"}
+    gap = {"value": 2e-5, "std": 1e-6, "unit": "m"}
+    assert cause_in_words(step(**worn, parameters={"tooth_gap": gap})) == "worn gear at the mount, tooth gap 20.0 ± 1.0 µm"
+    unknown = {"tooth_gap": {**gap, "std": None}, "wear": {"value": None, "std": None, "unit": "1"}}
+    assert cause_in_words(step(**worn, parameters=unknown)) == "worn gear at the mount, tooth gap 20 µm, wear not available"
 
 
 @pytest.mark.parametrize("unit", SIZED)
@@ -185,11 +176,11 @@ def test_findings_of_the_command_agree_with_its_last_words(tmp_path: Path, capsy
     write(tmp_path / "c.h5", described_campaign(given, seed=2, seconds=6.0))
     assert main(["diagnose", str(tmp_path / "c.h5"), "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
-    found = json.loads((tmp_path / "out" / "findings.json").read_text())
+    found = read_findings(tmp_path / "out")
     conclusion = conclude(found, str(tmp_path / "out"))
     assert f"c: {conclusion.answer}\n" in said
     assert said.rstrip().endswith(conclusion.next)
-    assert all(remark in said for remark in found["remarks"])
+    assert all(remark in said for remark in found.remarks)
     page = (tmp_path / "out" / "report.html").read_text()
     first = page[: page.index("<main>")]
     assert conclude(found).found[1:] in first

@@ -116,6 +116,8 @@ def wins(best: FloatArray, rivals: Sequence[FloatArray], *, draws: int = 1000) -
     ----------
     best, rivals
         Square errors by independent unit (run, or block of time if there are few runs), shape (units,).
+    draws
+        Number of resamplings.
     """
     if not rivals:
         return 1.0
@@ -133,6 +135,8 @@ def form_stands(before: FloatArray, shape: FloatArray, form: FloatArray, floors:
         Errors without either, with the free shape and with the form, shape (runs, channels).
     floors
         Shape (runs, channels).
+    policy
+        The thresholds.
     """
     if share_removed(before, form, floors) < policy.form_share * share_removed(before, shape, floors):
         return False
@@ -153,6 +157,8 @@ def rivals_alike(best: FloatArray, rival: FloatArray, floors: FloatArray, behind
         Shape (runs, channels).
     behind
         Difference in standard errors over blocks by which the rival is worse.
+    policy
+        The thresholds.
     """
     adequate = is_adequate(best, floors, policy.enough)
     if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):
@@ -171,6 +177,8 @@ def explains_own_channel(
         Errors without and with the fault, shape (runs, channels).
     own
         Columns of the faulty sensors' channels; empty for a cause that is not a sensor fault.
+    policy
+        The thresholds.
     """
     if not own:
         return True
@@ -192,6 +200,8 @@ def more_draws(worst: float, draws: Sequence[float], policy: Policy = POLICY) ->
         The error, relative to its floor.
     draws
         The same of the data simulated so far.
+    policy
+        The thresholds.
     """
     if not draws:
         return True
@@ -264,6 +274,8 @@ def verdict(
         The adequacy threshold for these data.
     tolerance
         Error that counts as adequate.
+    policy
+        The thresholds.
     """
     first = stages[0].error
     if is_adequate(first, floors, enough, tolerance):

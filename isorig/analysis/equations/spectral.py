@@ -164,6 +164,8 @@ class Prepared:
             Their spectra by run, shape (columns, segments, bins).
         penalty
             Quadratic form of the columns' coefficients, for residuals in multiples of what is allowed; None for none.
+        held_out
+            Whether the residual is that of the other segments; otherwise all segments determine both.
         """
         p = len(self.rows)
         matrix = self.spectra.matrix(self.rows)

@@ -119,7 +119,9 @@ def stroke_study(
     frequencies
         Isolation frequencies to try, ascending, Hz.
     head
-        The drive, shape (n,), m/s^2 at `sample_rate` Hz.
+        The drive, shape (n,), m/s^2.
+    sample_rate
+        Of the drive, Hz.
     limit
         Largest stroke in either direction, m.
     safety

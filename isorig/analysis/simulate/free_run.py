@@ -202,12 +202,18 @@ def run_rig(
     modes: IntArray | None = None,
     log: FloatArray | None = None,
 ) -> tuple[int, Compiled]:
-    """Simulate a rig under its true drives with steps of `h` seconds; return the number of changes of state, and the arrays used.
+    """Simulate a rig under its true drives; return the number of changes of state, and the arrays used.
 
     Parameters
     ----------
+    model, configuration
+        The rig, and the name of its configuration.
     drive
         See `true_fine`, shape (drives, steps); (steps,) if there is one.
+    h
+        Duration of a step, s.
+    start_time
+        Time of the first step since the start of the campaign, s.
     sense, out
         Rows on the coordinates and their speeds, (sensors, 2 n), and the array for their values, (sensors, steps).
     begun

@@ -406,13 +406,17 @@ def run(
     Parameters
     ----------
     u
-        The drive, shape (n,); a fine step has `cuts` steps of `step` seconds, the first at `t0`.
+        The drive, shape (n,).
     more
         Further drives, shape (drives - 1, n).
     peaks
         Largest magnitude of each drive, shape (drives,).
     start, mode
         Initial coordinates (m) and speeds (m/s), shape (2 n,), and the initial mode.
+    cuts
+        Number of steps of the rig in a step of the drive.
+    t0
+        Time of the first step since the start of the campaign, s.
     rig
         The rig for these steps.
     sense

@@ -32,7 +32,7 @@ class Incoming:
     rate
         Sample rate, Hz.
     away
-        Seconds for which nothing may arrive.
+        Seconds for which nothing may arrive; `AWAY` if None.
     stopped
         Called continuously, also without blocks; True ends the run.
     """

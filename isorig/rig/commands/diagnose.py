@@ -92,12 +92,12 @@ def _say(outcome: Outcome, folder: Path) -> None:
 
 
 def _say_all(outcome: Outcome, folder: Path) -> None:
-    from isorig.rig.diagnose_many import answer_in
+    from isorig.rig.files.findings import read_findings
     from isorig.rig.report.conclusion import conclude
 
-    found = answer_in(folder)
+    found = read_findings(folder)
     said = conclude(found, str(folder))
     _say(outcome, folder)
-    for sentence in (said.ruled_out, *found["remarks"], said.next):
+    for sentence in (said.ruled_out, *found.remarks, said.next):
         if sentence:
             print(sentence)

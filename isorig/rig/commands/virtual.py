@@ -97,7 +97,7 @@ def instrument(
 
     It uses the protocol of its kind, so rig acquire --port, or any program with that protocol, can measure with it. A framed
     instrument plays the drive that it receives; the other kinds measure a rig with a random drive, at speed 1 unless another is
-    given.
+    given. A fault (from drop to ppm) that an instrument of that kind does not support is refused.
 
     Example: rig virtual instrument --kind di1100
 
@@ -128,8 +128,6 @@ def instrument(
         Listen on a TCP port of the loopback interface instead of a pseudo-terminal, for systems that have none.
     hide, size
         An effect hidden in the rig of a framed instrument, and its size; as for rig virtual campaign.
-
-    A fault (from drop to ppm) that an instrument of that kind does not support is refused.
     """
     from isorig.analysis.model.built_in import wire_bonder
     from isorig.drivers.simulated.faults import Faults

@@ -17,6 +17,7 @@ from isorig.analysis.campaign import Campaign, FloatArray, Run
 from isorig.rig.errors import PlanError
 from isorig.rig.exchange.table import STREAMED
 from isorig.rig.exchange.uff import FREQUENCY, REFERENCE, RESPONSE, TIME
+from isorig.rig.files.findings import Findings
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import cell, replaced
 from isorig.rig.files.recording import GAIN
@@ -56,6 +57,12 @@ def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
     )  # fmt: skip
 
 
+class ParameterRows(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-parameters"):
+    """The rows of a parameters.json by name, with all their columns."""
+
+    parameters: dict[str, dict[str, str | int | float | None]]
+
+
 def parameters_frame(path: Path) -> pd.DataFrame:
     """The table of a parameters.json, or the baseline's parameters of a findings.json.
 
@@ -65,23 +72,18 @@ def parameters_frame(path: Path) -> pd.DataFrame:
         The file is neither.
     """
     try:
-        content = msgspec.json.decode(content_of(path))
+        found = msgspec.json.decode(content_of(path), type=Findings | ParameterRows)
     except OSError as error:
         raise PlanError(f"{path} cannot be read ({error.strerror}); give a parameters.json or a findings.json") from None
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise PlanError(f"{path} is not JSON ({error}); give a parameters.json or a findings.json") from None
-    kind = content.get("format") if isinstance(content, dict) else None
-    try:
-        table = content["parameters"] if kind == "rig-parameters" else content["baseline"]["parameters"]
-        rows = [{"name": name, **row} for name, row in table.items()]
-        if any(not isinstance(value, str | int | float | None) for row in rows for value in row.values()):
-            raise PlanError(
-                f"{path} has a parameter that is neither a number nor text; give a file that rig characterize or diagnose wrote"
-            )
-    except (KeyError, TypeError, AttributeError):
-        rows = []
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise PlanError(f"{path} contains no parameter table ({error}); give a parameters.json or a findings.json") from None
+    rows: list[dict[str, Any]] = (
+        [{"name": name, **msgspec.structs.asdict(row)} for name, row in found.baseline.parameters.items()]
+        if isinstance(found, Findings)
+        else [{"name": name, **row} for name, row in found.parameters.items()]
+    )
     if not rows:
-        raise PlanError(f"{path} contains no parameter table (its format is {kind!r}); give a parameters.json or a findings.json")
+        raise PlanError(f"{path} contains no parameter table (it is empty); give a parameters.json or a findings.json")
     return pd.DataFrame(rows)
 
 

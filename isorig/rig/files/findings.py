@@ -1,161 +1,284 @@
-"""A diagnosis as files for other programs: findings.json, the two models, the report."""
+"""findings.json: the answer of a diagnosis for other programs, as one type that writes and reads it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import msgspec
 
-from isorig.analysis.campaign import Campaign
-from isorig.analysis.diagnose.budget import Budget
-from isorig.analysis.diagnose.diagnosis import Diagnosis
-from isorig.analysis.diagnose.step import Curve, Step
-from isorig.analysis.fitting.solve import Fit
-from isorig.analysis.model.parameter_units import physical_parameters, unit_of
-from isorig.rig.files.models import write_model
-from isorig.rig.files.output import write_json, write_text
-from isorig.rig.files.rivals import write_rivals
-from isorig.rig.report.coverage import missing
-from isorig.rig.report.diagnosis import diagnosis_page
+from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.rig.errors import PlanError
+from isorig.rig.files.inputs import content_of
+from isorig.rig.files.output import write_json
+
+NAME = "findings.json"
+AGAIN = "diagnose the recording again with this version of the program"
+
+#: A computed number; null in the file where it is not available.
+Number = float | None
+Interval = tuple[Number, Number]
+Verdict = Literal["adequate", "explained", "partly explained", "unexplained"]
 
 
-def findings(
-    diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str], limit: float | None = None
-) -> dict[str, Any]:  # fmt: skip
-    """The content of findings.json; `limit` is the given time limit, s.
+class Value(msgspec.Struct, frozen=True, kw_only=True):
+    """A value with its standard uncertainty and unit."""
 
-    The baseline of a rig with its own description is that description, whatever friction it has.
+    value: Number
+    std: Number
+    unit: str
+
+
+class HeldValue(msgspec.Struct, frozen=True, kw_only=True):
+    """A parameter of a law that no fit changes, with its unit."""
+
+    value: Number
+    unit: str
+
+
+class Share(msgspec.Struct, frozen=True, kw_only=True):
+    """A share with its 95 % interval."""
+
+    value: Number
+    low: Number
+    high: Number
+
+
+class DoubtfulValue(msgspec.Struct, frozen=True, kw_only=True):
+    """An implausible unit, channel or given value, to be checked first."""
+
+    parameter: str
+    kind: Literal["swapped", "sign", "unit", "decade", "limit"]
+    ratio: Number
+    text: str
+
+
+class FittedBaseline(msgspec.Struct, frozen=True, kw_only=True):
+    """The baseline's name ("description" for a rig with its own) and fitted parameters by path."""
+
+    name: str
+    parameters: dict[str, Value]
+
+
+class FittedExtension(msgspec.Struct, frozen=True, kw_only=True):
+    """The fitted parameters of the extended model by path."""
+
+    parameters: dict[str, Value]
+
+
+class Misfit(msgspec.Struct, frozen=True, kw_only=True):
+    """A discrepancy between simulation and measurement: its place, its size and that of noise alone as shares of the signal."""
+
+    channel: str
+    configuration: str
+    gain: float
+    run: str
+    band_hz: tuple[float, float]
+    what: Literal["frf", "time", "coherence", "ratio"]
+    size: Number
+    noise: Number
+    text: str
+
+
+class Adequacy(msgspec.Struct, frozen=True, kw_only=True):
+    """The baseline's largest ratio of error to allowed error, its threshold, and that of simulated data if it was needed."""
+
+    worst: Number
+    threshold: Number
+    baseline_rig: Number
+    how: str
+
+
+class ClosestForm(msgspec.Struct, frozen=True, kw_only=True):
+    """The catalogued form that came closest to a free shape, and its share of the excess error."""
+
+    cause: str
+    share: Number
+
+
+class FreeShape(msgspec.Struct, frozen=True, kw_only=True):
+    """A curve chosen by the data: (position, value, std), ascending, and the range that the runs cover."""
+
+    over: Literal["deflection", "speed", "position", "time"]
+    unit: str
+    value_unit: str
+    points: list[tuple[float, Number, Number]]
+    reached: tuple[float, float]
+
+
+class OtherCause(msgspec.Struct, frozen=True, kw_only=True):
+    """A fitted rival of a named cause."""
+
+    cause: str
+    location: str
+    holdout_error: Number
+
+
+class NamedCause(msgspec.Struct, frozen=True, kw_only=True):
+    """A step of the answer: a place with a kind, and a form if one was earned; `curve` only where a free shape was fitted."""
+
+    cause: str
+    location: str
+    kind: Kind
+    form: str | None
+    closest_form: ClosestForm | None
+    level: Literal["form", "kind"]
+    share: Share
+    curve: FreeShape | msgspec.UnsetType = msgspec.UNSET
+    parameters: dict[str, Value]
+    held: dict[str, HeldValue] = {}
+    confidence: Number
+    rivals: list[OtherCause]
+    evidence: list[str]
+    holdout_error_before: Number
+    holdout_error_after: Number
+
+
+class TriedCause(msgspec.Struct, frozen=True, kw_only=True):
+    """A considered cause with its status; error and share are null if it was not fitted."""
+
+    cause: str
+    kind: Kind
+    location: str
+    holdout_error: Number
+    share: Number
+    standing: Literal["established", "main contributor", "one of several", "ruled out", "not tested"]
+    why: str
+
+
+class ErrorBudget(msgspec.Struct, frozen=True, kw_only=True):
+    """Shares of a model's held-out error power by nature, which sum to 1."""
+
+    noise: Share
+    disturbance: Share
+    linear: Share
+    amplitude: Share
+    time: Share
+    unassigned: Share
+    by_channel: dict[str, dict[str, Number]]
+    by_configuration: dict[str, dict[str, Number]]
+    how: str
+
+
+class Budgets(msgspec.Struct, frozen=True, kw_only=True):
+    """The error budgets of both models."""
+
+    baseline: ErrorBudget
+    extended: ErrorBudget
+
+
+class CauseAt(msgspec.Struct, frozen=True, kw_only=True):
+    """A cause at a place."""
+
+    cause: str
+    location: str
+
+
+class HeldOut(msgspec.Struct, frozen=True, kw_only=True):
+    """Held-out errors of both models and of noise alone, as shares of the signal, with 95 % intervals."""
+
+    baseline: float
+    extended: float
+    noise_floor: float
+    baseline_interval: Interval
+    extended_interval: Interval
+    removed: Number
+    removed_interval: Interval
+    interval: str
+    how: str
+
+
+class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-findings"):
+    """The answer of a diagnosis.
+
+    Parameters
+    ----------
+    format_version
+        Version of the file format.
+    origin
+        The baseline's name, the recording's name and hash, and this program's version, as far as known.
+    doubts
+        Implausible units, channels and given values, to be checked first.
+    verdict
+        In which of four ways the diagnosis ended.
+    baseline, extended
+        Fitted parameters of both models.
+    discrepancies
+        What the baseline gets wrong.
+    evidence
+        Signs in the records, before any cause is fitted, as sentences.
+    remarks
+        What the recording lacks, as sentences.
+    adequacy
+        How the baseline was judged.
+    tolerance
+        Error, as a share of the signal, that counts as adequate.
+    cut_short
+        Whether the time limit ended the search for causes.
+    time_limit_s
+        The given time limit, s; None for none.
+    steps
+        The named causes, largest first.
+    candidates
+        All considered causes.
+    budget
+        Composition of the errors.
+    indistinguishable
+        Sets of causes that these runs cannot distinguish, each with the named one first.
+    holdout
+        Held-out errors.
     """
-    name = "description" if campaign.description is not None else origin["baseline"]
-    return {
-        "format": "rig-findings",
-        "format_version": 2,
-        "origin": dict(origin),
-        "doubts": [msgspec.to_builtins(doubt) for doubt in diagnosis.doubts],
-        "verdict": diagnosis.verdict,
-        "baseline": {"name": name, "parameters": parameters(diagnosis.baseline)},
-        "extended": {"parameters": parameters(diagnosis.extended)},
-        "discrepancies": [
-            {
-                "channel": d.channel, "configuration": d.configuration, "gain": d.gain, "run": d.run,
-                "band_hz": list(d.band_hz), "what": d.what, "size": d.size, "noise": d.noise, "text": d.text,
-            }
-            for d in diagnosis.discrepancies
-        ],
-        "evidence": [sign.text for sign in diagnosis.signs],
-        "remarks": missing(campaign, diagnosis.baseline.model),
-        "adequacy": {
-            "worst": diagnosis.worst, "threshold": diagnosis.enough, "baseline_rig": diagnosis.calibration,
-            "how": "Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in "
-            "cases of doubt the threshold is 1.2 times the largest such ratio of data simulated with the baseline and its noise.",
-        },
-        "tolerance": diagnosis.tolerance,
-        "cut_short": diagnosis.cut_short,
-        "time_limit_s": limit,
-        "steps": [_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
-        "candidates": [msgspec.to_builtins(candidate) for candidate in diagnosis.considered],
-        "budget": {name: _budget(each) for name, each in zip(("baseline", "extended"), diagnosis.budgets, strict=True)},
-        "indistinguishable": [
-            [_place(step.cause, step.location), *(_place(*key) for key in step.indistinguishable)]
-            for step in diagnosis.steps
-            if step.indistinguishable
-        ],
-        "holdout": {
-            "baseline": diagnosis.baseline_error,
-            "extended": diagnosis.extended_error,
-            "noise_floor": diagnosis.floor,
-            "baseline_interval": list(diagnosis.improvement.before),
-            "extended_interval": list(diagnosis.improvement.after),
-            "removed": diagnosis.improvement.removed if diagnosis.steps else 0.0,
-            "removed_interval": list(diagnosis.improvement.removed_interval),
-            "interval": "95 % of 400 draws of held-out blocks (bootstrap)",
-            "how": f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
-        },
-    }  # fmt: skip
+
+    format_version: Literal[2] = 2
+    origin: dict[str, str]
+    doubts: list[DoubtfulValue]
+    verdict: Verdict
+    baseline: FittedBaseline
+    extended: FittedExtension
+    discrepancies: list[Misfit]
+    evidence: list[str]
+    remarks: list[str]
+    adequacy: Adequacy
+    tolerance: float
+    cut_short: bool
+    time_limit_s: float | None
+    steps: list[NamedCause]
+    candidates: list[TriedCause]
+    budget: Budgets
+    indistinguishable: list[list[CauseAt]]
+    holdout: HeldOut
 
 
-def parameters(fitted: Fit) -> dict[str, Any]:
-    """Fitted values with standard uncertainties and units, by path."""
-    std = fitted.std
-    return {
-        path: {"value": value, "std": std[path], "unit": unit_of(path, fitted.model)} for path, value in fitted.values.items()
-    }
+def as_read(findings: Findings) -> Findings:
+    """The findings as a reader of the file gets them: a number that is not finite becomes None.
 
-
-def _budget(budget: Budget) -> dict[str, Any]:
-    shares = {name: dict(zip(("value", "low", "high"), share, strict=True)) for name, share in budget.shares.items()}
-    return {
-        **shares,
-        "by_channel": {name: dict(shares) for name, shares in budget.by_channel.items()},
-        "by_configuration": {name: dict(shares) for name, shares in budget.by_configuration.items()},
-        "how": budget.how,
-    }
-
-
-def _curve(curve: Curve) -> dict[str, Any]:
-    return {
-        "over": curve.over, "unit": curve.unit, "value_unit": curve.value_unit,
-        "points": [list(point) for point in curve.points], "reached": list(curve.reached),
-    }  # fmt: skip
-
-
-def held(step: Step, fitted: Fit) -> dict[str, tuple[float, str]]:
-    """Values and units of the parameters of a step's law that no fit changes, by name."""
-    laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
-    fixed = [path for path in physical_parameters(fitted.model) if path.rpartition(".")[0] in laws]
-    return {
-        path.rpartition(".")[2]: (fitted.model.get(path), unit_of(path, fitted.model))
-        for path in fixed
-        if path not in fitted.values
-    }
-
-
-def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> dict[str, Any]:
-    return {
-        "cause": step.cause,
-        "location": step.location,
-        "kind": step.kind,
-        "form": step.form,
-        "closest_form": {"cause": step.closest[0], "share": step.closest[1]} if step.closest else None,
-        "level": "form" if step.form else "kind",
-        "share": dict(zip(("value", "low", "high"), share, strict=True)),
-        **({"curve": _curve(step.curve)} if step.curve else {}),
-        "parameters": {k: {"value": v, "std": s, "unit": u} for k, (v, s, u) in step.parameters.items()},
-        "held": {name: {"value": value, "unit": u} for name, (value, u) in held(step, fitted).items()},
-        "confidence": step.confidence,
-        "rivals": [msgspec.to_builtins(rival) for rival in step.rivals],
-        "evidence": list(step.evidence),
-        "holdout_error_before": step.before,
-        "holdout_error_after": step.after,
-    }
-
-
-def _place(cause: str, location: str) -> dict[str, str]:
-    return {"cause": cause, "location": location}
-
-
-def write_findings(
-    folder: Path,
-    diagnosis: Diagnosis,
-    campaign: Campaign,
-    origin: Mapping[str, str],
-    *,
-    limit: float | None = None,
-    page: bool = True,
-) -> None:
-    """Write the contract's four files into a folder, and rivals.json; without report.html if no page is requested.
-
-    `origin` is the source of the findings: the baseline's name, the recording's name and hash, this program's version;
-    `limit` is the given time limit, s.
+    Raises
+    ------
+    msgspec.ValidationError
+        A value is not one that the file format allows.
     """
-    content = findings(diagnosis, campaign, origin, limit)
-    began = min((run.started for run in campaign.runs if run.started is not None), default=None)
-    html = diagnosis_page(diagnosis, campaign, content) if page else None
-    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=began, fitted=diagnosis.baseline.free)
-    write_model(folder / "model.json", diagnosis.extended.model, origin=began, fitted=diagnosis.extended.free)
-    write_rivals(folder, diagnosis, campaign, origin)
-    if html is not None:
-        write_text(folder / "report.html", html)
-    write_json(folder / "findings.json", content)
+    return msgspec.json.decode(msgspec.json.encode(findings), type=Findings)
+
+
+def write_findings(folder: Path, findings: Findings) -> Path:
+    """Write findings.json into a folder; returns its path."""
+    return write_json(folder / NAME, findings)
+
+
+def read_findings(folder: Path) -> Findings:
+    """Read the findings.json of a folder.
+
+    Raises
+    ------
+    PlanError
+        The folder contains no findings, damaged ones, or those of another version.
+    """
+    path = folder / NAME
+    try:
+        return msgspec.json.decode(content_of(path), type=Findings)
+    except FileNotFoundError:
+        raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
+    except OSError as error:
+        raise PlanError(f"{path} cannot be read ({error.strerror}); give the folder that rig diagnose -o wrote") from None
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise PlanError(f"{path} is damaged or of another version ({error}); {AGAIN}") from None

@@ -134,7 +134,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
     Raises
     ------
-    In one sentence: the fault of the file, and what to do.
+    RecordingError
         In one sentence: what is wrong with the file, and what to do.
     """
     begin, identity = _begin(path)

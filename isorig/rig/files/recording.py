@@ -90,7 +90,7 @@ def open_recording(path: str | Path) -> Iterator[Campaign]:
 
     Raises
     ------
-    In one sentence, with the run, the channel, the value found and what to do.
+    RecordingError
         In one sentence, naming the run, the channel, the value found and what to do.
 
     Examples

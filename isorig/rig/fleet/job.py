@@ -5,17 +5,17 @@ from __future__ import annotations
 import contextlib
 import errno
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from isorig.analysis.diagnose.kinds import FORMS
 from isorig.rig.baseline import Baseline
 from isorig.rig.diagnose_many import answered, diagnose_file, program_version
-from isorig.rig.errors import REFUSALS, OutputError, RigError, TimeLimitError
+from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError, TimeLimitError
+from isorig.rig.files.findings import NamedCause, Value, read_findings
 from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Answer, Catalogue, Parameter
 
 #: Errors for missing disk space or quota.
@@ -118,54 +118,49 @@ def from_findings(folder: Path, blank: Answer) -> Answer:
         They are not the output of a diagnosis.
     """
     try:
-        found = msgspec.json.decode((folder / "findings.json").read_bytes())
+        found = read_findings(folder)
         began = msgspec.json.decode((folder / "baseline.json").read_bytes()).get("origin")
-        steps = found["steps"]
-        names = [f"{step['cause']} at {step['location']}" for step in steps]
-        alike = {f"{x['cause']} at {x['location']}" for group in found["indistinguishable"] for x in group}
-        alike |= {name for step in steps for name in _same(step)}
-        # A cause biases the values of a model without it: with a cause they are those of the model that has it, as far as the
-        # baseline has them, too.
-        own = found["baseline"]["parameters"]
-        if steps:
-            extended = found["extended"]["parameters"]
-            own = {name: extended[name] for name in own if name in extended}
-        rows = [_parameter(name, row) for name, row in own.items()]
-        rows += [
-            _parameter(f"{step['cause']}.{step['location']}.{name}", row)
-            for step in steps
-            for name, row in (step.get("parameters") or {}).items()
-        ]
-        reason = ""
-        if found["cut_short"]:
-            rows.append(_limit(found["time_limit_s"]))
-            reason = f"the time limit of {found['time_limit_s']:g} s ended the search for causes before all were tried"
-        return msgspec.structs.replace(
-            blank, verdict=str(found["verdict"]), cause=" + ".join(names), alike=" + ".join(sorted(alike)), reason=reason,
-            started=None if began is None else datetime.fromisoformat(began),
-            parameters=tuple(row for row in rows if row is not None),
-        )  # fmt: skip
-    except (OSError, msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        started = None if began is None else datetime.fromisoformat(began)
+    except (PlanError, OSError, msgspec.DecodeError, TypeError, ValueError, AttributeError) as error:
         raise RigError(
             f"{folder} does not contain the output of a diagnosis ({error}); remove it and update again with --again"
         ) from None
+    names = [f"{step.cause} at {step.location}" for step in found.steps]
+    alike = {f"{x.cause} at {x.location}" for group in found.indistinguishable for x in group}
+    alike |= {name for step in found.steps for name in _same(step)}
+    # A cause biases the values of a model without it: with a cause they are those of the model that has it, as far as the
+    # baseline has them, too.
+    own = found.baseline.parameters
+    if found.steps:
+        own = {name: found.extended.parameters[name] for name in own if name in found.extended.parameters}
+    rows = [_parameter(name, row) for name, row in own.items()]
+    rows += [
+        _parameter(f"{step.cause}.{step.location}.{name}", row) for step in found.steps for name, row in step.parameters.items()
+    ]
+    reason = ""
+    if found.cut_short and found.time_limit_s is not None:
+        rows.append(_limit(found.time_limit_s))
+        reason = f"the time limit of {found.time_limit_s:g} s ended the search for causes before all were tried"
+    return msgspec.structs.replace(
+        blank, verdict=found.verdict, cause=" + ".join(names), alike=" + ".join(sorted(alike)), reason=reason,
+        started=started, parameters=tuple(row for row in rows if row is not None),
+    )  # fmt: skip
 
 
-def _same(step: Mapping[str, Any]) -> list[str]:
+def _same(step: NamedCause) -> list[str]:
     # One campaign may identify the kind at a place, the next one its form: these are not different causes.
-    forms = (step["kind"],) if step["level"] == "form" else FORMS.get(step["kind"], ())
-    return [f"{word} at {step['location']}" for word in forms]
+    forms = (step.kind,) if step.level == "form" else FORMS.get(step.kind, ())
+    return [f"{word} at {step.location}" for word in forms]
 
 
 def _limit(seconds: float | None) -> Parameter:
     return Parameter(name=LIMIT, value=math.nan if seconds is None else seconds, std=math.nan, unit="s")
 
 
-def _parameter(name: str, row: dict[str, Any]) -> Parameter | None:
-    if row["value"] is None:
+def _parameter(name: str, row: Value) -> Parameter | None:
+    if row.value is None:
         return None
-    std = row.get("std")
-    return Parameter(name=name, value=float(row["value"]), std=math.nan if std is None else float(std), unit=str(row["unit"]))
+    return Parameter(name=name, value=row.value, std=math.nan if row.std is None else row.std, unit=row.unit)
 
 
 @contextlib.contextmanager

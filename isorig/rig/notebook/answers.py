@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -18,9 +17,10 @@ from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
+from isorig.rig.diagnose.answer import findings_of, write_answer
 from isorig.rig.errors import RigError, TimeLimitError
 from isorig.rig.figures import Figure
-from isorig.rig.files.findings import findings, write_findings
+from isorig.rig.files.findings import Findings
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.notebook.plots import second_figure
@@ -50,9 +50,9 @@ class Answer(Diagnosis, Viewed):
         return f"Answer({self.conclusion.answer})"
 
     @property
-    def findings(self) -> dict[str, Any]:
+    def findings(self) -> Findings:
         """The content of findings.json."""
-        return findings(self, self.campaign, {"baseline": self.baseline.model.name, "recording": Path(self.campaign.source).name})
+        return findings_of(self, self.campaign, self._origin)
 
     @property
     def conclusion(self) -> Conclusion:
@@ -61,9 +61,12 @@ class Answer(Diagnosis, Viewed):
 
     def write(self, folder: str | Path) -> Path:
         """Write findings.json, both models and report.html into a folder; returns the path of the page."""
-        origin = {"baseline": self.baseline.model.name, "recording": Path(self.campaign.source).name}
-        write_findings(Path(folder), self, self.campaign, origin)
+        write_answer(Path(folder), self, self.campaign, self._origin)
         return Path(folder) / "report.html"
+
+    @property
+    def _origin(self) -> dict[str, str]:
+        return {"baseline": self.baseline.model.name, "recording": Path(self.campaign.source).name}
 
 
 def diagnose(

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.wording import sized
+from isorig.rig.files.findings import Findings, HeldOut, NamedCause, Value
 from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
@@ -51,6 +51,7 @@ KINDS: Mapping[Kind, str] = {
 #: Number of ruled-out causes that are named.
 NAMED = 3
 HOUR = 3600.0
+NOT_AVAILABLE = "not available"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,51 +92,51 @@ class Conclusion:
         return [line for line in (self.check, self.answer, self.ruled_out, self.next) if line]
 
 
-def conclude(findings: Mapping[str, Any], folder: str | None = None) -> Conclusion:
-    """The conclusion from the content of findings.json; `folder` is where it is, None for a page in it."""
-    verdict, steps, holdout = findings["verdict"], findings["steps"], findings["holdout"]
-    doubts = " ".join(doubt["text"] for doubt in findings.get("doubts", ()))
+def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
+    """The conclusion from the findings; `folder` is where they are, None for a page next to them."""
+    doubts = " ".join(doubt.text for doubt in findings.doubts)
     return Conclusion(
-        verdict=verdict,
+        verdict=findings.verdict,
         check=f"Check units, channels and given values first: {doubts}" if doubts else "",
-        found=_found(verdict, steps, bool(findings.get("cut_short"))),
-        error=_error(holdout, bool(steps), verdict in ("adequate", "explained")),
+        found=_found(findings.verdict, findings.steps, findings.cut_short),
+        error=_error(findings.holdout, bool(findings.steps), findings.verdict in ("adequate", "explained")),
         ruled_out=_ruled_out(findings),
         next=_next(findings, folder),
     )
 
 
-def cause_in_words(step: Mapping[str, Any]) -> str:
+def cause_in_words(step: NamedCause) -> str:
     """A step of the findings: its cause, place and parameters."""
-    place, values = words(step["location"]), step["parameters"]
-    if step.get("form", step["cause"]) is None:
-        closest = step.get("closest_form")
-        near = f", closest to {words(closest['cause'])}" if closest else ", of no catalogued form"
-        return f"{KINDS.get(step['kind'], words(step['kind']))} at the {place}{near}"
+    place, values = words(step.location), step.parameters
+    if step.form is None:
+        near = f", closest to {words(step.closest_form.cause)}" if step.closest_form else ", of no catalogued form"
+        return f"{KINDS[step.kind]} at the {place}{near}"
     shown = {name: _size(row) for name, row in values.items()} | _derived(values)
     try:
-        return CAUSES[step["cause"]].format(place=place, **shown)
+        return CAUSES[step.cause].format(place=place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have
         listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
-        return f"{words(step['cause'])} at the {place}" + (f", {listed}" if listed else "")
+        return f"{words(step.cause)} at the {place}" + (f", {listed}" if listed else "")
 
 
-def _size(row: Mapping[str, Any], factor: float = 1.0, unit: str | None = None) -> str:
-    return sized(factor * row["value"], unit or row["unit"], factor * row["std"])
+def _size(row: Value, factor: float = 1.0, unit: str | None = None) -> str:
+    if row.value is None:
+        return NOT_AVAILABLE
+    return sized(factor * row.value, unit or row.unit, None if row.std is None else factor * row.std)
 
 
-def _derived(values: Mapping[str, Any]) -> dict[str, str]:
+def _derived(values: Mapping[str, Value]) -> dict[str, str]:
     # Sizes that are easier to picture than the parameters themselves.
     found = {}
     if "clearance" in values:
         row = values["clearance"]
-        found = {"play": _size(row, 2.0), "clearance_alone": sized(row["value"], row["unit"])}
+        found = {"play": _size(row, 2.0), "clearance_alone": _size(Value(value=row.value, std=None, unit=row.unit))}
     if "drift_rate" in values:
         found["per_hour"] = _size(values["drift_rate"], HOUR, "1")
     return found
 
 
-def _found(verdict: str, steps: Sequence[Mapping[str, Any]], cut_short: bool) -> str:
+def _found(verdict: str, steps: Sequence[NamedCause], cut_short: bool) -> str:
     if verdict == "adequate":
         return "adequate: the model explains the data down to the noise"
     late = "; the time limit ended the search for causes before all were tried" if cut_short else ""
@@ -144,8 +145,8 @@ def _found(verdict: str, steps: Sequence[Mapping[str, Any]], cut_short: bool) ->
     return f"{verdict}: {', and '.join(cause_in_words(step) for step in steps)}{late}"
 
 
-def _error(holdout: Mapping[str, Any], extended: bool, all_known: bool) -> str:
-    before, after, floor = (in_per_cent(holdout[name]) for name in ("baseline", "extended", "noise_floor"))
+def _error(holdout: HeldOut, extended: bool, all_known: bool) -> str:
+    before, after, floor = (in_per_cent(error) for error in (holdout.baseline, holdout.extended, holdout.noise_floor))
     falls = f"falls from {before} to {after}" if extended else f"is {before}"
     # A cause that the model lacks may amplify noise.
     return f"the error on held-out data {falls}, noise alone is {'' if all_known else 'at least '}{floor}"
@@ -158,14 +159,13 @@ def in_per_cent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
 
 
-def _ruled_out(findings: Mapping[str, Any]) -> str:
-    candidates = findings.get("candidates", ())
-    out = [c for c in candidates if c["standing"] == "ruled out" and c["holdout_error"] is not None]
-    out.sort(key=lambda c: float(c["holdout_error"]))
-    alike = [f"{words(c['cause'])} at the {words(c['location'])}" for group in findings["indistinguishable"] for c in group[1:]]
+def _ruled_out(findings: Findings) -> str:
+    rejected = [(c.holdout_error, c) for c in findings.candidates if c.standing == "ruled out" and c.holdout_error is not None]
+    out = sorted(rejected, key=lambda pair: pair[0])
+    alike = [f"{words(c.cause)} at the {words(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
     if out:
-        first = [f"{words(c['cause'])} at the {words(c['location'])} ({in_per_cent(c['holdout_error'])})" for c in out[:NAMED]]
+        first = [f"{words(c.cause)} at the {words(c.location)} ({in_per_cent(error)})" for error, c in out[:NAMED]]
         more = f", and {len(out) - NAMED} more" if len(out) > NAMED else ""
         said.append(f"Ruled out, with the error each leaves: {', '.join(first)}{more}.")
     if alike:
@@ -173,17 +173,16 @@ def _ruled_out(findings: Mapping[str, Any]) -> str:
     return " ".join(said)
 
 
-def _next(findings: Mapping[str, Any], folder: str | None) -> str:
-    verdict = findings["verdict"]
+def _next(findings: Findings, folder: str | None) -> str:
     model = "model.json" if folder is None else f"{folder}/model.json"
-    if findings.get("doubts"):
+    if findings.doubts:
         return "Next: correct what is doubtful above, then diagnose again."
-    if findings.get("cut_short"):
+    if findings.cut_short:
         return "Next: repeat with more time (--seconds); causes may have been missed."
-    if findings["indistinguishable"] or verdict in ("unexplained", "partly explained"):
+    if findings.indistinguishable or findings.verdict in ("unexplained", "partly explained"):
         return f"Next: rig next {folder or 'on this folder'} proposes the run that decides what is open."
-    if verdict == "adequate":
+    if findings.verdict == "adequate":
         return f"Next: use the model: rig predict {model} predicts other runs."
-    if any(step["kind"] in ("sensor", "known_value") for step in findings["steps"]):
+    if any(step.kind in ("sensor", "known_value") for step in findings.steps):
         return f"Next: correct the recording or the description; {model} contains the correction (rig predict)."
     return f"Next: repair the place, or predict with {model}, which contains the cause (rig predict)."

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.wording import state
+from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -30,7 +30,7 @@ EVIDENCE = (
 )
 
 
-def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, Any]) -> str:
+def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings) -> str:
     """The report of a diagnosis as HTML.
 
     Parameters
@@ -39,7 +39,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         The result of the diagnosis.
     campaign
         The measurement.
-    content
+    findings
         The content of findings.json.
     """
     models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
@@ -47,7 +47,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
     if diagnosis.steps:
         models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
         scores[EXTENDED] = diagnosis.scores[1]
-    said = conclude(content)
+    said = conclude(findings)
     wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["No discrepancy exceeds the noise."]
     frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)
     sections = [
@@ -55,9 +55,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         frf,
         Section(
             title="Parameters of the baseline",
-            tables=[
-                parameters_table(content["baseline"]["parameters"], "Fitted to all runs at once; std: standard uncertainty.")
-            ],
+            tables=[parameters_table(findings.baseline.parameters, "Fitted to all runs at once; std: standard uncertainty.")],
         ),
         Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
         *isolation,
@@ -68,14 +66,14 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
             charts=surface_charts(diagnosis.baseline.model, diagnosis.compared),
         ),
         *(
-            _named(step, share, own.get("held", {}))
-            for step, share, own in zip(diagnosis.steps, diagnosis.shares, content["steps"], strict=True)
+            _named(step, share, own.held)
+            for step, share, own in zip(diagnosis.steps, diagnosis.shares, findings.steps, strict=True)
         ),
         _considered(diagnosis),
         _budget(diagnosis),
         Section(
             title="Improvement on held-out data",
-            text=[_improvement(diagnosis), content["holdout"]["how"]],
+            text=[_improvement(diagnosis), findings.holdout.how],
             charts=[scores_chart(scores, diagnosis.division.judged)],
         ),
         Section(title="Advice for the next measurement", text=advice(diagnosis)),
@@ -86,7 +84,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, content: dict[str, 
         verdict=unbroken(f"{said.answer[0].upper()}{said.answer[1:]}."),
         summary=[said.check] if said.check else [],
         sections=sections,
-        first=_first(diagnosis, campaign, said, content["remarks"], models, scores),
+        first=_first(diagnosis, campaign, said, findings.remarks, models, scores),
     )
     return build_report(report)
 
@@ -160,7 +158,7 @@ def _what(step: Step) -> str:
     return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
 
 
-def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Any]) -> Section:
+def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, HeldValue]) -> Section:
     removed, low, high = (100.0 * value for value in share)
     notes = [
         f"It removes {removed:.3g} % ({low:.3g} to {high:.3g} %) of the baseline's reproducible excess error.",
@@ -181,7 +179,7 @@ def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Any
             f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
         )
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
-    values += [(words(name), number(row["value"], 6), "held", row["unit"]) for name, row in held.items()]
+    values += [(words(name), number(row.value, 6), "held", row.unit) for name, row in held.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
     return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.parameters.joint_fit import Entry
 from isorig.analysis.wording import state
+from isorig.rig.files.findings import Value
 from isorig.rig.report.page import Section, Table
 
 #: Text for missing information of a recording.
@@ -106,12 +107,9 @@ def _run_row(run: Run) -> tuple[str, ...]:
     )
 
 
-def parameters_table(parameters: Mapping[str, Mapping[str, object]], caption: str) -> Table:
+def parameters_table(parameters: Mapping[str, Value], caption: str) -> Table:
     """Fitted values by path, as in findings.json."""
-    rows = [
-        (name, number(float(str(row["value"])), 6), number(float(str(row["std"])), 2), str(row["unit"]))
-        for name, row in parameters.items()
-    ]
+    rows = [(name, number(row.value, 6), number(row.std, 2), row.unit) for name, row in parameters.items()]
     return Table(columns=("parameter", "value", "std", "unit"), rows=rows, caption=caption)
 
 

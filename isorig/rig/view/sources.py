@@ -47,6 +47,8 @@ def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Ite
         The session's recording.
     over
         Whether the session has ended; called between two readings.
+    every
+        Seconds between two readings.
     """
     read = 0
     while True:

@@ -31,6 +31,18 @@ def test_a_curve_inside_a_chain_follows_from_accelerations() -> None:
     assert found.damping == pytest.approx(3.0, rel=0.3)
 
 
+def test_a_link_drawn_the_other_way_has_the_same_force() -> None:
+    """The deflection changes its sign with the order of a link's ends, and the force with it."""
+    links = tuple(replace(link, a=link.b, b=link.a) if link.name == "l1" else link for link in chain().links)
+    turned = replace(chain(), links=links)
+    one, other = (force_of(model, model, "l1", 21) for model in (chain(), turned))
+    assert one is not None
+    assert other is not None
+    for found in (one, other):
+        assert np.polyfit(found.at, found.values, 1)[0] == pytest.approx(2900.0, rel=0.02)
+        assert found.damping == pytest.approx(3.0, rel=0.3)
+
+
 def test_an_unknown_mass_is_fitted_along_with_measured_accelerations() -> None:
     known = replace(chain(), free=("bodies.m1.mass",)).replace({"bodies.m1.mass": 1.0})
     found = force_of(chain(), known, "l1", 22)

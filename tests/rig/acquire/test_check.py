@@ -55,3 +55,23 @@ def test_a_long_run_is_checked_in_parts() -> None:
     assert f"heatblock hardly moves ({values['heatblock'].std():.2g} m/s^2 rms)" in told
     assert "The gain changed from 69 to 70 during the run" in told
     assert max(each.longest for each in samples.values()) <= PART
+
+
+@pytest.mark.parametrize(("share", "stuck"), [(0.19, True), (0.21, False)])
+def test_friction_that_holds_a_body_is_reported(share: float, stuck: bool) -> None:
+    """Relative motion below a fifth of the motor's own."""
+    n = 4096
+    head, apart = np.random.default_rng(2).normal(size=(2, n))
+    motor = head / head.std()
+    apart -= motor * (apart @ motor) / (motor @ motor)
+    values = {"head": head, "motor": motor, "table": motor - share * apart / apart.std(), "heatblock": head}
+    run = Run(
+        id="a", configuration="unlocked", sample_rate=1024.0, gain=7.0, excitation="random", band=(1.0, 400.0),
+        channels={name: Channel(name=name, samples=each) for name, each in values.items()},
+    )  # fmt: skip
+    found = Recovered(
+        id="a", finished=True, begun=True, run=run, stored=n, lost=0, planned=n, overloads=0, planned_gain=7.0, drift=None
+    )
+    verdict = check_run(found, rig=wire_bonder())
+    assert verdict.sliding == pytest.approx(share, rel=0.01)
+    assert any("friction was not overcome" in line for line in verdict.advice) is stuck

@@ -17,14 +17,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import dask
-import msgspec
 import pandas as pd
 import psutil
 import pytest
+from some_findings import findings, named, value
 
 from isorig.rig.cli import main
 from isorig.rig.diagnose_many import program_version
 from isorig.rig.files import inputs
+from isorig.rig.files.findings import write_findings
 from isorig.rig.fleet import job as answering
 from isorig.rig.fleet.catalogue import Answer, Catalogue
 from isorig.rig.fleet.job import Job, JobResult, answer_job, from_findings
@@ -301,18 +302,14 @@ def test_a_search_cut_short_is_reported_and_repeated(
 
 def test_a_form_and_its_kind_are_alike(tmp_path: Path) -> None:
     """A campaign that names the kind of a thing and one that names its form tell of no new cause."""
-
-    def row(value: float) -> dict[str, object]:
-        return {"value": value, "std": 1.0, "unit": "1"}
-
-    form = {"cause": "clipping", "kind": "sensor", "level": "form", "location": "motor"}
-    kind = {"cause": "friction_shape", "kind": "friction_shape", "level": "kind", "location": "isolation"}
-    found = {
-        "verdict": "explained", "steps": [form, kind], "indistinguishable": [], "cut_short": False,
-        "baseline": {"parameters": {"links.a.stiffness": row(90.0), "contacts.a.law.friction_force": row(3.0)}},
-        "extended": {"parameters": {"links.a.stiffness": row(100.0), "links.a.laws.0.stroke": row(0.1)}},
-    }  # fmt: skip
-    (tmp_path / "findings.json").write_bytes(msgspec.json.encode(found))
+    form = named(cause="clipping", kind="sensor", form="clipping", location="motor", parameters={})
+    kind = named(cause="friction_shape", kind="friction_shape", form=None, level="kind", location="isolation", parameters={})
+    before = {"links.a.stiffness": value(90.0), "contacts.a.law.friction_force": value(3.0)}
+    after = {"links.a.stiffness": value(100.0), "links.a.laws.0.stroke": value(0.1)}
+    write_findings(
+        tmp_path,
+        findings(steps=[form, kind], baseline={"name": "linear", "parameters": before}, extended={"parameters": after}),
+    )
     (tmp_path / "baseline.json").write_text("{}")
     blank = Answer(
         rig="a", campaign="b", content="0" * 64, version="1", baseline="linear", path="", size=1, modified=1, verdict=""

@@ -1,0 +1,193 @@
+"""The answer of a diagnosis: the content of its findings, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.budget import Budget
+from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.diagnose.step import Step
+from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.model.parameter_units import physical_parameters, unit_of
+from isorig.rig.diagnose.coverage import missing
+from isorig.rig.files.findings import (
+    Adequacy,
+    Budgets,
+    CauseAt,
+    ClosestForm,
+    DoubtfulValue,
+    ErrorBudget,
+    Findings,
+    FittedBaseline,
+    FittedExtension,
+    FreeShape,
+    HeldOut,
+    HeldValue,
+    Misfit,
+    NamedCause,
+    OtherCause,
+    Share,
+    TriedCause,
+    Value,
+    Verdict,
+    as_read,
+    write_findings,
+)
+from isorig.rig.files.models import write_model
+from isorig.rig.files.output import write_text
+from isorig.rig.files.rivals import write_rivals
+from isorig.rig.report.diagnosis import diagnosis_page
+
+
+def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str], limit: float | None = None) -> Findings:
+    """The content of findings.json, as a reader of the file gets it.
+
+    The baseline of a rig with its own description is that description, whatever friction it has.
+
+    Parameters
+    ----------
+    diagnosis
+        The result of the diagnosis.
+    campaign
+        The measurement.
+    origin
+        The source of the findings: the baseline's name, the recording's name and hash, this program's version.
+    limit
+        The given time limit, s.
+    """
+    improvement = diagnosis.improvement
+    baseline, extended = (_budget(budget) for budget in diagnosis.budgets)
+    return as_read(
+        Findings(
+            origin=dict(origin),
+            doubts=[msgspec.convert(doubt, DoubtfulValue, from_attributes=True) for doubt in diagnosis.doubts],
+            verdict=msgspec.convert(diagnosis.verdict, Verdict),
+            baseline=FittedBaseline(
+                name="description" if campaign.description is not None else origin["baseline"],
+                parameters=parameters(diagnosis.baseline),
+            ),
+            extended=FittedExtension(parameters=parameters(diagnosis.extended)),
+            discrepancies=[msgspec.convert(found, Misfit, from_attributes=True) for found in diagnosis.discrepancies],
+            evidence=[sign.text for sign in diagnosis.signs],
+            remarks=missing(campaign, diagnosis.baseline.model),
+            adequacy=Adequacy(
+                worst=diagnosis.worst,
+                threshold=diagnosis.enough,
+                baseline_rig=diagnosis.calibration,
+                how="Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in "
+                "cases of doubt the threshold is 1.2 times the largest such ratio of data simulated with the baseline and its "
+                "noise.",
+            ),
+            tolerance=diagnosis.tolerance,
+            cut_short=diagnosis.cut_short,
+            time_limit_s=limit,
+            steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
+            candidates=[msgspec.convert(candidate, TriedCause, from_attributes=True) for candidate in diagnosis.considered],
+            budget=Budgets(baseline=baseline, extended=extended),
+            indistinguishable=[
+                [CauseAt(cause=cause, location=place) for cause, place in ((step.cause, step.location), *step.indistinguishable)]
+                for step in diagnosis.steps
+                if step.indistinguishable
+            ],
+            holdout=HeldOut(
+                baseline=diagnosis.baseline_error,
+                extended=diagnosis.extended_error,
+                noise_floor=diagnosis.floor,
+                baseline_interval=improvement.before,
+                extended_interval=improvement.after,
+                removed=improvement.removed if diagnosis.steps else 0.0,
+                removed_interval=improvement.removed_interval,
+                interval="95 % of 400 draws of held-out blocks (bootstrap)",
+                how=f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
+            ),
+        )
+    )
+
+
+def parameters(fitted: Fit) -> dict[str, Value]:
+    """Fitted values with standard uncertainties and units, by path."""
+    std = fitted.std
+    return {path: Value(value=value, std=std[path], unit=unit_of(path, fitted.model)) for path, value in fitted.values.items()}
+
+
+def _share(share: tuple[float, float, float]) -> Share:
+    value, low, high = share
+    return Share(value=value, low=low, high=high)
+
+
+def _budget(budget: Budget) -> ErrorBudget:
+    return ErrorBudget(
+        **{nature: _share(share) for nature, share in budget.shares.items()},
+        by_channel={name: dict(shares) for name, shares in budget.by_channel.items()},
+        by_configuration={name: dict(shares) for name, shares in budget.by_configuration.items()},
+        how=budget.how,
+    )
+
+
+def held(step: Step, fitted: Fit) -> dict[str, HeldValue]:
+    """The parameters of a step's law that no fit changes, by name."""
+    laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
+    fixed = [path for path in physical_parameters(fitted.model) if path.rpartition(".")[0] in laws]
+    return {
+        path.rpartition(".")[2]: HeldValue(value=fitted.model.get(path), unit=unit_of(path, fitted.model))
+        for path in fixed
+        if path not in fitted.values
+    }
+
+
+def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> NamedCause:
+    return NamedCause(
+        cause=step.cause,
+        location=step.location,
+        kind=step.kind,
+        form=step.form,
+        closest_form=ClosestForm(cause=step.closest[0], share=step.closest[1]) if step.closest else None,
+        level="form" if step.form else "kind",
+        share=_share(share),
+        curve=msgspec.convert(step.curve, FreeShape, from_attributes=True) if step.curve else msgspec.UNSET,
+        parameters={name: Value(value=value, std=std, unit=unit) for name, (value, std, unit) in step.parameters.items()},
+        held=held(step, fitted),
+        confidence=step.confidence,
+        rivals=[msgspec.convert(rival, OtherCause, from_attributes=True) for rival in step.rivals],
+        evidence=list(step.evidence),
+        holdout_error_before=step.before,
+        holdout_error_after=step.after,
+    )
+
+
+def write_answer(
+    folder: Path,
+    diagnosis: Diagnosis,
+    campaign: Campaign,
+    origin: Mapping[str, str],
+    *,
+    limit: float | None = None,
+    page: bool = True,
+) -> Findings:
+    """Write findings.json, both models, rivals.json and report.html into a folder.
+
+    findings.json is written last: where it is, the answer is complete.
+
+    Parameters
+    ----------
+    folder
+        The folder for the files.
+    diagnosis, campaign, origin, limit
+        As for `findings_of`.
+    page
+        Whether to write report.html.
+    """
+    findings = findings_of(diagnosis, campaign, origin, limit)
+    began = min((run.started for run in campaign.runs if run.started is not None), default=None)
+    html = diagnosis_page(diagnosis, campaign, findings) if page else None
+    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=began, fitted=diagnosis.baseline.free)
+    write_model(folder / "model.json", diagnosis.extended.model, origin=began, fitted=diagnosis.extended.free)
+    write_rivals(folder, diagnosis, campaign, origin)
+    if html is not None:
+        write_text(folder / "report.html", html)
+    write_findings(folder, findings)
+    return findings

@@ -1,0 +1,97 @@
+"""Docstrings are true: they describe the parameters that there are, and exceptions that exist."""
+
+from __future__ import annotations
+
+import builtins
+import importlib
+import re
+from collections.abc import Iterator
+from functools import cache
+
+import griffe
+import pytest
+
+from isorig.analysis import errors as analysis_errors
+from isorig.drivers import errors as driver_errors
+from isorig.rig import errors as rig_errors
+from isorig.rig.files import hdf_walk
+
+#: Where a short name of an exception comes from; `hdf_walk` runs alone and has its own.
+EXCEPTIONS = (builtins, analysis_errors, driver_errors, rig_errors, hdf_walk)
+SECTION = griffe.DocstringSectionKind
+Described = griffe.Function | griffe.Class
+
+
+def described(item: griffe.Module | griffe.Class | griffe.Function) -> Iterator[Described]:
+    """All functions and classes with a docstring within an object, and the object itself."""
+    if not isinstance(item, griffe.Module) and item.docstring is not None:
+        yield item
+    for member in item.members.values():
+        if not member.is_alias and isinstance(member, griffe.Module | griffe.Class | griffe.Function):
+            yield from described(member)
+
+
+@cache
+def package() -> list[Described]:
+    """All functions and classes of the package that have a docstring."""
+    return list(described(griffe.load("isorig", docstring_parser="numpy", docstring_options={"warnings": False})))
+
+
+def entries(item: Described, kind: griffe.DocstringSectionKind) -> list[griffe.DocstringElement]:
+    """The entries of a docstring's section; empty without one."""
+    assert item.docstring is not None
+    return [entry for section in item.docstring.parsed if section.kind is kind for entry in section.value]
+
+
+def parameters_of(item: Described) -> list[str]:
+    """The parameters of a function, or of a class."""
+    if isinstance(item, griffe.Class) and "__init__" not in item.members:
+        return [name for name, member in item.all_members.items() if member.is_attribute]
+    function = item.members["__init__"] if isinstance(item, griffe.Class) else item
+    assert isinstance(function, griffe.Function)
+    own = function.parent is not None and function.parent.is_class and "staticmethod" not in function.labels
+    return [parameter.name for parameter in function.parameters][1 if own else 0 :]
+
+
+def untrue(item: Described) -> list[str]:
+    """The entries of a docstring that its code contradicts."""
+    told = [name.strip().lstrip("*") for entry in entries(item, SECTION.parameters) for name in entry.name.split(",")]
+    names = parameters_of(item)
+    found = [f"{item.path}: {name!r} is no parameter" for name in told if name not in names]
+    if told and isinstance(item, griffe.Function) and not item.name.startswith("_"):
+        found += [f"{item.path}: {name} is not described" for name in names if name not in told]
+    raised = [name for entry in entries(item, SECTION.raises) for name in re.findall(r"[^\s(),]+", str(entry.annotation))]
+    return found + [f"{item.path}: {name!r} is no exception" for name in raised if not is_exception(name)]
+
+
+def is_exception(name: str) -> bool:
+    """Whether a name is that of an exception: one of Python, of our own, or of a library with the library's name."""
+    module, _, last = name.rpartition(".")
+    if not last.isidentifier() or (module and not module.replace(".", "").isidentifier()):
+        return False
+    places = [importlib.import_module(module)] if module else EXCEPTIONS
+    return any(isinstance(kind := getattr(place, last, None), type) and issubclass(kind, BaseException) for place in places)
+
+
+def test_docstrings_describe_what_there_is() -> None:
+    assert sum(bool(entries(item, SECTION.parameters)) for item in package()) > 300
+    assert [line for item in package() for line in untrue(item)] == []
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ("Parameters\n----------\nrate, ticks\n    Both.", []),
+        ("Parameters\n----------\nrate\n    The rate.", ["ticks is not described"]),
+        ("Parameters\n----------\nrate, ticks\n    Both.\nThe rate, Hz.\n    Cut.", ["'The' is no parameter"]),
+        ("Raises\n------\nRecordingError\n    A file.\nValueError\n    A value.", []),
+        ("Raises\n------\nIn one sentence.\n    A file.", ["'In' is no", "'one' is no", "'sentence.' is no exception"]),
+        ("Raises\n------\nmsgspec.ValidationError\n    A value.\nPath\n    None.", ["'Path' is no exception"]),
+    ],
+)
+def test_an_untrue_docstring_is_found(section: str, said: list[str]) -> None:
+    code = f'def played(rate, ticks):\n    """Play.\n\n    {section.replace(chr(10), chr(10) + "    ")}\n    """\n'
+    module = griffe.visit("m", filepath=None, code=code, docstring_parser="numpy")  # type: ignore[arg-type]
+    found = untrue(module["played"])
+    assert len(found) == len(said)
+    assert all(part in line for part, line in zip(said, found, strict=True))
