@@ -20,6 +20,8 @@ FORMAT, VERSION = "rig-working", 1
 TIMING = np.dtype([("tick", "<i8"), ("host_time", "<f8"), ("device_time", "<f8"), ("gain", "<f8"), ("status", "<i4")])
 #: First tick, rows, and number of blocks from the instrument.
 SAMPLES = struct.Struct("<QII")
+#: Number of the logger; its rows follow, float64: arrival by the host's clock in s, and values.
+LOG = struct.Struct("<Q")
 
 
 class Kind(IntEnum):
@@ -29,6 +31,7 @@ class Kind(IntEnum):
     BEGIN = 2
     SAMPLES = 3
     END = 4
+    LOG = 5
 
 
 class RunLayout(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,6 +65,13 @@ class ChannelLayout(msgspec.Struct, frozen=True, kw_only=True):
         return np.dtype(self.dtype).newbyteorder("<")
 
 
+class LogLayout(msgspec.Struct, frozen=True, kw_only=True):
+    """A logger that runs along: its rate in Hz, and the unit of each channel."""
+
+    sample_rate: float
+    units: dict[str, str]
+
+
 class Layout(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that a session will write, known before its first sample.
 
@@ -74,6 +84,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     channels: dict[str, ChannelLayout]
     usable_to: float | None = None
     real_time: bool = True
+    logs: dict[str, LogLayout] = {}
     format: Literal["rig-working"] = "rig-working"
     version: Literal[1] = 1
 
@@ -122,6 +133,12 @@ def layout_of(plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) ->
     return Layout(
         sample_rate=rate, known=dict(plan.rig), runs=runs, channels=channels, usable_to=plan.instrument.usable_to,
         real_time=real_time,
+        logs={
+            name: LogLayout(
+                sample_rate=logger.sample_rate, units={key: channel.unit for key, channel in logger.channels.items()}
+            )
+            for name, logger in plan.loggers.items()
+        },
     )  # fmt: skip
 
 
@@ -161,3 +178,21 @@ def shape_of(layout: Layout, content: bytes) -> Shape | None:
 def timing_of(shape: Shape, content: bytes) -> NDArray[Any]:
     """The timing rows of a content."""
     return np.frombuffer(content, TIMING, shape.blocks, SAMPLES.size)
+
+
+def pack_log(number: int, rows: NDArray[np.float64]) -> bytes:
+    """The content of a block of a logger's rows, shape (n, 1 + channels)."""
+    return LOG.pack(number) + np.ascontiguousarray(rows, "<f8").tobytes()
+
+
+def log_of(layout: Layout, content: bytes) -> tuple[str, NDArray[np.float64]] | None:
+    """The logger and its rows; None if the content contradicts the layout."""
+    if len(content) < LOG.size:
+        return None
+    (number,), names = LOG.unpack_from(content), list(layout.logs)
+    if number >= len(names):
+        return None
+    values = np.frombuffer(content[LOG.size : len(content) - (len(content) - LOG.size) % 8], "<f8")
+    width = 1 + len(layout.logs[names[number]].units)
+    whole = (len(content) - LOG.size) == 8 * len(values) and len(values) % width == 0
+    return (names[number], values.reshape(-1, width)) if whole and np.isfinite(values).all() else None

@@ -73,6 +73,11 @@ class Pace:
             late = pairs[:, :, 1] - pairs[:, :, 0] / self._rate
             self._arrivals = np.take_along_axis(pairs, np.argmin(late, axis=1)[:, None, None], axis=1)[:, 0]
 
+    @property
+    def began(self) -> float | None:
+        """Arrival of tick 0 by the earliest of all arrivals, s; None if nothing has arrived."""
+        return float((self._arrivals[:, 1] - self._arrivals[:, 0] / self._rate).min()) if len(self._arrivals) else None
+
     def drift(self) -> Drift | None:
         """The deviation of the rate; None if too little has arrived."""
         if len(self._arrivals) < LEAST:

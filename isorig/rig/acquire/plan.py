@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -80,6 +80,25 @@ class ChannelPlan(Part, frozen=True):
         return {key: getattr(self, key) for key in SENSOR}
 
 
+class LogPlan(Part, frozen=True):
+    """A channel of a logger: any unit; `sensitivity` is the input's unit per unit of the channel."""
+
+    input: int
+    unit: str
+    sensitivity: float = 1.0
+
+
+class LoggerPlan(Part, frozen=True):
+    """A slow instrument that runs along and is stored next to the channels with its own rate in Hz; `settings` are the other
+    keys, those of its kind."""
+
+    kind: str
+    port: str
+    sample_rate: float
+    channels: dict[str, LogPlan]
+    settings: Any = None
+
+
 class RunPlan(Part, frozen=True):
     """A run, or several repeats: configuration, excitation, duration in seconds; a multisine's period in seconds, a sine's
     frequency in Hz.
@@ -128,7 +147,7 @@ class RunPlan(Part, frozen=True):
 
 class Plan(Part, frozen=True):
     """A session. `rig` contains known values (SI) under the recording's names, `limits` the limits of runs; `sensors` is the path
-    of the laboratory's list of sensors.
+    of the laboratory's list of sensors. `loggers` run along.
     """
 
     instrument: InstrumentPlan
@@ -137,6 +156,7 @@ class Plan(Part, frozen=True):
     rig: dict[str, float | str] = {}
     limits: Limits = Limits()
     sensors: str = ""
+    loggers: dict[str, LoggerPlan] = {}
 
     def original(self, run: RunPlan, repeat: int) -> tuple[RunPlan, int]:
         """The run whose drive a run plays, and the index of the repeat: the run itself if it does not repeat another."""
@@ -195,17 +215,30 @@ def plan_of(tree: Mapping[str, Any]) -> Plan:
     msgspec.ValidationError
         With the key, what was found and what is allowed.
     """
-    instrument = tree.get("instrument")
+    instrument, loggers = tree.get("instrument"), tree.get("loggers")
     if isinstance(instrument, Mapping):
-        own = {key: value for key, value in instrument.items() if key in ("kind", "port", "sample_rate", "usable_to", "shows")}
-        kind = kinds().get(str(own.get("kind")))
-        if "kind" in own and kind is None:
-            raise msgspec.ValidationError(f"instrument.kind is {own['kind']!r}, allowed are {', '.join(kinds())}")
-        if kind is not None:
-            rest = {key: value for key, value in instrument.items() if key not in own}
-            try:
-                own["settings"] = msgspec.convert(rest, kind.settings, strict=False)
-            except msgspec.ValidationError as error:
-                raise msgspec.ValidationError(f"instrument of kind {kind.name}: {error}") from None
-        tree = {**tree, "instrument": own}
+        keys = ("kind", "port", "sample_rate", "usable_to", "shows")
+        tree = {**tree, "instrument": _with_settings(instrument, keys, "instrument")}
+    if isinstance(loggers, Mapping):
+        own = ("kind", "port", "sample_rate", "channels")
+        converted = {
+            name: _with_settings(one, own, f"loggers.{name}") if isinstance(one, Mapping) else one
+            for name, one in loggers.items()
+        }
+        tree = {**tree, "loggers": converted}
     return msgspec.convert(tree, Plan, strict=False)
+
+
+def _with_settings(table: Mapping[str, Any], keys: Sequence[str], where: str) -> dict[str, Any]:
+    # The other keys are the settings of the kind.
+    own = {key: value for key, value in table.items() if key in keys}
+    kind = kinds().get(str(own.get("kind")))
+    if "kind" in own and kind is None:
+        raise msgspec.ValidationError(f"{where}.kind is {own['kind']!r}, allowed are {', '.join(kinds())}")
+    if kind is not None:
+        rest = {key: value for key, value in table.items() if key not in own}
+        try:
+            own["settings"] = msgspec.convert(rest, kind.settings, strict=False)
+        except msgspec.ValidationError as error:
+            raise msgspec.ValidationError(f"{where} of kind {kind.name}: {error}") from None
+    return own

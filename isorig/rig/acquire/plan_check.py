@@ -12,14 +12,16 @@ from pathlib import Path
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.built_in import wire_bonder
-from isorig.drivers.kinds import RecordsKind
-from isorig.rig.acquire.plan import ChannelPlan, Plan, RunPlan, load_plan
+from isorig.drivers.kinds import RecordsKind, kinds
+from isorig.rig.acquire.plan import ChannelPlan, LoggerPlan, Plan, RunPlan, load_plan
 from isorig.rig.errors import PlanError
 
 #: Largest sensitivity, and reciprocal of the smallest: values in SI remain within a recording's limits.
 SENSITIVITY_MOST = 1e30
 #: Names used otherwise by the recording's format.
-TAKEN = ("gain", "gaps", "timing", "spectra", "progress")
+TAKEN = ("gain", "gaps", "timing", "spectra", "progress", "logs")
+#: Highest rate of a logger, Hz: its rows are stored by the host's clock, which is right to about a millisecond.
+LOGGER_MOST = 1000.0
 #: Keys that a repeated run must share with its original.
 REPEATED = ("configuration", "gain", "seconds", "excitation", "band", "period", "frequency")
 
@@ -54,6 +56,8 @@ def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
     configurations = _configurations(plan, where)
     _check_instrument(plan, where)
     _check_limits(plan, where)
+    for name, logger in plan.loggers.items():
+        _check_logger(name, logger, plan, f"{where}: loggers.{name}")
     if not plan.channels:
         raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
     if runs and not plan.runs:
@@ -75,6 +79,32 @@ def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
         if run.source is not None and not (plan.instrument.analyzer and 0.0 < run.source < math.inf):
             raise PlanError(f"{here} has source {run.source:g}; only an analyzer has one, and its level in V is above zero")
         _check_repeat(run, plan.runs[:place], here)
+
+
+def _check_logger(name: str, logger: LoggerPlan, plan: Plan, here: str) -> None:
+    for each in (name, *logger.channels):
+        if not each.isidentifier() or each in (*TAKEN, "time"):
+            raise PlanError(f"{here}: {each!r} cannot be a name here; use letters and digits, and no name of the format")
+    if not logger.channels:
+        raise PlanError(f"{here} has no channels; name at least one as [loggers.{name}.channels.<name>]")
+    if isinstance(kinds()[logger.kind], RecordsKind) or plan.instrument.analyzer:
+        raise PlanError(f"{here}: an analyzer neither runs along nor has loggers; use instruments that stream")
+    if not 0.0 < logger.sample_rate <= LOGGER_MOST:
+        raise PlanError(
+            f"{here}.sample_rate is {logger.sample_rate:g} Hz; a logger has up to {LOGGER_MOST:g} Hz, so connect a faster sensor "
+            "to the instrument"
+        )
+    ports = [plan.instrument.port, *(other.port for key, other in plan.loggers.items() if key != name)]
+    if logger.port != "virtual" and logger.port in ports:
+        raise PlanError(f"{here}.port is {logger.port!r}, which is another instrument's; give its own")
+    for each, channel in logger.channels.items():
+        if channel.input < 0:
+            raise PlanError(f"{here}.channels.{each}.input is {channel.input}; inputs start at 0")
+        if not channel.unit.isprintable() or not 1.0 / SENSITIVITY_MOST <= abs(channel.sensitivity) <= SENSITIVITY_MOST:
+            raise PlanError(
+                f"{here}.channels.{each} has the unit {channel.unit!r} and the sensitivity {channel.sensitivity:g}; give the "
+                "unit as text, and a finite sensitivity other than 0"
+            )
 
 
 def _check_limits(plan: Plan, where: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,10 +19,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from isorig.analysis.campaign import FloatArray
 from isorig.drivers.block import Block, Input, Status
 from isorig.rig.acquire.block_queue import Waiting
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
-from isorig.rig.acquire.layout import TIMING, Begin, End, Kind, Layout, layout_of, pack
+from isorig.rig.acquire.layout import TIMING, Begin, End, Kind, Layout, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.errors import OutputError
 from isorig.rig.files.output import reason, replaced
@@ -176,6 +178,7 @@ class RunWriter:
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
+        self._logged: deque[tuple[int, FloatArray]] = deque()
         try:
             self._run, self._take = file.begin(run_id, sample_rate=sample_rate, period=period)
         except OSError as error:
@@ -198,6 +201,10 @@ class RunWriter:
         if self.error is not None:
             raise self._refused()
 
+    def log(self, number: int, rows: FloatArray) -> None:
+        """Add rows of a logger; may be called from several threads."""
+        self._logged.append((number, rows))
+
     def finish(self, counted: int | None, *, whole: bool = True) -> Tally:
         """Write the waiting blocks and close the run; ticks that the instrument counted but did not send are lost.
 
@@ -214,6 +221,7 @@ class RunWriter:
             self._account(self._next if counted is None else max(counted, self._next))
             end = End(whole=whole and self._next >= self._planned, counted=self._next)
             try:
+                self._store_logs()
                 self._file.journal.append(Kind.END, self._run, self._take, msgspec.json.encode(end))
                 self._file.journal.sync()
                 self._in_place()
@@ -235,6 +243,7 @@ class RunWriter:
                 continue
             try:
                 self._store(blocks)
+                self._store_logs()
                 self._look()
             except OSError as error:
                 self.error = error
@@ -275,6 +284,10 @@ class RunWriter:
             gain = np.nan if block.gain is None else block.gain
             rows.append((first, block.host_time, device, gain, int(block.status)))
         self._append(begin, rows, whole)
+
+    def _store_logs(self) -> None:
+        while self._logged:
+            self._file.journal.append(Kind.LOG, self._run, self._take, pack_log(*self._logged.popleft()))
 
     def _append(self, first: int, rows: Sequence[tuple[int, float, float, float, int]], parts: Sequence[np.ndarray]) -> None:
         if not parts:

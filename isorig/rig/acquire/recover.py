@@ -17,7 +17,20 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Samples
 from isorig.drivers.block import Status
 from isorig.rig.acquire.journal import Found, Reader
-from isorig.rig.acquire.layout import SAMPLES, TIMING, Begin, End, Kind, Layout, RunLayout, Shape, shape_of, timing_of
+from isorig.rig.acquire.layout import (
+    SAMPLES,
+    TIMING,
+    Begin,
+    End,
+    Kind,
+    Layout,
+    LogLayout,
+    RunLayout,
+    Shape,
+    log_of,
+    shape_of,
+    timing_of,
+)  # fmt: skip
 from isorig.rig.acquire.pace import REPORTED, Drift, Pace
 from isorig.rig.errors import RecordingError
 
@@ -87,6 +100,10 @@ class Recovered:
         Arrival time and status of each block of the instrument, as `TIMING`; None if not stored.
     sensors
         Description of each channel's sensor.
+    logs
+        Rows of the loggers that ran along, with the fields time (s since the first sample, by the host's clock) and channels.
+    log_layouts
+        Rate and units of these loggers.
     """
 
     id: str
@@ -102,6 +119,8 @@ class Recovered:
     damaged: int = 0
     timing: Samples | None = None
     sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    logs: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    log_layouts: Mapping[str, LogLayout] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -127,6 +146,9 @@ class _Take:
         self.end: tuple[int, End] | None = None
         self.overloads = self.stored = 0
         self.next = 0
+        self.logs: dict[str, list[NDArray[np.float64]]] = {}
+        # Numbers of the blocks with rows of loggers, between those with samples.
+        self.logged: list[int] = []
         self._entries = np.zeros(64, ENTRY)
         self._count = 0
 
@@ -223,6 +245,9 @@ class WorkingFile:
                 take.pace = Pace(begin.sample_rate)
             elif found.kind == Kind.END and (end := _decoded(found, End)) is not None:
                 take.end = found.number, end
+            elif found.kind == Kind.LOG and (logged := log_of(layout, found.content)) is not None:
+                take.logs.setdefault(logged[0], []).append(logged[1])
+                take.logged.append(found.number)
             elif found.kind == Kind.SAMPLES and (shape := shape_of(layout, found.content)) is not None:
                 take.add(shape, found)
 
@@ -262,7 +287,24 @@ class WorkingFile:
             overloads=best.overloads, planned_gain=planned.gain, timing=timing,
             drift=best.pace.drift() if self._whole.real_time else None,
             sensors={name: channel.description for name, channel in self._whole.channels.items()},
+            logs=self._logs(best), log_layouts=self._whole.logs,
         )  # fmt: skip
+
+    def _logs(self, take: _Take) -> dict[str, NDArray[Any]]:
+        if not take.stored:
+            return {}
+        # A simulated instrument that is faster than real time has sent its first samples at its beginning.
+        began = take.pace.began if self._whole.real_time else None
+        began = float(self._timing(take)[:1]["host_time"][0]) if began is None else began
+        tables = {}
+        for name, parts in take.logs.items():
+            rows = np.concatenate(parts)
+            rows = rows[np.argsort(rows[:, 0], kind="stable")]
+            fields = [("time", "<f8"), *((channel, "<f8") for channel in self._whole.logs[name].units)]
+            tables[name] = np.zeros(len(rows), np.dtype(fields))
+            for k, (field_name, _) in enumerate(fields):
+                tables[name][field_name] = rows[:, k] - (began if k == 0 else 0.0)
+        return tables
 
     def _measured(self, planned: RunLayout, take: _Take, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:
         channels = {}
@@ -351,7 +393,8 @@ def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
     counted, closed = last if take.end is None else (max(take.end[1].counted, last[0]), take.end[0])
     begins = np.concatenate([[0], ends])
     counts = np.concatenate([entries["first"], [counted]]) - begins
-    torn = np.diff(np.concatenate([[begin], entries["number"], [closed]])) > 1
+    numbers = np.concatenate([[begin], entries["number"], [closed]])
+    torn = np.diff(numbers - np.searchsorted(take.logged, numbers)) > 1
     gaps = tuple(Gap(first_tick=int(begins[k]), count=int(counts[k])) for k in np.flatnonzero(counts))
     return gaps, int(counts[torn].sum())
 

@@ -47,6 +47,7 @@ class Remarks:
     first: dict[Status, float] = field(default_factory=dict)
     clauses: list[str] = field(default_factory=list)
     returned: int = 0
+    loggers: list[str] = field(default_factory=list)
 
     def add(self, block: Block) -> None:
         """Count the flags of a block."""
@@ -55,8 +56,9 @@ class Remarks:
                 self.counts[status] = self.counts.get(status, 0) + 1
                 self.first.setdefault(status, block.first_tick / self.rate)
 
-    def end(self, instrument: Stream, returned: int) -> None:
-        """Add the driver's notices, and the number of reconnections."""
+    def end(self, instrument: Stream, returned: int, loggers: Sequence[str] = ()) -> None:
+        """Add the driver's notices, the number of reconnections, and what failed of the loggers, in sentences."""
+        self.loggers += loggers
         self.clauses += instrument.noticed if isinstance(instrument, Noticing) else ()
         self.returned = returned
 
@@ -72,6 +74,7 @@ class Remarks:
         yield from self._sentences(AGAINST)
         if self.returned:
             yield f"The connection was lost and restored {self.returned} times; the samples lost meanwhile are counted."
+        yield from self.loggers
         for clause in self.clauses[:CLAUSES]:
             yield f"The driver reports: {clause}."
         if len(self.clauses) > CLAUSES:

@@ -12,6 +12,7 @@ from typing import Literal
 import msgspec
 
 from isorig.drivers.instrument import Exciter, Noticing, Records, Sourcing, Stream, in_real_time
+from isorig.rig.acquire.along import opened_loggers
 from isorig.rig.acquire.analyzer_session import measure_run
 from isorig.rig.acquire.display_thread import Aside
 from isorig.rig.acquire.instruments import opened, opened_analyzer
@@ -161,7 +162,7 @@ def _with_stream(
     taken: list[Taken] = []
     if not force:
         check_responses(plan, ((run, repeat) for run, repeat, _ in _wanted(plan, done)))
-    with opened(plan, port) as instrument:
+    with opened_loggers(plan) as loggers, opened(plan, port) as instrument:
         _check_against(instrument, plan)
         if not force:
             refuse_sensors(plan, instrument)
@@ -183,7 +184,9 @@ def _with_stream(
                         refuse(name, preflight(instrument, plan, run))
                     remarks = Remarks(plan.instrument.sample_rate)
                     watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
-                    tally = take(instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped, force=force)
+                    tally = take(
+                        instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped, loggers=loggers, force=force
+                    )
                     found = saved.run(name)
                     earlier = [each for item in taken if (each := saved.run(item.id).run) is not None]
                     verdict = check_run(

@@ -29,6 +29,8 @@ GO_ON = "make room and continue with --resume, or save it elsewhere with rig rec
 DRIFT = ("clock_drift_ppm", "clock_drift_ppm_std")
 #: Table of a run with the arrival time of each block of the instrument.
 TIMING = "timing"
+#: Group of a run with a table for each logger that ran along, and the beginning of the attributes with the units of its fields.
+LOGS, UNIT = "logs", "unit_"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +161,15 @@ def _extra(item: Recovered) -> Extra:
     if item.run is None or item.timing is None or not item.timing.shape[0]:
         return Extra(attributes=attributes, channels=item.sensors)
     attributes |= axis_of(item.timing[:], item.run.sample_rate)
-    return Extra(attributes=attributes, channels=item.sensors, tables={TIMING: item.timing})
+    logs = {f"{LOGS}/{name}": rows for name, rows in item.logs.items()}
+    about: dict[str, dict[str, float | str]] = {
+        f"{LOGS}/{name}": {
+            "sample_rate": log.sample_rate,
+            **{UNIT + key: unit for key, unit in {"time": "s", **log.units}.items()},
+        }
+        for name, log in item.log_layouts.items()
+    }
+    return Extra(attributes=attributes, channels=item.sensors, tables={TIMING: item.timing, **logs}, about=about)
 
 
 @contextmanager
@@ -175,9 +185,12 @@ def _extra_in(group: h5py.Group, run: Run) -> Extra:
     sensors = {
         name: {key: _plain(group[name].attrs[key]) for key in SENSOR if key in group[name].attrs} for name in run.channels
     }  # fmt: skip
+    names = [TIMING] if TIMING in group else []
+    names += [f"{LOGS}/{name}" for name in group.get(LOGS, ())]
     return Extra(
         attributes={key: _plain(group.attrs[key]) for key in (*DRIFT, *AXIS) if key in group.attrs}, channels=sensors,
-        tables={TIMING: Stored(group[TIMING], f"the table {TIMING} of run {run.id!r}")} if TIMING in group else {},
+        tables={name: Stored(group[name], f"the table {name} of run {run.id!r}") for name in names},
+        about={name: {key: _plain(value) for key, value in group[name].attrs.items()} for name in names},
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from isorig.drivers.block import Block
 from isorig.drivers.errors import DriverError, InstrumentError
 from isorig.drivers.instrument import Stream, in_real_time
+from isorig.rig.acquire.along import Along
 from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.live_coherence import RunningCoherence
@@ -150,9 +151,11 @@ def take(
     remarks: Remarks,
     stopped: Callable[[], bool] = lambda: False,
     *,
+    loggers: Mapping[str, Stream] | None = None,
     force: bool = False,
 ) -> Tally:
-    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` returns True.
+    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` returns True. The `loggers`
+    run along.
 
     Unless it is to `force` the run, a wrong sample rate by the host's clock ends it.
 
@@ -169,6 +172,7 @@ def take(
     incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
+    along = Along(plan, loggers or {}, writer.log)
     counted, whole = None, False
 
     def keep(block: Block) -> None:
@@ -182,6 +186,7 @@ def take(
             watch(summary.take(name, writer.tally))
 
     try:
+        along.start()
         instrument.start()
         for block in incoming.blocks():
             keep(block)
@@ -195,7 +200,7 @@ def take(
             instrument.stop()
         raise
     finally:
-        remarks.end(instrument, incoming.returned)
+        remarks.end(instrument, incoming.returned, along.stop())
         tally = writer.finish(counted, whole=whole)
     watch(summary.take(name, tally))
     return tally

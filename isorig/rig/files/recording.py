@@ -384,12 +384,15 @@ class Extra:
     attributes, channels
         Attributes of the run, and of its channels by name.
     tables
-        Datasets by name.
+        Datasets by name, within a group if the name has a slash.
+    about
+        Attributes of the tables by name.
     """
 
     attributes: Mapping[str, float | str] = field(default_factory=dict)
     channels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     tables: Mapping[str, Samples] = field(default_factory=dict)
+    about: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
 
 
 def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | None = None) -> None:
@@ -472,7 +475,7 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
         if run.gaps:
             store(group, "gaps", np.array([(g.first_tick, g.count) for g in run.gaps], [("first_tick", "i8"), ("count", "i8")]))
         for name, table in extra.tables.items():
-            store(group, name, table)
+            _set_attributes(store(group, name, table), extra.about.get(name, {}))
         for spectrum in run.spectra:
             inside = group.create_group(f"spectra/{spectrum.name}")
             store(inside, "frequency", spectrum.frequency)

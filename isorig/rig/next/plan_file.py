@@ -73,6 +73,12 @@ def plan_text(plan: Plan, why: Mapping[str, Sequence[str]], head: Sequence[str] 
         lines += _table("instrument.shows", each, many=True)
     for name, channel in plan.channels.items():
         lines += _table(f"channels.{name}", _stated(channel))
+    for name, logger in plan.loggers.items():
+        stated = _stated(logger)
+        settings, logged = stated.pop("settings", None) or {}, stated.pop("channels")
+        lines += _table(f"loggers.{name}", {**stated, **settings})
+        for key, about in logged.items():
+            lines += _table(f"loggers.{name}.channels.{key}", about)
     limits = _stated(plan.limits)
     nested = {key: limits.pop(key) for key in ("stroke", "channels") if key in limits}
     lines += _table("limits", limits) if limits else []
@@ -109,6 +115,8 @@ def _value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key} = {_value(item)}' for key, item in value.items() if item is not None)}}}"
     if isinstance(value, Sequence):
         return f"[{', '.join(_value(item) for item in value)}]"
     return repr(value)

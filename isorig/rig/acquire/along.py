@@ -1,0 +1,121 @@
+"""Slow loggers that run along with the instrument, e.g. of temperatures: each is read in its own thread, by the host's clock."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.model.built_in import wire_bonder
+from isorig.drivers.block import Block
+from isorig.drivers.errors import DriverError
+from isorig.drivers.instrument import Stream
+from isorig.drivers.kinds import StreamKind, kinds
+from isorig.rig.acquire.locks import port_locked
+from isorig.rig.acquire.plan import LoggerPlan, Plan
+from isorig.rig.acquire.simulated_instruments import virtual_port
+from isorig.rig.errors import PlanError
+
+#: Seconds of a read, after which the end of the run is noticed.
+TURN = 0.1
+
+
+@contextmanager
+def opened_loggers(plan: Plan) -> Iterator[Mapping[str, Stream]]:
+    """The loggers of a plan by name, prepared; the port "virtual" is a simulated one.
+
+    Raises
+    ------
+    DriverError
+        One of them cannot be opened or prepared.
+    PlanError
+        A channel is not among its inputs.
+    """
+    with ExitStack() as stack:
+        yield {name: _opened(stack, name, logger) for name, logger in plan.loggers.items()}
+
+
+def _opened(stack: ExitStack, name: str, logger: LoggerPlan) -> Stream:
+    kind = kinds()[logger.kind]
+    assert isinstance(kind, StreamKind)  # the plan was checked
+    port = logger.port
+    if port == "virtual":
+        port = stack.enter_context(virtual_port(logger.kind, wire_bonder()))
+    else:
+        stack.enter_context(port_locked(port))
+    stream = stack.enter_context(closing(kind.open(port, logger.settings)))
+    stream.prepare(sample_rate=logger.sample_rate, channels=[channel.input for channel in logger.channels.values()])
+    highest = max(channel.input for channel in logger.channels.values())
+    if highest >= len(stream.inputs):
+        raise PlanError(f"the logger {name!r} has {len(stream.inputs)} inputs but the plan uses input {highest}; correct it")
+    return stream
+
+
+class Along:
+    """The loggers during one run.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    loggers
+        Its loggers by name, prepared.
+    put
+        Receives the number of the logger and rows, shape (n, 1 + channels): arrival by the host's clock in s, and values. Called
+        from several threads.
+    """
+
+    def __init__(self, plan: Plan, loggers: Mapping[str, Stream], put: Callable[[int, FloatArray], None]) -> None:
+        self._put, self._over = put, threading.Event()
+        self._ended: dict[str, str] = {}
+        self._rows = dict.fromkeys(loggers, 0)
+        self._threads = [
+            threading.Thread(
+                target=self._read, args=(number, name, plan.loggers[name], stream), name=f"logger {name}", daemon=True
+            )
+            for number, (name, stream) in enumerate(loggers.items())
+        ]
+
+    def start(self) -> None:
+        """Start all loggers."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> Sequence[str]:
+        """Stop all loggers; returns a sentence for each that ended before or stored nothing."""
+        self._over.set()
+        for thread in self._threads:
+            thread.join()
+        return [
+            f"The logger {name} stored {rows} rows and ended: {self._ended[name]}." if name in self._ended
+            else f"The logger {name} sent nothing; check its connection and its settings."
+            for name, rows in self._rows.items()
+            if name in self._ended or not rows
+        ]  # fmt: skip
+
+    def _read(self, number: int, name: str, logger: LoggerPlan, stream: Stream) -> None:
+        try:
+            stream.start()
+            while not self._over.is_set():
+                self._take(number, name, logger, stream, stream.read(TURN))
+            stream.stop()
+            while (block := stream.read(TURN)) is not None:
+                self._take(number, name, logger, stream, block)
+        except DriverError as error:
+            # The run goes on: the logger is not what is measured.
+            self._ended[name] = str(error)
+
+    def _take(self, number: int, name: str, logger: LoggerPlan, stream: Stream, block: Block | None) -> None:
+        if block is None or not len(block.samples):
+            return
+        count = len(block.samples)
+        rows = np.empty((count, 1 + len(logger.channels)))
+        rows[:, 0] = block.host_time - np.arange(count)[::-1] / logger.sample_rate
+        for k, channel in enumerate(logger.channels.values(), 1):
+            source = stream.inputs[channel.input]
+            rows[:, k] = (block.samples[:, channel.input] * source.per_count + source.offset) / channel.sensitivity
+        self._rows[name] += count
+        self._put(number, rows)
