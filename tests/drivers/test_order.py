@@ -81,3 +81,155 @@ def test_a_frame_of_an_earlier_run_is_early_only_soon_after_the_start() -> None:
 
 def test_a_wrapped_counter_is_the_nearest() -> None:
     assert [wrapped(value, 250, 256) for value in (250, 255, 0, 121, 122)] == [250, 255, 256, 377, 122]
+
+
+class Instrument:
+    """What an instrument sends: all its indicators wrap soon, and its clock runs one per cent fast."""
+
+    RATE, HOST, FIRST, WRAP = 1000.0, 5000.0, 65_000, 1 << 16
+    CLOCK, NUMBER, FULL = (1 << 32) - 300_000, (1 << 32) - 7, 1 << 32
+
+    def __init__(self, *, clock: bool = True, sequence: bool = True, rows: int = 50) -> None:
+        self.has_clock, self.has_sequence, self.rows = clock, sequence, rows
+
+    def order(self, **more: object) -> Order:
+        """What places its blocks."""
+        settings: dict[str, object] = {"first": self.FIRST, "rate": self.RATE, "began": self.HOST, "counter_wrap": self.WRAP}
+        return Order(who="It", **{**settings, **more})  # type: ignore[arg-type]
+
+    def frame(self, k: int, *, counter: int = 0, clock: int = 0, sequence: int = 0, late: float = 0.02) -> Reading:
+        """Frame number k, with errors of its indicators."""
+        tick = k * self.rows
+        return Reading(
+            counter=(self.FIRST + tick + counter) % self.WRAP,
+            rows=self.rows,
+            host=self.HOST + (tick + self.rows) / self.RATE + late,
+            clock=(self.CLOCK + round(1.01e6 * tick / self.RATE) + clock) % self.FULL if self.has_clock else None,
+            sequence=(self.NUMBER + k + sequence) % self.FULL if self.has_sequence else None,
+            mark=k,
+        )
+
+
+EVERY = [Instrument(clock=clock, sequence=sequence) for clock in (False, True) for sequence in (False, True)]
+
+
+@pytest.mark.parametrize("sender", EVERY)
+def test_frames_are_placed_where_they_were_taken_however_indicators_wrap(sender: Instrument) -> None:
+    order = sender.order()
+    lost = {5, 6, 40, 90}
+    for k in range(100):
+        if k in lost:
+            continue
+        place = order.place(sender.frame(k))
+        assert place is not None
+        assert (place.tick, place.status, order.end) == (k * 50, Status.GOOD, k * 50 + 50)
+        if sender.has_clock:
+            # Of the instrument's clock, without its wraps.
+            assert place.seconds == pytest.approx((sender.CLOCK + 1.01e3 * place.tick) * 1e-6, abs=1e-6)
+        else:
+            assert place.seconds is None
+        assert order.place(sender.frame(k)) is None  # a duplicate
+    assert order.place(sender.frame(89)) is None
+    assert order.place(sender.frame(40)) is None  # so late that its ticks count as lost
+    assert order.place(sender.frame(6)) is None
+    assert order.noticed == []
+
+
+@pytest.mark.parametrize("k", [3, 30])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"counter": 700}, "its counter 750, its clock 50, its frame numbers 50 samples on; 50 was used"),
+        ({"counter": -30}, "its counter 20, its clock 50, its frame numbers 50 samples on; 50 was used"),
+        ({"clock": 700_000}, "its counter 50, its clock 7"),
+        ({"sequence": -2}, "its counter 50, its clock 50, its frame number went by -1 samples on; 50 was used"),
+    ],
+)
+def test_two_indicators_outvote_the_third(wrong: dict[str, int], said: str, k: int) -> None:
+    """At the start, and after the clock's own rate was learned; afterwards the wrong one is trusted again."""
+    sender = Instrument()
+    order = sender.order()
+    for n in range(k + 5):
+        place = order.place(sender.frame(n, **(wrong if n >= k else {})))
+        assert place is not None
+        assert (place.tick, place.status) == (50 * n, Status.DISAGREES if n == k else Status.GOOD)
+    (notice,) = order.noticed
+    assert notice.startswith(f"at tick {50 * k} {said}")
+
+
+@pytest.mark.parametrize(("counter", "clock", "status"), [(700, 0, Status.DISAGREES), (0, 700_000, Status.DISAGREES)])
+def test_without_numbers_a_possible_step_of_the_counter_is_used(counter: int, clock: int, status: Status) -> None:
+    sender = Instrument(sequence=False)
+    order = sender.order()
+    for n in range(30):
+        order.place(sender.frame(n))
+    place = order.place(sender.frame(30, counter=counter, clock=clock))
+    assert place is not None
+    assert (place.tick, place.status) == (1500 + counter, status)
+
+
+def test_a_counter_that_restarts_is_replaced_by_the_clock_or_the_numbers() -> None:
+    for sender, back in ((Instrument(sequence=False), -1500), (Instrument(clock=True), -1500)):
+        order = sender.order()
+        for n in range(30):
+            order.place(sender.frame(n))
+        # One frame was lost, too.
+        place = order.place(sender.frame(31, counter=back))
+        assert place is not None
+        assert place.tick == pytest.approx(1550, abs=0)
+        assert place.status == Status.DISAGREES
+        place = order.place(sender.frame(32, counter=back))
+        assert place is not None
+        assert (place.tick, place.status) == (1600, Status.GOOD)
+
+
+def test_a_counter_that_restarts_ends_the_run_where_nothing_else_shows_the_loss() -> None:
+    sender = Instrument(clock=False, sequence=False)
+    order = sender.order()
+    for n in range(30):
+        order.place(sender.frame(n))
+    with pytest.raises(InstrumentError, match="counts -1450 samples at tick 1500, where 50 or more are expected"):
+        order.place(sender.frame(30, counter=-1500))
+
+
+@pytest.mark.parametrize(("counter", "refused"), [(0, False), (2100, False), (2200, True), (-1, True)])
+def test_the_first_block_is_where_its_counter_was_announced_or_later(counter: int, refused: bool) -> None:
+    """At 0.07 s, twice 1.07 s of samples may have been taken."""
+    sender = Instrument()
+    if refused:
+        with pytest.raises(InstrumentError, match="announced 65000; switch it off and on"):
+            sender.order().place(sender.frame(0, counter=counter))
+        return
+    place = sender.order().place(sender.frame(0, counter=counter))
+    assert place is not None
+    assert (place.tick, place.status) == (counter, Status.GOOD)
+
+
+def test_frames_of_different_sizes_are_not_numbered_samples() -> None:
+    """After frames of different sizes, numbers only show that none is missing."""
+    order = Order(who="It", began=0.0, rate=1000.0, first=0)
+    sizes = [50, 50, 30, 50]
+    for k, rows in enumerate(sizes):
+        order.place(Reading(counter=sum(sizes[:k]), rows=rows, host=0.2, sequence=k))
+    # One frame on, of 50: the counter's 250 is not confirmed by any number.
+    place = order.place(Reading(counter=430, rows=50, host=0.4, sequence=6))
+    assert place is not None
+    assert (place.tick, place.status) == (430, Status.GOOD)
+
+
+def test_without_a_rate_everything_is_possible_and_the_first_counter_is_tick_0() -> None:
+    order = Order(who="It", began=0.0)
+    place = order.place(Reading(counter=77, rows=10, host=0.1))
+    assert place is not None
+    assert place.tick == 0
+    place = order.place(Reading(counter=10**6, rows=10, host=0.1))
+    assert place is not None
+    assert place.tick == 10**6 - 77
+
+
+def test_a_clock_that_stands_still_is_none() -> None:
+    order = Order(who="It", began=0.0, rate=1000.0, first=0)
+    for k in range(4):
+        place = order.place(Reading(counter=50 * k, rows=50, host=0.1 * k, clock=12_345))
+        assert place is not None
+        assert place.status == Status.GOOD
