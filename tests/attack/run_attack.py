@@ -35,7 +35,7 @@ COMMANDS: Mapping[str, str] = {
     "import of TDMS": "tdms", "import of text": "csv", "import of LVM": "lvm", "import of WAV": "wav", "import of NPZ": "npz",
     "import of NPY": "npy", "import of JSON": "as_json", "import of HDF5": "hdf5",
 }  # fmt: skip
-DRIVERS = ("framed", "di1100", "mti600", "sr785", "35670a")
+DRIVERS = ("framed", "di1100", "mti600", "lines", "nidaqmx", "sound", "sr785", "35670a")
 #: Attacks of one process, so that both cores end at the same time.
 IMAGES, FAULTS, INPUTS = 250, 50, 250
 #: Seconds after which a portion counts as a hang.

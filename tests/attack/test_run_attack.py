@@ -10,8 +10,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "rig"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "drivers"))
 
 from run_attack import COMMANDS, DRIVERS, Portion, Row, attack, page, portions
+
+from isorig.drivers.kinds import kinds
 
 
 def test_every_kind_is_attacked_as_often_as_asked_with_different_seeds(tmp_path: Path) -> None:
@@ -24,9 +27,11 @@ def test_every_kind_is_attacked_as_often_as_asked_with_different_seeds(tmp_path:
     assert len({tuple(portion.call) for portion in asked}) == len(asked)
 
 
-def test_every_kind_of_input_exists() -> None:
+def test_every_driver_and_every_kind_of_input_is_attacked() -> None:
     import fuzzing
+    from campaign import ATTEMPTS
 
+    assert set(DRIVERS) == set(ATTEMPTS) == set(kinds())
     assert set(COMMANDS.values()) <= set(fuzzing.KINDS)
 
 

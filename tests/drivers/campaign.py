@@ -445,7 +445,9 @@ def ni_call(draw: random.Random) -> tuple[str, Callable[[], str]]:
 
 def ni(device: Device) -> str:
     """A run of an NI device with a drive; the output is at zero at the end, unless the device is gone."""
-    settings = NiSettings(inputs=("cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1"), output="cDAQ1Mod2/ao0", drive_volts=0.01)
+    settings = NiSettings(
+        inputs=("cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1"), output="cDAQ1Mod2/ao0", drive_volts=0.01, tachometer="cDAQ1/_ctr0"
+    )  # fmt: skip
     with chassis(device):
         instrument = NiInstrument("cDAQ1", settings)
         try:
@@ -458,9 +460,10 @@ def ni(device: Device) -> str:
             noticed = list(instrument.noticed)
         finally:
             instrument.close()
-    wrong = sum(
-        int((block.samples[:, 0] != np.arange(block.first_tick, block.end_tick)).sum()) for block in blocks
-    )  # fmt: skip
+    wrong = 0
+    for block in blocks:
+        ticks = np.arange(block.first_tick, block.end_tick)
+        wrong += int((block.samples[:, 0] != ticks).sum()) + int((block.samples[:, -1] != ticks // 5).sum())
     wrong += int(counted is not None and bool(blocks) and counted < blocks[-1].end_tick) + int(rate not in (2048.0, 1999.0))
     wrong += int(device.level != 0.0)
     return judged(wrong, bool(noticed) or any(block.status & ODD for block in blocks))
