@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import pytest
 
 from isorig.drivers.block import Status
@@ -67,9 +69,9 @@ def test_what_was_received_shows_that_an_instrument_is_faster_than_real_time() -
 
 def test_a_frame_of_an_earlier_run_is_early_only_soon_after_the_start() -> None:
     def at(host: float, tick: int) -> bool:
-        order = Order(who="It", began=0.0, rate=1000.0, first=0, real_time=True)
-        order.place(Reading(counter=0, rows=10, host=0.02))
-        return order.place(Reading(counter=tick, rows=10, host=host)) is not None
+        order = Order(who="It", began=7000.0, rate=1000.0, first=65_000, counter_wrap=1 << 16, real_time=True)
+        order.place(Reading(counter=65_000, rows=10, host=7000.02))
+        return order.place(Reading(counter=(65_000 + tick) % (1 << 16), rows=10, host=7000.0 + host)) is not None
 
     # 2 % above the rate, and 5 ms of the host's clock: at 0.5 s no more than 515.1 samples.
     assert at(0.5, 505)
@@ -130,6 +132,7 @@ def test_frames_are_placed_where_they_were_taken_however_indicators_wrap(sender:
             assert place.seconds is None
         assert order.place(sender.frame(k)) is None  # a duplicate
     assert order.place(sender.frame(89)) is None
+    assert order.place(sender.frame(90)) is None
     assert order.place(sender.frame(40)) is None  # so late that its ticks count as lost
     assert order.place(sender.frame(6)) is None
     assert order.noticed == []
@@ -205,16 +208,51 @@ def test_the_first_block_is_where_its_counter_was_announced_or_later(counter: in
     assert (place.tick, place.status) == (counter, Status.GOOD)
 
 
-def test_frames_of_different_sizes_are_not_numbered_samples() -> None:
-    """After frames of different sizes, numbers only show that none is missing."""
+@pytest.mark.parametrize(("sizes", "tick"), [((50, 50, 50), 200), ((50, 30, 50), 900)])
+def test_numbers_count_samples_only_where_all_frames_have_the_same_size(sizes: tuple[int, ...], tick: int) -> None:
+    """A frame is lost and the counter is wrong: numbers and clock agree on 100 samples, but not if frames differ in size."""
     order = Order(who="It", began=0.0, rate=1000.0, first=0)
-    sizes = [50, 50, 30, 50]
+    ends = [0, *accumulate(sizes)]
     for k, rows in enumerate(sizes):
-        order.place(Reading(counter=sum(sizes[:k]), rows=rows, host=0.2, sequence=k))
-    # One frame on, of 50: the counter's 250 is not confirmed by any number.
-    place = order.place(Reading(counter=430, rows=50, host=0.4, sequence=6))
+        order.place(Reading(counter=ends[k], rows=rows, host=0.2, sequence=k, clock=1000 * ends[k]))
+    last = len(sizes) - 1
+    wrong = Reading(counter=900, rows=50, host=0.4, sequence=last + 2, clock=1000 * (ends[last] + 100))
+    place = order.place(wrong)
     assert place is not None
-    assert (place.tick, place.status) == (430, Status.GOOD)
+    assert (place.tick, place.status) == (tick, Status.DISAGREES)
+
+
+def test_a_wrong_number_in_a_gap_costs_no_sample() -> None:
+    """The clock is a hundredth fast, and its rate not learned yet: the counter is exact."""
+    sender = Instrument()
+    order = sender.order()
+    for n in range(3):
+        order.place(sender.frame(n))
+    place = order.place(sender.frame(7, sequence=-7))
+    assert place is not None
+    assert (place.tick, place.status) == (350, Status.DISAGREES)
+
+
+@pytest.mark.parametrize("gap", [5, 6, 20])
+def test_a_counter_of_eight_bits_may_wrap_in_a_gap(gap: int) -> None:
+    order = Order(who="It", began=0.0, rate=1000.0, first=17, counter_wrap=256)
+    taken = [0, 1, 2, 2 + gap, 3 + gap]
+    for k in taken:
+        place = order.place(Reading(counter=(17 + 50 * k) % 256, rows=50, host=0.05 * k + 0.1, clock=50_000 * k))
+        assert place is not None
+        assert (place.tick, place.status) == (50 * k, Status.GOOD)
+
+
+@pytest.mark.parametrize(("frames", "status"), [(9, Status.DISAGREES), (13, Status.GOOD)])
+def test_the_rate_of_a_clock_is_learned_in_half_a_second(frames: int, status: Status) -> None:
+    """A clock 3 % fast shows 616 samples where 600 were taken: 2 % are allowed, unless its own rate is known."""
+    order = Order(who="It", began=0.0, rate=1000.0, first=0)
+    for k in [*range(frames), frames + 11]:
+        place = order.place(Reading(counter=50 * k, rows=50, host=0.05 * k + 0.1, clock=51_500 * k))
+        assert place is not None
+        assert place.tick == 50 * k
+    assert place is not None
+    assert place.status == status
 
 
 def test_without_a_rate_everything_is_possible_and_the_first_counter_is_tick_0() -> None:

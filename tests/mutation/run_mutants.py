@@ -53,7 +53,7 @@ MODULES: dict[str, Covered] = {
     "isorig/analysis/diagnose/policy.py": Covered(VERDICT),
     "isorig/analysis/fitting/score.py": Covered(VERDICT),
     "isorig/drivers/order.py": Covered(("tests/drivers/test_order.py", "tests/drivers/test_framed.py")),
-    "isorig/drivers/frames.py": Covered(("tests/drivers/test_framed.py",)),
+    "isorig/drivers/frames.py": Covered(("tests/drivers/test_frames.py", "tests/drivers/test_framed.py")),
     "isorig/analysis/units.py": Covered(("tests/analysis/test_units.py",)),
     "isorig/analysis/isolation/ratio.py": Covered(("tests/analysis/test_isolation.py",), 40),
     "isorig/rig/acquire/run_check.py": Covered(("tests/rig/acquire/test_check.py",)),
