@@ -202,7 +202,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(port, "QUIET", 0.5)
     monkeypatch.setattr(framed, "START_PATIENCE", 0.5)
     monkeypatch.setattr(mti600, "SETTLE", 0.0)
-    monkeypatch.setattr(sound, "GONE", 0.5)
     monkeypatch.setattr(sound, "STARTING", 1.0)
     monkeypatch.setattr(sr785, "POLL", 0.0)
     monkeypatch.setattr(hp35670a, "POLL", 0.0)
