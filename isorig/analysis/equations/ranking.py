@@ -194,6 +194,9 @@ class Regressions:
                     after[name], change = self._linear(
                         self.on.primary(self.on.balance_of(name)), sliding, base, [self._time_row(name, row)]
                     )
+                # An equation whose scale is this mass alone grows with it, and so does the noise in it.
+                grown = (1.0 + change / mass) ** 2
+                after = {name: value if name in scaled else value / grown for name, value in after.items()}
                 if after:
                     add("known_value", body, "mass", after, 1, mass=mass + change)
             after, frequency, damping, added = {}, 0.0, COARSE_DAMPING, 0.0
