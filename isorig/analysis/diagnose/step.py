@@ -250,21 +250,23 @@ def next_step(
     if tries is None:
         return None
     forms = _entries(tries.run.ranked[:FINALISTS], trials, fine, progress)
+    if found_by is not None and anywhere and not found_by.ranking.broken and not any(adequate(e.score, floors) for e in forms):
+        # What the equations hardly show may be what they do not see.
+        unseen = _searched(job, kinds)
+        if unseen is not None:
+            tries, found_by = unseen, None
+            forms = _better([*forms, *_entries(tries.run.ranked[:FINALISTS], trials, fine, progress)], floors)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
     best_form = min(forms, key=lambda entry: excess(entry.score.error, floors), default=None)
-    stands = (
-        found_by is not None
-        and best_form is not None
-        and share_removed(now.error, best_form.score.error, floors) >= POLICY.contributes
-        and found_by.stands(best_form.candidate, current)
-    )
+    helps = best_form is not None and share_removed(now.error, best_form.score.error, floors) >= POLICY.contributes
+    stands = found_by is not None and best_form is not None and helps and found_by.stands(best_form.candidate, current)
     alone = stands or any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     shapes: list[Entry] = []
     try:
         if left >= POLICY.rest and not forms_only and not alone:
-            if nearly is None and steps > 1 and (found_by is None or found_by.leaves_another):
+            if nearly is None and steps > 1 and (found_by is None or found_by.leaves_another or not helps):
                 progress("no form makes the model adequate; fitting pairs of forms")
                 both = _together(tries.pairs(), forms, now, trials, fine, floors, progress)
                 if both is not None:

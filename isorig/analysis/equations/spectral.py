@@ -107,17 +107,19 @@ class Prepared:
         self.solved = self.solve()
         self.count = count
 
-    def solve(self, more: Sequence[Row] = (), correction: ComplexArray | None = None) -> Solved:
-        """Solve with more unknown rows, or with corrected signals.
+    def solve(self, known: Row | None = None, correction: ComplexArray | None = None) -> Solved:
+        """Solve with a further known part, or with corrected signals.
 
         Parameters
         ----------
-        more
-            Further unknown rows.
+        known
+            Added to the known row.
         correction
             True signals in terms of the recorded ones, shape (bins, signals, signals).
         """
-        matrix = self.spectra.matrix([*self.rows, *more])
+        matrix = self.spectra.matrix(self.rows)
+        if known is not None:
+            matrix[:, :1] += self.spectra.matrix([known])
         if correction is not None:
             matrix = matrix @ correction
         gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in (self.power, self.noise))
