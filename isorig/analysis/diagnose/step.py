@@ -20,7 +20,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.pairs import Pair, pairs
 from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
 from isorig.analysis.diagnose.suspects import ALWAYS, Suspects, equations_of, suspects
-from isorig.analysis.equations.system import Equations
+from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.excess import excess, ratio, share_removed
@@ -244,8 +244,9 @@ def next_step(
     by_drive = left < 1.0 and any(trial.motion for trial in trials)
     found_by = None if by_drive else suspects(equations, further=left < 1.0)
     anywhere = left >= 1.0 or by_drive or not equations.residuals()
-    # Near reversals, which equations leave out, friction has effects that only a simulation shows.
-    kinds = UNSEEN if equations.complete and not by_drive else None
+    # Where all equations hold, only a simulation shows what they leave out: the effects of friction near reversals.
+    hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
+    kinds = UNSEEN if hold and not by_drive else None
     tries = _suspected(job, found_by) if found_by else _searched(job, kinds) if anywhere else None
     if tries is None:
         return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.campaign import FloatArray
 from isorig.analysis.equations.balances import Balance, Element
 from isorig.analysis.equations.columns import SHAPES, Shape
 from isorig.analysis.equations.filters import resonator
@@ -259,12 +259,13 @@ def _solved(equations: Equations, balance: Balance, explanation: Explanation | N
         correction = equations.correction(explanation.what, explanation.place, values["value"], source)
         return prepared.solve(correction=correction).values
     if explanation.what in ("mass", "resonator") and explanation.place in balance.bodies:
-        gain: ComplexArray | float = values["mass"]
+        row, mass = equations.body_row(explanation.place), values["mass"]
         if explanation.what == "resonator":
-            gain = gain * resonator(spectra.omega, values["frequency"], values["damping"])
-        elif explanation.place not in equations.unknown_masses(balance):
-            gain -= equations.model.body(explanation.place).mass
-        return prepared.solve({name: -gain * weight for name, weight in equations.body_row(explanation.place).items()}).values
+            gain = resonator(spectra.omega, values["frequency"], values["damping"])
+            return prepared.solve([{name: gain * weight for name, weight in row.items()}]).values
+        if explanation.place not in equations.unknown_masses(balance):
+            mass -= equations.model.body(explanation.place).mass
+        return prepared.solve(known={name: -mass * weight for name, weight in row.items()}).values
     shape = shape_of(explanation)
     element = next((e for e, _ in balance.crossing if e.name == explanation.place), None)
     if shape is not None and element is not None:

@@ -27,8 +27,8 @@ GAINS = np.linspace(0.6, 1.6, 41)
 DELAYS = np.linspace(0.1, 6.0, 60)
 SHARES = np.concatenate([np.linspace(-0.08, -0.005, 16), np.linspace(0.005, 0.08, 16)])
 FINER, ROUNDS = 9, 2
-#: Residual from which an equation is explained where none is broken: a rig that a simulation finds wrong has one nevertheless. Chosen:
-#: the median of sound equations is 0.9.
+#: Residual from which an equation is explained where none is broken although a simulation misfits. Chosen: the median of sound
+#: equations is 0.9.
 HINTS = 1.3
 #: Share of the excess residuals below which nothing is left to explain, and weight of each equation's own ratio (see `score_of`).
 #: Chosen: disturbances of a few per cent of the signal are in every rig.
@@ -193,6 +193,7 @@ class Regressions:
             inside = [b for b in self.on.balances if body in b.bodies]
             if all(before.get(b.name, 0.0) < self.least for b in inside):
                 continue
+            inside = sorted(inside, key=self.on.unknown_scale)
             spectral = {b.name: self.on.prepared[b.name] for b in inside if b.name in self.on.prepared}
             slid = {b.name: self.on.sliding[b.name] for b in inside if b.name in self.on.sliding}
             # Where this inertia is all that is known, its mass is only the scale.
@@ -211,11 +212,11 @@ class Regressions:
                     add("known_value", body, "mass", after, 1, mass=mass + change)
             after, frequency, damping, added = {}, 0.0, COARSE_DAMPING, 0.0
             if spectral:
-                _, _, k = _joint({name: item.scan(row, coarse) for name, item in spectral.items()}, scaled, 0.0)
+                _, _, k = _attached({name: item.scan(row, coarse) for name, item in spectral.items()}, scaled)
                 best = frequencies[k]
                 grid = [(best * u, z) for u in np.linspace(1.0 - WITHIN, 1.0 + WITHIN, CLOSER) for z in FINE_DAMPING]
                 fine = np.stack([resonator(self.on.spectra.omega, f, z) for f, z in grid])
-                after, added, k = _joint({name: item.scan(row, fine) for name, item in spectral.items()}, scaled, 0.0)
+                after, added, k = _attached({name: item.scan(row, fine) for name, item in spectral.items()}, scaled)
                 frequency, damping = grid[k]
             elif slid:
                 frequency, damping = self._scanned(slid, row, frequencies)
@@ -475,6 +476,25 @@ def _joint(scans: Mapping[str, FloatArray], scaled: Collection[str], least: floa
             if total < best[0]:
                 best = total, residuals, float(value), k
     return best[1:]
+
+
+def _attached(scans: Mapping[str, FloatArray], scaled: Collection[str]) -> tuple[dict[str, float], float, int]:
+    """Residuals with an attached resonator, its mass and the best filter (as `_joint`).
+
+    Where no equation has a known scale, each one has a coefficient of its own; the mass is that of the first.
+    """
+    if any(name in scaled for name in scans):
+        return _joint(scans, scaled, 0.0)
+    found = {}
+    masses: FloatArray | None = None
+    for name, scan in scans.items():
+        values = np.maximum(-scan[:, 1] / np.maximum(2.0 * scan[:, 2], 1e-300), 0.0)
+        found[name] = scan[:, 0] + scan[:, 1] * values + scan[:, 2] * values**2
+        masses = values if masses is None else masses
+    if masses is None:
+        return {}, 0.0, 0
+    k = int(np.argmin(sum(np.log10(np.maximum(left, 1.0)) for left in found.values())))
+    return {name: float(left[k]) for name, left in found.items()}, float(masses[k]), k
 
 
 def ranking(equations: Equations) -> Ranking:

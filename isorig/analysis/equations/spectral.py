@@ -107,17 +107,19 @@ class Prepared:
         self.solved = self.solve()
         self.count = count
 
-    def solve(self, known: Row | None = None, correction: ComplexArray | None = None) -> Solved:
-        """Solve with a further known part, or with corrected signals.
+    def solve(self, more: Sequence[Row] = (), known: Row | None = None, correction: ComplexArray | None = None) -> Solved:
+        """Solve with more unknown rows, with a further known part, or with corrected signals.
 
         Parameters
         ----------
+        more
+            Further unknown rows.
         known
             Added to the known row.
         correction
             True signals in terms of the recorded ones, shape (bins, signals, signals).
         """
-        matrix = self.spectra.matrix(self.rows)
+        matrix = self.spectra.matrix([*self.rows, *more])
         if known is not None:
             matrix[:, :1] += self.spectra.matrix([known])
         if correction is not None:
