@@ -65,6 +65,7 @@ FORM_OF: Mapping[str, frozenset[str]] = {
     "gain": frozenset({"sensor_gain", "wrong_mass"}),
     "delay": frozenset({"channel_delay"}),
     "crosstalk": frozenset({"crosstalk"}),
+    "static curve": frozenset({"clipping"}),
 }
 
 

@@ -12,10 +12,10 @@ from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element, Lock
 from isorig.analysis.equations.columns import CORNERS, PER_COEFFICIENT, SHAPES, Shape, dissipates, relaxing
 from isorig.analysis.equations.filters import filtered, resonator, rocked, rocker
-from isorig.analysis.equations.motion import low_passed
+from isorig.analysis.equations.motion import derivatives, low_passed
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
-from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.equations.system import CUT, HOLDS, Equations
 
 #: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
 COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
@@ -25,8 +25,10 @@ LOCK_RATIOS, LOCK_TIMES = np.geomspace(1e2, 5e4, 50), (0.0, 4e-4, 1e-3)
 #: Sensor faults: gains, delays in samples, crosstalk; refinements.
 GAINS = np.linspace(0.6, 1.6, 41)
 DELAYS = np.linspace(0.1, 6.0, 60)
-SHARES = np.concatenate([np.linspace(-0.08, -0.005, 16), np.linspace(0.005, 0.08, 16)])
+SHARES = np.linspace(-0.4, 0.4, 33)
 FINER, ROUNDS = 9, 2
+#: Powers of a sensor's value in the error of its static curve.
+POWERS = (2, 3)
 #: Residual from which an equation is explained where none is broken although a simulation misfits. Chosen: the median of sound
 #: equations is 0.9.
 HINTS = 1.3
@@ -185,7 +187,6 @@ class Regressions:
     def _bodies(self, add: _Add, before: Mapping[str, float]) -> None:
         band = self.on.spectra.frequency
         frequencies = np.geomspace(max(2.0 * self.on.lowest, band[0] * 1.5), 0.5 * band[-1], RESONATORS)
-        coarse = np.stack([resonator(self.on.spectra.omega, f, COARSE_DAMPING) for f in frequencies])
         for body in self.on.combos.measured:
             if body in self.on.model.imposed or body in self.on.hidden:
                 continue
@@ -200,32 +201,84 @@ class Regressions:
             scaled = {b.name for b in inside if self.on.scales(b)}
             if f"bodies.{body}.mass" not in self.on.model.free:
                 one = np.ones((1, len(band)), dtype=complex)
-                after, change, _ = _joint({name: item.scan(row, one) for name, item in spectral.items()}, scaled, -0.9 * mass)
-                for name, (sliding, base) in ((n, pair) for n, pair in slid.items() if n in scaled):
-                    after[name], change = self._linear(
-                        self.on.primary(self.on.balance_of(name)), sliding, base, [self._time_row(name, row)]
-                    )
+                scans = {name: item.scan(row, one)[0] for name, item in spectral.items()}
+                after, change = self._shared(scans, slid, {n: self._time_row(n, row) for n in slid}, scaled, -0.9 * mass)
                 # An equation whose scale is this mass alone grows with it, and so does the noise in it.
                 grown = (1.0 + change / mass) ** 2
                 after = {name: value if name in scaled else value / grown for name, value in after.items()}
                 if after:
                     add("known_value", body, "mass", after, 1, mass=mass + change)
-            after, frequency, damping, added = {}, 0.0, COARSE_DAMPING, 0.0
-            if spectral:
-                _, _, k = _attached({name: item.scan(row, coarse) for name, item in spectral.items()}, scaled)
-                best = frequencies[k]
-                grid = [(best * u, z) for u in np.linspace(1.0 - WITHIN, 1.0 + WITHIN, CLOSER) for z in FINE_DAMPING]
-                fine = np.stack([resonator(self.on.spectra.omega, f, z) for f, z in grid])
-                after, added, k = _attached({name: item.scan(row, fine) for name, item in spectral.items()}, scaled)
-                frequency, damping = grid[k]
-            elif slid:
-                frequency, damping = self._scanned(slid, row, frequencies)
-            for name, (sliding, base) in slid.items():
-                after[name], added = self._linear(
-                    self.on.primary(self.on.balance_of(name)), sliding, base, [self._time_row(name, row, (frequency, damping))]
-                )
+            frequency, damping = self._fitted_mode(spectral, slid, row, scaled, frequencies)
+            gain = resonator(self.on.spectra.omega, frequency, damping)[None]
+            of_filter = {name: item.scan(row, gain) for name, item in spectral.items()}
+            signals = {name: self._time_row(name, row, (frequency, damping)) for name in slid}
+            if scaled:
+                after, added = self._shared({n: scan[0] for n, scan in of_filter.items()}, slid, signals, scaled, 0.0)
+            else:
+                after, added, _ = _attached(of_filter, scaled)
+                for name, pair in slid.items():
+                    after[name], added = self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])
             if after:
-                add("added_motion", body, "resonator", after, 3, frequency=float(frequency), damping=damping, mass=added)
+                add("added_motion", body, "resonator", after, 3, frequency=frequency, damping=damping, mass=added)
+
+    def _fitted_mode(
+        self, spectral: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]], row: Row,
+        scaled: Collection[str], frequencies: FloatArray,
+    ) -> tuple[float, float]:  # fmt: skip
+        # Frequency and damping ratio of the resonator at a body that leaves least.
+        if not spectral:
+            return self._scanned(slid, row, frequencies)
+        omega = self.on.spectra.omega
+        coarse = np.stack([resonator(omega, f, COARSE_DAMPING) for f in frequencies])
+        best = frequencies[_attached({name: item.scan(row, coarse) for name, item in spectral.items()}, scaled)[2]]
+        grid = [(float(best * u), z) for u in np.linspace(1.0 - WITHIN, 1.0 + WITHIN, CLOSER) for z in FINE_DAMPING]
+        fine = np.stack([resonator(omega, f, z) for f, z in grid])
+        return grid[_attached({name: item.scan(row, fine) for name, item in spectral.items()}, scaled)[2]]
+
+    def _shared(
+        self, scans: Mapping[str, FloatArray], slid: Mapping[str, tuple[Sliding, SlidingFit]],
+        signals: Mapping[str, Mapping[int, FloatArray]], scaled: Collection[str], least: float,
+    ) -> tuple[dict[str, float], float]:  # fmt: skip
+        """Residuals with one coefficient common to equations in both domains, and that coefficient.
+
+        Parameters
+        ----------
+        scans
+            Parabolas over the coefficient by equation, shape (3,).
+        slid, signals
+            The sliding equations, and the signal in each whose factor is the coefficient.
+        scaled
+            Equations that determine it.
+        least
+            Values at or below it are impossible.
+        """
+        values = [_joint({name: scan[None] for name, scan in scans.items()}, scaled, least)[1]]
+        values += [
+            self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])[1]
+            for name, pair in slid.items()
+            if name in scaled
+        ]
+        best: tuple[float, dict[str, float], float] = (np.inf, {}, 0.0)
+        for value in (value for value in values if value > least and value != 0.0):
+            after = {name: float(scan @ (1.0, value, value**2)) for name, scan in scans.items()}
+            for name, (sliding, base) in slid.items():
+                after[name] = self._loaded(self.on.primary(self.on.balance_of(name)), sliding, base, signals[name], value)
+            total = float(sum(np.log10(max(left, 1.0)) for left in after.values()))
+            best = min(best, (total, after, value), key=lambda item: item[0])
+        return best[1:]
+
+    def _loaded(
+        self, element: Element, sliding: Sliding, base: SlidingFit, signal: Mapping[int, FloatArray], value: float
+    ) -> float:  # fmt: skip
+        # Residual of a sliding equation with a further known force.
+        state, columns = sliding.state(), self.on.base_columns(element)
+        for run in sliding.runs:
+            run.force -= value * signal[run.run]
+        fitted = sliding.fit(columns, base.values, 1)
+        sliding.restore(state)
+        for run in sliding.runs:
+            run.force += value * signal[run.run]
+        return sliding.residual(fitted, base)
 
     def _scanned(self, slid: Mapping[str, tuple[Sliding, SlidingFit]], row: Row, frequencies: FloatArray) -> tuple[float, float]:
         best = (np.inf, float(frequencies[0]))
@@ -372,36 +425,91 @@ class Regressions:
             seen = [before[name] for name in inside] or [before[name] for name in slid]
             if all(value < self.least for value in seen):
                 continue
-            sources = [c for c in orders if c != channel and c in self.on.model.channels] if channel in orders else []
-            faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", DELAYS / self.on.rate, None)]
-            if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
-                faults = faults[1:]
-            faults += [("crosstalk", SHARES, source) for source in sources]
-            for what, values, source in faults:
-                best, value, after = -np.inf, 0.0, {}
-                grid, step = values, float(values[1] - values[0])
-                for _ in range(ROUNDS + 1):
-                    for trial in grid:
-                        correction = self.on.correction(what, channel, float(trial), source)
-                        found = {name: item.solve(correction=correction).residual for name, item in inside.items()}
-                        score = sum(np.log10(max(before[name], 1.0) / max(r, 1.0)) for name, r in found.items())
-                        if score > best:
-                            best, value, after = score, float(trial), found
-                    if not inside:
-                        break
-                    grid, step = np.linspace(value - step, value + step, FINER), step / 4.0
-                if inside and not values[0] < value < values[-1]:
-                    continue  # at the end of the grid it is no optimum
-                after = dict(after)
-                for name in slid:
-                    sliding, base = self.on.sliding[name]
-                    signals = [self._faulty(name, what, channel, source, base)]
-                    after[name], factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
-                    if not inside:
-                        # The record is true (1 + error), so the true signal is less by the error.
-                        value = 1.0 / (1.0 + factor) if what == "gain" else factor
-                if after:
-                    add("sensor", channel, what, after, 1, source or "", value=value)
+            self._linear_faults(add, channel, inside, slid, before)
+            if channel in orders:
+                after = self._curved(channel, inside, slid)
+                add("sensor", channel, "static curve", after, len(POWERS))
+
+    def _linear_faults(
+        self, add: _Add, channel: str, inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]],
+        before: Mapping[str, float],
+    ) -> None:  # fmt: skip
+        # Gains, delays and crosstalk of a channel.
+        orders = self.on.combos.orders
+        sources = [c for c in orders if c != channel and c in self.on.model.channels] if channel in orders else []
+        faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", DELAYS / self.on.rate, None)]
+        if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
+            faults = faults[1:]
+        faults += [("crosstalk", SHARES, source) for source in sources]
+        for what, values, source in faults:
+            best, value, after = -np.inf, 0.0, {}
+            grid, step = values, float(values[1] - values[0])
+            for _ in range(ROUNDS + 1):
+                for trial in grid:
+                    correction = self.on.correction(what, channel, float(trial), source)
+                    found = {name: item.solve(correction=correction).residual for name, item in inside.items()}
+                    score = sum(np.log10(max(before[name], 1.0) / max(r, 1.0)) for name, r in found.items())
+                    if score > best:
+                        best, value, after = score, float(trial), found
+                if not inside:
+                    break
+                grid, step = np.linspace(value - step, value + step, FINER), step / 4.0
+            if inside and not values[0] < value < values[-1]:
+                continue  # at the end of the grid it is no optimum
+            after = dict(after)
+            for name in slid:
+                sliding, base = self.on.sliding[name]
+                signals = [self._faulty(name, what, channel, source, base)]
+                after[name], factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
+                if not inside:
+                    # The record is true (1 + error), so the true signal is less by the error.
+                    value = 1.0 / (1.0 + factor) if what == "gain" else factor
+            if after:
+                add("sensor", channel, what, after, 1, source or "", value=value)
+
+    def _curved(
+        self, channel: str, inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]]
+    ) -> dict[str, float]:  # fmt: skip
+        # Residuals with a static curve of a sensor: the error of its record is a polynomial of its value.
+        order = self.on.combos.orders[channel]
+        peak = max(float(np.abs(signals[channel, order]).max()) for signals in self.on.signals) or 1.0
+        powers: list[list[Mapping[int, FloatArray]]] = []
+        for signals in self.on.signals:
+            values = signals[channel, order] / peak
+            powers.append([derivatives(values**p, order, self.on.rate, CUT * self.on.lowest, np.inf).orders for p in POWERS])
+        after: dict[str, float] = {}
+        for name, item in inside.items():
+            columns = {}
+            for record, by_power in zip(self.on.records, powers, strict=True):
+                if record.index in item.weights:
+                    columns[record.index] = np.stack(
+                        [
+                            self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, found))
+                            for found in by_power
+                        ]
+                    )
+            after[name] = item.shaped(columns).residual
+        for name, (sliding, base) in slid.items():
+            rows, values, way = self._signed_rows(name, base)
+            errors = [
+                {
+                    record.index: low_passed(way * self._error(rows, values, channel, by_power[k]), self.on.rate, self.on.edge)
+                    for record, by_power in zip(self.on.records, powers, strict=True)
+                }
+                for k in range(len(POWERS))
+            ]
+            after[name], _ = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, errors)
+        return after
+
+    @staticmethod
+    def _error(rows: Sequence[Row], values: FloatArray, channel: str, found: Mapping[int, FloatArray]) -> FloatArray:
+        # What an equation leaves if a channel's error is `found` (by derivative); the known row first.
+        total = np.zeros(len(next(iter(found.values()))))
+        for row, factor in zip(rows, [1.0, *(-values)], strict=True):
+            for (other, order), weight in row.items():
+                if other == channel:
+                    total += factor * float(np.real(weight)) * found[order]  # type: ignore[arg-type]
+        return total
 
     def _uses(self, name: str, channel: str) -> bool:
         balance = self.on.balance_of(name)
@@ -409,29 +517,29 @@ class Regressions:
         rows += [self.on.motion_row(element.weights, 0) for element, _ in balance.crossing]
         return any(key[0] == channel for row in rows for key in row)
 
-    def _faulty(self, name: str, what: str, channel: str, source: str | None, base: SlidingFit) -> dict[int, FloatArray]:
-        # The derivative of a sliding equation with respect to a fault of a channel, as a signal of each run.
+    def _signed_rows(self, name: str, base: SlidingFit) -> tuple[list[Row], FloatArray, float]:
+        # The known row of a sliding equation, its element's motions with their coefficients, and the sign of the force.
         balance = self.on.balance_of(name)
         element, sign = next((e, s) for e, s in balance.crossing if e.contact is not None)
-        way = np.sign(sign)
+        way = float(np.sign(sign))
+        rows = [self.on.force_row(balance), self.on.motion_row(element.weights, 0), self.on.motion_row(element.weights, 1)]
+        return rows, way * base.values[:2], way
+
+    def _faulty(self, name: str, what: str, channel: str, source: str | None, base: SlidingFit) -> dict[int, FloatArray]:
+        # The derivative of a sliding equation with respect to a fault of a channel, as a signal of each run.
+        rows, values, way = self._signed_rows(name, base)
         found = {}
-        rows: list[tuple[Row, float]] = [(self.on.force_row(balance), way)]
-        rows += [
-            (self.on.motion_row(element.weights, 0), -float(base.values[0])),
-            (self.on.motion_row(element.weights, 1), -float(base.values[1])),
-        ]
         for record, signals in zip(self.on.records, self.on.signals, strict=True):
             if not any(run.run == record.index for run in self.on.sliding[name][0].runs):
                 continue
-            total = np.zeros(len(next(iter(signals.values()))))
-            for row, factor in rows:
-                for (other, order), weight in row.items():
-                    if other != channel:
-                        continue
-                    values = signals[source, order] if source is not None and order >= 0 else signals[other, order]
-                    if what == "delay":
-                        values = np.gradient(values, 1.0 / self.on.rate)
-                    total += factor * float(np.real(weight)) * values  # type: ignore[arg-type]
+            errors = {}
+            for order in (-1, 0, 1, 2):
+                own = signals.get((channel, order))
+                if own is None:
+                    continue
+                error = signals[source, order] if source is not None and order >= 0 else own
+                errors[order] = np.gradient(error, 1.0 / self.on.rate) if what == "delay" else error
+            total = way * self._error(rows, values, channel, errors)
             found[record.index] = low_passed(total, self.on.rate, self.on.edge)
         return found
 

@@ -40,6 +40,8 @@ FLOOR = 0.05
 SOUND = 3.0
 #: Factor of a step that is taken back, and the smallest such factor.
 BACK, LEAST = 0.3, 0.05
+#: Largest number of Gauss-Newton steps.
+ROUNDS = 15
 #: Residual of a block, relative to that of the base equation, above which its weight decreases.
 WORSE = 1.5
 
@@ -321,6 +323,7 @@ class Sliding:
             if not self.usable:
                 return found
             found = self.fit(columns, found.values, 1, damped=False)
+        found = self.fit(columns, found.values, ROUNDS, damped=False)
         for item in (self._reduced(block, columns, found.values, False) for block in self.active):
             item.block.base = item.power
         return found

@@ -20,7 +20,7 @@ from isorig.analysis.equations.motion import (
     resolution,
     usable_stop,
 )
-from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun
+from isorig.analysis.equations.sliding import ROUNDS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import RigModel
@@ -42,8 +42,6 @@ ENDS = 2.5
 STUCK = 0.06
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
 HOLDS = 2.0
-#: Gauss-Newton steps of a shape in a sliding equation.
-SHAPE_ROUNDS = 15
 
 
 @dataclass(kw_only=True)
@@ -454,7 +452,7 @@ class Equations:
         before = len(base.values)
         count = columns(np.zeros(2), np.ones(2) * sliding.speed, few.run, at).shape[1] - before
         values = np.concatenate([base.values, np.zeros(count)])
-        return sliding.fit(columns, values, SHAPE_ROUNDS, shape.penalty(count, before, sliding.power, sliding.allowed))
+        return sliding.fit(columns, values, ROUNDS, shape.penalty(count, before, sliding.power, sliding.allowed))
 
     def columns_with(self, element: Element, sliding: Sliding, shape: Shape, own: float) -> Columns:
         """The columns of a sliding equation with a shape."""

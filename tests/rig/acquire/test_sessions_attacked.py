@@ -66,6 +66,8 @@ def session(folder: Path, port: str, *options: str, seconds: float = 60.0, **mor
     """`rig acquire`, begun."""
     (folder / "plan.toml").write_text(PLAN.replace("SECONDS", str(seconds)))
     call = [sys.executable, "-m", "isorig", "acquire", str(folder / "plan.toml"), "--port", port, "-o", str(folder / "c.h5")]
+    # A test run under nohup hands its children a SIGHUP that is ignored.
+    more.setdefault("preexec_fn", lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL))
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
     return subprocess.Popen([*call, "--force", "--yes", *options], **pipes)  # type: ignore[call-overload,no-any-return]
 
