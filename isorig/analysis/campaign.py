@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal, Protocol
+from functools import wraps
+from typing import Any, Concatenate, Literal, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -289,3 +290,21 @@ class Campaign(Viewed):
 def broad(runs: Sequence[Run]) -> list[Run]:
     """The runs with a broad-band drive: noise, multisines, sweeps."""
     return [run for run in runs if run.excitation in BROAD]
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def once(function: Callable[Concatenate[Campaign, P], R]) -> Callable[Concatenate[Campaign, P], R]:
+    """A function of a campaign that is computed once for each campaign and its hashable arguments: records do not change."""
+
+    @wraps(function)
+    def found(campaign: Campaign, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        results: dict[Hashable, R] = campaign.__dict__.setdefault("_results", {})
+        key = function.__qualname__, args, tuple(sorted(kwargs.items()))
+        if key not in results:
+            results[key] = function(campaign, *args, **kwargs)
+        return results[key]
+
+    return found

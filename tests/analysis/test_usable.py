@@ -106,9 +106,9 @@ def test_noise_is_what_is_not_coherent_with_a_drive_that_reaches_everywhere() ->
     assert noise_level(run, "a", ["f"]) == pytest.approx(1e-2, rel=0.1)
     assert noise_level(run, "a") > 0.1
     campaign = Campaign(runs=(run,))
-    assert noise_levels(campaign, ["f"])["a"] == noise_level(run, "a", ["f"])
+    assert noise_levels(campaign, ("f",))["a"] == noise_level(run, "a", ["f"])
     # A drive's noise is at most what its responses' noise allows to see.
-    assert noise_levels(campaign, ["f"])["f"] < 0.05
+    assert noise_levels(campaign, ("f",))["f"] < 0.05
 
 
 def test_an_encoder_has_at_least_the_noise_of_its_counts() -> None:

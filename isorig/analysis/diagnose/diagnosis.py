@@ -27,14 +27,25 @@ from isorig.analysis.diagnose.policy import (
     verdict,
 )
 from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence, without_form
-from isorig.analysis.diagnose.suspects import equations_of
+from isorig.analysis.diagnose.suspects import BROKEN, equations_of
 from isorig.analysis.equations.forms import start_values
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
-from isorig.analysis.fitting.ladder import baseline_fit, calibrated, finished, widened, without
+from isorig.analysis.fitting.ladder import (
+    baseline_fit,
+    calibrated,
+    finished,
+    ladder,
+    misfit,
+    tried,
+    widened,
+    without,
+    without_step,
+)
 from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.repeats import disturbance
 from isorig.analysis.fitting.score import (
     Improvement,
     Score,
@@ -47,7 +58,7 @@ from isorig.analysis.fitting.score import (
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
-from isorig.analysis.fitting.uncertainty import assessed, floors_of
+from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
 
@@ -160,8 +171,9 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     trials = prepare(campaign, model)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     equations = equations_of(campaign, model)
-    guess = model.replace(start_values(equations)) if equations.residuals() else model
-    baseline = widened(baseline_fit((guess, model), trials))
+    residuals = equations.residuals()
+    guess = model.replace(start_values(equations)) if residuals else model
+    baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
     search = _Search(campaign, (guess,), equations, trials, progress, tolerance)
     found = search.causes(baseline, ends)
     # A search may have led the baseline to a better fit.
@@ -257,6 +269,7 @@ class _Search:
         self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
         self.cut_short = False
         self._drive_noise = drive_noise(campaign, guesses[0].drive.channel)
+        self._noise_floors: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
@@ -344,7 +357,12 @@ class _Search:
 
     def _without(self, step: Step, better: Fit, now: _Stage, division: Division, floors: FloatArray) -> tuple[_Stage, float]:
         # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than
-        # `Policy.refitted`; and the improvement.
+        # `Policy.refitted`; and the improvement. The first seconds of the runs tell whether there may be one.
+        rung = ladder(division.fits)[-1]
+        glance = tried(without_step(better, now.fit), now.fit.free, rung)
+        before = misfit(now.fit.model, rung.problem)
+        if glance is None or 0.5 * np.log(before / glance.cost) <= 0.5 * POLICY.refitted:
+            return now, 0.0
         bare = without(better, now.fit, division.fits)
         plain = score(bare.model, division.judged)
         moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
@@ -374,7 +392,13 @@ class _Search:
 
     def floors(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
         """The noise floor of a model in held-out data, shape (runs, channels)."""
-        return floors_of(model, judged, self._drive_noise)
+        return np.asarray(np.hypot(self._noise_floor(model, judged), disturbance(model, judged)))
+
+    def _noise_floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
+        key = model.encoded, id(judged)
+        if key not in self._noise_floors:
+            self._noise_floors[key] = judged, noise_floor(model, judged, self._drive_noise)
+        return self._noise_floors[key][1]
 
     def settled(self, found: _Found) -> _Found:
         """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
@@ -402,7 +426,7 @@ class _Search:
 
     def budget(self, model: RigModel, division: Division) -> Budget:
         """Composition of a model's error."""
-        return budget(model, division.judged, noise_floor(model, division.judged, self._drive_noise))
+        return budget(model, division.judged, self._noise_floor(model, division.judged))
 
     def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only needed near the noise; a rig judged by its drive has no simulated motion.

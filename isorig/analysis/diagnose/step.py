@@ -251,8 +251,9 @@ def next_step(
     if tries is None:
         return None
     forms = _entries(tries.run.ranked[:FINALISTS], trials, fine, progress)
-    if found_by is not None and anywhere and not found_by.ranking.broken and not any(adequate(e.score, floors) for e in forms):
-        # What the equations hardly show may be what they do not see.
+    # What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it.
+    weak = found_by is not None and not found_by.ranking.broken and not any(adequate(entry.score, floors) for entry in forms)
+    if anywhere and (weak or (equations.hidden and found_by is not None and not _help(forms, now, floors))):
         unseen = _searched(job, kinds)
         if unseen is not None:
             tries, found_by = unseen, None
@@ -261,7 +262,7 @@ def next_step(
     # tested anyway.
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
     best_form = min(forms, key=lambda entry: excess(entry.score.error, floors), default=None)
-    helps = best_form is not None and share_removed(now.error, best_form.score.error, floors) >= POLICY.contributes
+    helps = _help(forms, now, floors)
     stands = found_by is not None and best_form is not None and helps and found_by.stands(best_form.candidate, current)
     alone = stands or any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     shapes: list[Entry] = []
@@ -431,6 +432,11 @@ def _suspected_pairs(job: _Job, begun: Starts) -> list[Pair]:
 def unlike(begun: Starts) -> Starts:
     """The first starting point of each cause and place."""
     return [start for k, start in enumerate(begun) if all(start[0].key != other.key for other, _, _ in begun[:k])]
+
+
+def _help(entries: Sequence[Entry], now: Score, floors: FloatArray) -> bool:
+    # Whether one removes as much as no other single cause can then.
+    return any(share_removed(now.error, entry.score.error, floors) >= POLICY.contributes for entry in entries)
 
 
 def _entries(

@@ -272,7 +272,7 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
 
 def equations_of(campaign: Campaign, model: RigModel) -> Equations:
     """The equations of a campaign for a rig with the causes found so far."""
-    return Equations(campaign, model, noise_levels(campaign, [drive.channel for drive in model.drives]))
+    return Equations(campaign, model, noise_levels(campaign, tuple(drive.channel for drive in model.drives)))
 
 
 def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:

@@ -44,6 +44,11 @@ def refined(trial: Trial) -> Trial:
     return replace(trial, excitation=trial.excitation.resampled(FINEST))
 
 
+def coarsened(trial: Trial) -> Trial:
+    """The trial on half the grid of its own, for differences between simulations."""
+    return replace(trial, excitation=trial.excitation.resampled(max(trial.excitation.oversample // 2, 1)))
+
+
 def ends(trials: Sequence[Trial]) -> Division:
     """Fits use the beginnings of all runs, and are judged by the ends."""
     return Division(

@@ -20,6 +20,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 from isorig.analysis.fitting.deviations import normalised
+from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.solve import FAINT, Fit, Problem
 from isorig.analysis.fitting.trials import Trial
@@ -29,8 +30,10 @@ from isorig.analysis.model.rig_model import RigModel
 BANDS, LEAST_BINS = 16, 40
 #: Noise for the rig's linear response, as a share of the drive's rms.
 PROBE = 1e-3
-#: Pairs of draws (of both signs) for the bias; draws for the uncertainty, whose own relative uncertainty is 1 / sqrt(2 draws).
-PAIRS, DRAWS = 1, 16
+#: Pairs of draws (of both signs) for the bias.
+PAIRS = 1
+#: Draws for the uncertainty in all runs together, whose own relative uncertainty is 1 / sqrt(2 draws), and fewest draws of a run.
+DRAWS, FEWEST = 16, 4
 #: Relative uncertainty of the removed bias, for the noise's spectrum is estimated from few bins.
 UNCERTAIN = 0.25
 
@@ -68,15 +71,15 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
     trials
         Its runs.
     """
-    from scipy.special import stdtrit
-
-    used = [trial for trial in trials if trial.fitted > 0]
+    used = [coarsened(trial) for trial in trials if trial.fitted > 0]
     count = len(done.free)
     if not count or any(trial.motion is not None or len(trial.channels) < 2 for trial in used):
         return DriveNoise(np.zeros(count), np.zeros((count, count)))
     generator = np.random.default_rng(17)
     white = [generator.normal(0.0, PROBE * t.excitation.recorded.std(), len(t.excitation.recorded)) for t in used]
-    response = _shaken(used, white, 1.0, [done.model])[0] - done.residual
+    # All differences are those of one grid.
+    calm = np.nan_to_num(Problem(used, share=SIMULATION_LIMIT).residuals([done.model])[0])
+    response = _shaken(used, white, 1.0, [done.model])[0] - calm
     noises = [
         _noise(trial, left, seen, added)
         for trial, left, seen, added in zip(
@@ -87,37 +90,58 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
     # A value without any effect on the residual has no uncertainty here; it is reported as not identifiable.
     traced = (done.jacobian**2).sum(axis=0) > FAINT
     slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free]) * traced / np.where(traced, scale, 1.0)
-    moved, steps = _moved(done)
+    # The points of a curve hold each other, so noise moves them little.
+    plain = np.flatnonzero([not free.follows for free in done.free])
+    moved, steps = _moved(done, plain)
     biases = []
     for _ in range(PAIRS):
         draws = [_draw(generator, noise, trial) for noise, trial in zip(noises, used, strict=True)]
         up, down = (_shaken(used, draws, sign, [done.model, *moved]) for sign in (1.0, -1.0))
-        odd, even = 0.5 * (up - down), 0.5 * (up[0] + down[0]) - done.residual
-        gradient = ((odd[1:] - odd[0]) / steps[:, None]) @ odd[0]
+        odd, even = 0.5 * (up - down), 0.5 * (up[0] + down[0]) - calm
+        gradient = np.zeros(count)
+        gradient[plain] = ((odd[1:] - odd[0]) / steps[:, None]) @ odd[0]
         # J'r is zero at the fitted values and this at the true ones, so the fitted values are off by its negative.
         biases.append(-(bread @ (jacobian.T @ even + traced * gradient / np.where(traced, scale, 1.0))) * slope)
     bias = np.mean(biases, axis=0)
-    moves = []
-    for _ in range(DRAWS):
+    # Without friction the response to noise is that of a linear rig, whose frequency bins are independent.
+    count_of_draws = max(-(-DRAWS // len(used)), FEWEST) if done.model.contacts else 0
+    moves = np.zeros((len(used), count_of_draws, count))
+    for k in range(count_of_draws):
         draws = [_draw(generator, noise, trial) for noise, trial in zip(noises, used, strict=True)]
-        moves.append(bread @ (jacobian.T @ (_shaken(used, draws, 1.0, [done.model])[0] - done.residual)) * slope)
-    student = float(stdtrit(DRAWS, 0.975) / stdtrit(np.inf, 0.975))
+        change = _split(_shaken(used, draws, 1.0, [done.model])[0] - calm, done.sizes)
+        for run, (part, rows) in enumerate(zip(change, np.split(jacobian, np.cumsum(done.sizes)[:-1]), strict=True)):
+            moves[run, k] = (bread @ (rows.T @ part)) * slope
     own = np.concatenate([np.tile(noise.own.ravel(), 2) for noise in noises])
     sensors = bread @ (jacobian.T @ (0.5 * own[:, None] * jacobian)) @ bread * np.outer(slope, slope)
-    covariance = student**2 * np.array(moves).T @ np.array(moves) / DRAWS + sensors
+    covariance = _of_draws(moves) + sensors
     return DriveNoise(bias, covariance + UNCERTAIN**2 * np.outer(bias, bias))
 
 
-def _moved(done: Fit) -> tuple[list[RigModel], FloatArray]:
-    # Models with one value moved by its finite difference each.
+def _of_draws(moves: FloatArray) -> FloatArray:
+    # Covariance of the sum over runs from independent draws in each, moves of shape (runs, draws, values); widened by Student's
+    # factor for the degrees of freedom that the shares of the runs leave (Welch-Satterthwaite).
+    from scipy.special import stdtrit
+
+    draws = moves.shape[1]
+    if draws == 0:
+        return np.zeros((moves.shape[2],) * 2)
+    variances = (moves**2).mean(axis=1)
+    total = variances.sum(axis=0)
+    degrees = draws * total**2 / np.maximum((variances**2).sum(axis=0), 1e-300)
+    wider = stdtrit(np.maximum(degrees, 1.0), 0.975) / stdtrit(np.inf, 0.975)
+    flat = moves.reshape(-1, moves.shape[2])
+    return np.asarray(flat.T @ flat / draws * np.outer(wider, wider))
+
+
+def _moved(done: Fit, which: IntArray) -> tuple[list[RigModel], FloatArray]:
+    # Models with one of these values moved by its finite difference each.
     theta = np.array([free.encode(done.model.get(free.path)) for free in done.free])
-    steps = np.array([free.step for free in done.free])
     models = []
-    for i in range(len(steps)):
+    for i in which:
         there = theta.copy()
-        there[i] += steps[i]
+        there[i] += done.free[i].step
         models.append(done.model.replace({f.path: f.decode(c) for f, c in zip(done.free, there, strict=True)}))
-    return models, steps
+    return models, np.array([done.free[i].step for i in which])
 
 
 def _shaken(trials: Sequence[Trial], noises: Sequence[FloatArray], sign: float, models: Sequence[RigModel]) -> FloatArray:

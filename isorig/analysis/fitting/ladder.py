@@ -18,7 +18,7 @@ from isorig.analysis.fitting.score import score, worst
 from isorig.analysis.fitting.screen import Progress, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
 from isorig.analysis.fitting.start import equation_start
-from isorig.analysis.fitting.trials import Trial, expected, prepare
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, prepare
 from isorig.analysis.model.rig_model import RigModel
 
 #: A fit sees the first seconds of each run, then more; steps that it may take at each, and the relative fall of the cost
@@ -71,6 +71,9 @@ DECISIVE = 0.5
 #: A fit whose misfit over a run's first moments exceeds this multiple of its allowance is biased by a missing effect.
 BENT = 10.0
 
+#: rms error, as a share of the signal, below which a simulation has not lost the motion: waveforms half a period apart have twice
+#: the signal's.
+STAYS = 0.5
 #: Ratio of misfits at the starting points above which one is far from the data, and the maximum number of those that are fitted.
 LEAVES, TRIED = 100.0, 12
 
@@ -177,16 +180,17 @@ def _early(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fi
     return done
 
 
-def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial]) -> Fit:
+def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: bool = False) -> Fit:
     """The rig's own free parameters fitted to all runs, from the best of several starting points, the most trusted first.
 
-    The last starting point has the rig's given values.
+    The last starting point has the rig's given values. Where the rig `misfits` for certain, no other starting point makes it
+    adequate, and the first one suffices if its motion stays with the data.
     """
     first, *longer = ladder(trials)
     free = base_parameters(starts[0])
     # Values from the equations of motion are usually close: then nothing diverges.
     quick = tried(starts[0], free, (first, *longer)[-1])
-    if quick is not None and quick.cost < TELLING:
+    if quick is not None and quick.cost < ((STAYS / SIGNAL_SHARE) ** 2 if misfits else TELLING):
         return finished(quick, trials)
     fits = [done for start in starts if (done := tried(start, free, first))]
     for shorter, rung in pairwise((first, *longer)):
@@ -266,7 +270,7 @@ def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
     longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
     runs = Problem(trials)
     for seconds in (s for s in UNROLLED if s < longest):
-        if _misfit(done.model, runs) < UNCHANGED * done.cost:
+        if misfit(done.model, runs) < UNCHANGED * done.cost:
             break
         problem = Problem(shortened(trials, seconds))
         done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
@@ -274,8 +278,8 @@ def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
     return fit(done.model, done.free, problem, iterations=LAST_STEPS, tolerance=1e-3, tether=HOLDS)
 
 
-def _misfit(model: RigModel, problem: Problem) -> float:
-    # Mean square weighted residual; NaN, which compares false, if the model cannot be simulated.
+def misfit(model: RigModel, problem: Problem) -> float:
+    """Mean square weighted residual; NaN, which compares false, if the model cannot be simulated."""
     return float(np.mean(problem.residuals([model])[0] ** 2))
 
 
@@ -292,11 +296,15 @@ def widened(done: Fit) -> Fit:
     return replace(done, covariance=done.covariance + disagreement(done))
 
 
+def without_step(step: Fit, current: Fit) -> RigModel:
+    """The model as it was before a step, with the parameters after the step."""
+    return current.model.replace({free.path: step.model.get(free.path) for free in current.free if free.path in step.values})
+
+
 def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
     """The model as it was before a step, refitted from the parameters after the step."""
-    values = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
     try:
-        return finished(replace(current, model=current.model.replace(values)), trials)
+        return finished(replace(current, model=without_step(step, current)), trials)
     except FitError:
         return current
 
@@ -350,7 +358,7 @@ def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guesses: Sequ
     """
     entered = [(item.candidate, model) for item in screened for model in item.models]
     starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
-    if _misfit(current.model, rung.problem) > BENT:
+    if misfit(current.model, rung.problem) > BENT:
         unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
         for c, model in ((item.candidate, model) for item in unsure for model in item.models):
             free = c.parameters(current.model, current.free)
@@ -427,7 +435,7 @@ def verified(starts: Starts, rung: Rung, progress: Progress) -> Race:
 
     Those whose simulation leaves the data from the start are only tried if no other stays with them.
     """
-    begun = sorted(((_misfit(model, rung.problem), k) for k, (_, _, model) in enumerate(starts)), key=lambda item: item[0])
+    begun = sorted(((misfit(model, rung.problem), k) for k, (_, _, model) in enumerate(starts)), key=lambda item: item[0])
     near = [k for cost, k in begun if np.isfinite(cost) and cost <= LEAVES * begun[0][0]][:TRIED]
     climbed: Running = []
     for candidate, free, model in (starts[k] for k in near):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
+from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.simulate import Excitation, record, simulate
@@ -144,7 +144,8 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
     return {**drives, **response.channels}
 
 
-def noise_levels(campaign: Campaign, drives: Sequence[str] = ()) -> dict[str, float]:
+@once
+def noise_levels(campaign: Campaign, drives: tuple[str, ...] = ()) -> Mapping[str, float]:
     """Standard deviation of each channel's sensor noise, in the channel's unit: the lowest `noise_level` of any run.
 
     Parameters
@@ -196,7 +197,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     DataError
         A required channel is missing or no run remains.
     """
-    noise = noise_levels(campaign, [drive.channel for drive in model.drives])
+    noise = noise_levels(campaign, tuple(drive.channel for drive in model.drives))
     trials = []
     for run in campaign.runs:
         if run.configuration not in model.configurations:

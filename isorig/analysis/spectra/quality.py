@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Run, broad
+from isorig.analysis.campaign import Campaign, Run, broad, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.noise import noise_level
 from isorig.analysis.spectra.overload import FULL, LONGEST, blocks, extremes, plateaus
@@ -53,6 +53,7 @@ class Fault:
     text: str
 
 
+@once
 def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
     """All faults of a campaign's records.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 
+from isorig.analysis.equations.coverage import Coverage, best_further_sensor, coverage
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -65,7 +66,38 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     for sentence in said:
         print(sentence)
     print()
+    show_coverage(model)
     show_modes(model)
+
+
+def show_coverage(model: RigModel) -> None:
+    """Print the equations of motion that the sensors support, and the places that they cannot tell apart."""
+    found = coverage(model)
+    if not found.equations:
+        print("The sensors support no equation of motion, so faults show in simulations only.\n")
+        return
+    show_table(
+        "Equations of motion that the records must satisfy; a fault breaks those that contain it",
+        ("equation", "springs and contacts", "channels"),
+        [(name, ", ".join(places), ", ".join(channels)) for name, (places, channels) in found.equations.items()],
+    )
+    if found.unseen:
+        print(f"In no equation, so a fault there shows in simulations only: {', '.join(found.unseen)}.")
+    for group in found.alike:
+        print(f"In the same equations, so only their different motions tell faults apart: {', '.join(group)}.")
+    further = best_further_sensor(model)
+    if further is not None:
+        body, better = further
+        print(f"One more sensor helps most at {body}: {_improved(found, better)}.")
+    print()
+
+
+def _improved(found: Coverage, better: Coverage) -> str:
+    seen = [name for name in found.unseen if name not in better.unseen]
+    if seen:
+        return f"then {', '.join(seen)} {'is' if len(seen) == 1 else 'are'} in an equation"
+    apart = {name for group in found.alike for name in group} - {name for group in better.alike for name in group}
+    return f"then {', '.join(sorted(apart))} {'has' if len(apart) == 1 else 'have'} equations of their own"
 
 
 def show_modes(model: RigModel) -> None:

@@ -83,7 +83,7 @@ class Rivals(msgspec.Struct, frozen=True, kw_only=True):
     verdict: str
     baseline: str
     sample_rate: float
-    noise: dict[str, float]
+    noise: Mapping[str, float]
     known: dict[str, float | str]
     runs: list[TakenRun]
     explains: FittedModel
@@ -101,7 +101,7 @@ def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin:
     drive = model.drive.channel
     content = Rivals(
         campaign=origin["recording"], verdict=diagnosis.verdict, baseline=origin["baseline"],
-        sample_rate=campaign.runs[0].sample_rate, noise=noise_levels(campaign, [each.channel for each in model.drives]),
+        sample_rate=campaign.runs[0].sample_rate, noise=noise_levels(campaign, tuple(each.channel for each in model.drives)),
         known={**campaign.known, **({} if campaign.description is None else {"description": campaign.description})},
         runs=[_taken(campaign, run, drive) for run in campaign.runs], explains=_model("", "", diagnosis.extended),
         open=_open(diagnosis), named=[(step.cause, step.location) for step in diagnosis.steps],

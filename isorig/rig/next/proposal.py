@@ -398,7 +398,7 @@ def _noise_first(now: Situation) -> tuple[Proposed, ...]:
         return ()
     model = now.explains.model
     shown = [_noiseless(model, taken) for taken in now.taken]
-    own = noise_levels(Campaign(runs=tuple(shown)), [drive.channel for drive in model.drives]) if shown else {}
+    own = noise_levels(Campaign(runs=tuple(shown)), tuple(drive.channel for drive in model.drives)) if shown else {}
     hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > OWN_MOTION * level]
     return (Proposed(run=rest(model, now.limits)),) if hidden else ()
 

@@ -11,9 +11,9 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.link_force import EDGE
 from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
-from isorig.analysis.equations.system import Equations
+from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.fitting.score import held_out
-from isorig.analysis.fitting.trials import Trial, noise_levels
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
 from isorig.rig.report.before_after import Force, Over, PlaceForce, Record
 from isorig.rig.report.charts import Role
@@ -173,4 +173,4 @@ def held_out_records(
 
 def residuals(campaign: Campaign, model: RigModel) -> Mapping[str, float]:
     """Residual over noise of each equation of motion of the records, with the laws of a model; empty without equations."""
-    return Equations(campaign, model, noise_levels(campaign)).residuals()
+    return equations_of(campaign, model).residuals()

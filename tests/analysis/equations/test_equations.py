@@ -30,7 +30,7 @@ from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.built_in import wire_bonder
-from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
 from isorig.analysis.simulate.free_run import simulate
 from isorig.analysis.simulate.sampling import Excitation
 
@@ -72,6 +72,57 @@ def test_a_wrong_gain_is_named_with_its_factor() -> None:
     best = ranking(equations_of(played(replace(truth, sensors=sensors), seed=SEED + 2), guessed(truth, SEED + 2))).explanations[0]
     assert (best.kind, best.place, best.what) == ("sensor", "a1", "gain")
     assert best.values["value"] == pytest.approx(1.1, abs=0.01)
+
+
+def with_chain(rig: RigModel, channel: str, chain: Chain) -> RigModel:
+    return replace(rig, sensors=tuple(replace(s, chain=chain) if s.channel == channel else s for s in rig.sensors))
+
+
+def test_a_static_curve_of_a_sensor_ranks_before_every_link() -> None:
+    peak = max(np.abs(run.channel("a1").read()).max() for run in played(chain(), seed=SEED + 6).runs)
+    at = np.linspace(-1.5, 1.5, 13)
+    bent = Chain(bend=tuple((float(x * peak), float(0.04 * peak * x**2)) for x in at))
+    campaign = played(with_chain(chain(), "a1", bent), seed=SEED + 6)
+    first, second, *_ = ranking(equations_of(campaign, guessed(chain(), SEED + 6))).explanations
+    assert (first.kind, first.place, first.what) == ("sensor", "a1", "static curve")
+    assert first.score > 2.0 * second.score
+
+
+@pytest.mark.parametrize("share", [-0.25, 0.25])
+def test_crosstalk_of_a_quarter_is_named_with_its_source(share: float) -> None:
+    campaign = played(with_chain(chain(), "a1", Chain(crosstalk={"a0": share})), seed=SEED + 7)
+    best = ranking(equations_of(campaign, guessed(chain(), SEED + 7))).explanations[0]
+    assert (best.kind, best.place, best.what, best.source) == ("sensor", "a1", "crosstalk", "a0")
+    assert best.values["value"] == pytest.approx(share, abs=0.01)
+
+
+def loaded(rig: RigModel, body: str, mass: float, frequency: float) -> RigModel:
+    stiffness = mass * (2.0 * np.pi * frequency) ** 2
+    link = Link(name="load", a="load", b=body, stiffness=stiffness, damping=0.02 * mass * 2.0 * np.pi * frequency)
+    return replace(rig, bodies=(*rig.bodies, Body(name="load", mass=mass)), links=(*rig.links, link))
+
+
+@pytest.mark.parametrize("scale", ["given", "free"])
+def test_an_attached_resonator_is_named_with_and_without_a_known_scale(scale: str) -> None:
+    # With a free mass and a free drive no equation has a known scale: each one has a coefficient of its own.
+    given = carts()
+    known = ("drive.factor", "bodies.second.mass") if scale == "given" else ()
+    free = tuple(path for path in given.free if path not in known)
+    campaign = played(loaded(given, "second", 0.15, 4.4), seed=SEED + 8)
+    best = ranking(equations_of(campaign, guessed(replace(given, free=free), SEED + 8))).explanations[0]
+    assert (best.kind, best.place, best.what) == ("added_motion", "second", "resonator")
+    assert best.values["frequency"] == pytest.approx(4.4, rel=0.05)
+
+
+def test_a_body_given_too_light_starts_with_its_own_mass_and_stiffness() -> None:
+    # Its own equation holds with any mass: that of all bodies gives the mass, and its stiffness grows with it.
+    truth = chain()
+    given = guessed(truth, SEED + 9).replace({"bodies.m2.mass": 0.6 * truth.body("m2").mass})
+    equations = equations_of(played(truth, seed=SEED + 9), given)
+    best = ranking(equations).explanations[0]
+    assert (best.kind, best.place, best.what) == ("known_value", "m2", "mass")
+    assert best.values["mass"] == pytest.approx(truth.body("m2").mass, rel=0.02)
+    assert start_values(equations, best)["links.l2.stiffness"] == pytest.approx(truth.link("l2").stiffness, rel=0.03)
 
 
 def test_the_level_of_dry_friction_follows_from_the_equation() -> None:
