@@ -263,12 +263,14 @@ def next_step(
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
     best_form = min(forms, key=lambda entry: excess(entry.score.error, floors), default=None)
     helps = _help(forms, now, floors)
-    stands = found_by is not None and best_form is not None and helps and found_by.stands(best_form.candidate, current)
+    stands = (
+        helps and found_by is not None and best_form is not None and found_by.stands(best_form.candidate, current, job.evidence)
+    )
     alone = stands or any(adequate(entry.score, floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     shapes: list[Entry] = []
     try:
         if left >= POLICY.rest and not forms_only and not alone:
-            if nearly is None and steps > 1 and (found_by is None or found_by.leaves_another or not helps):
+            if nearly is None and steps > 1 and (found_by is None or found_by.leaves_another(current, job.evidence)):
                 progress("no form makes the model adequate; fitting pairs of forms")
                 both = _together(tries.pairs(), forms, now, trials, fine, floors, progress)
                 if both is not None:
@@ -371,11 +373,12 @@ def _suspected(job: _Job, found_by: Suspects) -> _Tries:
 
     def shapes(forms: Sequence[Entry], place: tuple[Kind, str] | None) -> Running:
         suspected = found_by.shapes(job.current, job.evidence)
-        keys = {(shape.key, shape.shape) for shape in suspected}
+        keys = {(shape.key, shape.shape, len(shape.free)) for shape in suspected}
         from_forms = [
             start
             for start in _shape_starts(forms, job.current, job.evidence, place)
-            if (start[0].key, start[0].shape) in keys and all(start[2] is not model for model in start[0].starts)
+            if (start[0].key, start[0].shape, len(start[0].free)) in keys
+            and all(start[2] is not model for model in start[0].starts)
         ]
         return fitted([*_started(suspected, found_by, job.current), *from_forms]).ranked
 

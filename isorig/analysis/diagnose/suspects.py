@@ -47,6 +47,8 @@ SUFFICES = 1.0
 #: Share of what the best candidate removes from the misfit of a link's recorded force that another one must remove to be
 #: simulated. Chosen: the right form removed nearly all in every sealed campaign, wrong ones of another shape less than a third.
 COMPARABLE = 0.5
+#: Share of the mean square force that a curve may leave to be the only cause, as `SUFFICES`.
+LITTLE = 0.1
 #: Share of the mean square force that the best candidate must remove for such a comparison: else noise decides it.
 TELLS = 0.5
 #: Share of the mean square force that the free shape removes which a form may leave and stand for the shape; and the ratio of
@@ -122,26 +124,66 @@ class Suspects:
         others = (e.score for e in self.ranking.explanations if not self._is(e, kind, place))
         return mine >= SHOWN and mine > max(others, default=0.0) + APART
 
-    @property
-    def leaves_another(self) -> bool:
-        """Whether the best explanation is one of several: it removes much of the residuals, but not nearly all."""
-        return SHOWN <= self.chosen[0].score < SUFFICES
+    def leaves_another(self, current: Fit, evidence: Evidence) -> bool:
+        """Whether the best explanation is one of several: it shows, but leaves more than a tenth of what it should explain.
+
+        At a link that is the force which a curve leaves there, or an equation without that link that does not hold; where the
+        equations give no force, it is the residuals.
+        """
+        best = self.chosen[0]
+        if best.score < SHOWN:
+            return False
+        left, bare = self._of_curve(best, current, evidence), self._bare(best, current)
+        if left is None or bare is None:
+            return best.score < SUFFICES
+        beside = [b.name for b in self.equations.balances if not any(best.place in e.names for e, _ in b.crossing)]
+        return left**2 > LITTLE * bare**2 or any(best.residuals.get(name, 0.0) >= BROKEN for name in beside)
+
+    def _of_curve(self, explanation: Explanation, current: Fit, evidence: Evidence) -> float | None:
+        # The rms force in N that a curve leaves at an explanation's place; None if the equations do not tell.
+        begun = (self._begun(shape, current.free) for shape in self.shapes(current, evidence))
+        return min((one.left for one in begun if one.explanation is explanation and one.left is not None), default=None)
 
     def shapes(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The free shapes of the best explanations' kinds and places."""
         best = [item for item in self.chosen if item.score >= NEARLY * self.chosen[0].score]
         leading = replace(self, chosen=tuple(best))
         found = [shape for shape in free_shapes(current.model, evidence) if leading.includes(shape.cause, shape.location)]
-        return self._comparable(found, current)
+        return self._comparable(self._smallest(found, current), current)
+
+    def _smallest(self, shapes: Sequence[Candidate], current: Fit) -> list[Candidate]:
+        # Of several curves of one kind at one place the one with the fewest points that leaves as little of the recorded force.
+        chosen: list[Candidate] = []
+        told: dict[tuple[str, str], list[tuple[float, Candidate]]] = {}
+        for shape in shapes:
+            begun = self._begun(shape, current.free)
+            if begun.left is None:
+                chosen.append(shape)
+                continue
+            told.setdefault(shape.key, []).append((begun.left, shape))
+            while (denser := told[shape.key][-1][1].refined(begun.models[0][1])) is not None:
+                begun = self._begun(denser, current.free)
+                if begun.left is None or STANDS_ALIKE * begun.left > told[shape.key][-1][0]:
+                    break
+                told[shape.key].append((begun.left, denser))
+        for pairs in told.values():
+            least = min(left for left, _ in pairs)
+            enough = (shape for left, shape in pairs if left <= STANDS_ALIKE * least)
+            chosen.append(min(enough, key=lambda shape: len(shape.free)))
+        return chosen
 
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
         proposed = [c for mechanism in CATALOGUE for c in mechanism.candidates(current.model, self._located(evidence))]
         found = [c for c in proposed if c.cause in ALWAYS or self.includes(c.cause, c.location)]
-        return self._comparable(found, current)
+        curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
+        return self._comparable(found, current, curves)
 
-    def _comparable(self, candidates: Sequence[Candidate], current: Fit) -> list[Candidate]:
-        # Those that explain a link's recorded force as well as the others, as far as this can be told without a simulation.
+    def _comparable(
+        self, candidates: Sequence[Candidate], current: Fit, curves: Mapping[Explanation, float] | None = None
+    ) -> list[Candidate]:
+        # Those that explain a link's recorded force as well as the others and as the curves there, which leave these rms forces,
+        # as far as this can be told without a simulation.
         begun = {id(candidate): self._begun(candidate, current.free) for candidate in candidates}
         chosen = list(candidates)
         for explanation in self.chosen:
@@ -151,6 +193,8 @@ class Suspects:
                 continue
             removed = {key: bare**2 - (left or 0.0) ** 2 for key, left in mine.items()}
             best = max(removed.values())
+            if curves is not None and explanation in curves:
+                best = max(best, bare**2 - curves[explanation] ** 2)
             if best < TELLS * bare**2:
                 continue
             chosen = [c for c in chosen if removed.get(id(c), best) >= COMPARABLE * best]
@@ -165,7 +209,7 @@ class Suspects:
         solved = fitted_form(current.model, current.free, element, force)
         return None if solved is None else solved[1]
 
-    def stands(self, candidate: Candidate, current: Fit) -> bool:
+    def stands(self, candidate: Candidate, current: Fit, evidence: Evidence) -> bool:
         """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there."""
         begun = self._begun(candidate, current.free)
         explanation, left = begun.explanation, begun.left
@@ -174,7 +218,8 @@ class Suspects:
         bare, (_, force) = self._bare(explanation, current), self._solved(explanation)
         if force is None or bare is None or left**2 > (1.0 - TELLS) * bare**2:
             return False
-        of_curve = float(np.sqrt(np.mean(force.left**2)))
+        curves = (float(np.sqrt(np.mean(force.left**2))), self._of_curve(explanation, current, evidence))
+        of_curve = min(left for left in curves if left is not None)
         beyond = left**2 - of_curve**2
         return of_curve < bare and left <= STANDS_ALIKE * of_curve and beyond <= STANDS * (bare**2 - of_curve**2)
 

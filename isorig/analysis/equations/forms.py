@@ -27,8 +27,8 @@ MOST_SAMPLES = 3000
 #: Weight of a curve point's distance from its neighbours' course, in its allowed deviations, relative to the rms of the force.
 #: Chosen: a single sample outweighs it.
 HELD = 0.02
-#: Largest number of evaluations of such a fit.
-EVALUATIONS = 60
+#: Largest number of evaluations of such a fit, and the finite difference of its search coordinates.
+EVALUATIONS, DIFFERENCE = 60, 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,9 +158,25 @@ def fitted_form(
     held_points = sum(bool(f.follows) for f in own)
     start = np.clip(np.array([f.encode(model.get(f.path)) for f in own]), low + 1e-9, high - 1e-9)
     start, low, high = np.append(start, 0.0), np.append(low, -1.0), np.append(high, 1.0)
+    # The force is linear in the points of a curve.
+    linear = {k for k, f in enumerate(own) if f.follows}
+    known: dict[int, FloatArray] = {}
+
+    def jacobian(coordinates: FloatArray) -> FloatArray:
+        here = residual(coordinates)
+        found = np.empty((len(here), len(coordinates)))
+        for k in range(len(coordinates)):
+            if k not in known or k not in linear:
+                there = coordinates.copy()
+                step = own[k].step if k in linear else DIFFERENCE * max(abs(float(there[k])), 1.0)
+                there[k] += step if there[k] + step <= high[k] else -step
+                known[k] = (residual(there) - here) / (there[k] - coordinates[k])
+            found[:, k] = known[k]
+        return found
+
     with suppress(ValueError):
         done = least_squares(
-            residual, start, bounds=(low, high), x_scale=np.maximum(np.abs(start), 0.1), max_nfev=EVALUATIONS, loss="soft_l1",
+            residual, start, jac=jacobian, bounds=(low, high), x_scale="jac", max_nfev=EVALUATIONS, loss="soft_l1",
             f_scale=0.05,
         )  # fmt: skip
         values = {f.path: f.decode(float(c)) for f, c in zip(own, done.x, strict=False)}

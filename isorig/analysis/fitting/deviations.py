@@ -19,6 +19,8 @@ from isorig.analysis.fitting.trials import Trial
 
 #: Rounds of fits with finer differences, and the relative decrease of the cost that justifies another one.
 ROUNDS, FALL = 4, 1e-5
+#: Largest number of steps of a round, and where the model has a curve.
+STEPS, CURVED = 8, 2
 #: Bounds of the relative size of a finite difference.
 FINEST, COARSEST = 1e-6, 1e-3
 #: A value whose full size changes the residual by less than this, in standard deviations of the noise, is not identifiable.
@@ -35,13 +37,15 @@ def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
     before.
     """
     problem = Problem(trials, share=SIMULATION_LIMIT)
-    for _ in range(ROUNDS):
+    # The points of a curve hold each other, and each costs a simulation: one round of few steps.
+    curved = any(free.follows for free in done.free)
+    for _ in range(1 if curved else ROUNDS):
         size = {path: abs(value) or 1.0 for path, value in done.values.items()}
         free = tuple(
             replace(f, step=float(np.clip(done.std[f.path] / size[f.path], FINEST, COARSEST))) if f.log else f for f in done.free
         )
         before = done.cost
-        done = fit(done.model, free, problem, iterations=8, tolerance=FALL / 10.0)
+        done = fit(done.model, free, problem, iterations=CURVED if curved else STEPS, tolerance=FALL / 10.0)
         if before - done.cost <= FALL * before:
             break
     return done

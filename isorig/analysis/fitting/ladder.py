@@ -264,18 +264,20 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
 def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
     """A free shape's fit continued to the whole runs, over increasing lengths if the motion diverges on them.
 
-    Each length may reach points of the curve that no shorter one did, and from a distant solution no gradient leads back.
+    Each length may reach points of the curve that no shorter one did, and from a distant solution no gradient leads back. Where
+    nothing diverges, one step on the whole is enough.
     """
-    done = rough
+    done, steps = rough, LAST_STEPS
     longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
     runs = Problem(trials)
     for seconds in (s for s in UNROLLED if s < longest):
         if misfit(done.model, runs) < UNCHANGED * done.cost:
+            steps = 1
             break
         problem = Problem(shortened(trials, seconds))
         done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
     problem = Problem(trials, share=SIMULATION_LIMIT)
-    return fit(done.model, done.free, problem, iterations=LAST_STEPS, tolerance=1e-3, tether=HOLDS)
+    return fit(done.model, done.free, problem, iterations=steps, tolerance=1e-3, tether=HOLDS)
 
 
 def misfit(model: RigModel, problem: Problem) -> float:

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
+from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.suspects import (
     ALIKE,
     BROKEN,
@@ -28,6 +29,7 @@ from isorig.analysis.equations.motion import derivatives, resolution
 from isorig.analysis.equations.ranking import Explanation, ranking
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.fitting.ladder import fit_baseline
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
@@ -148,6 +150,32 @@ def test_a_form_is_fitted_to_the_recorded_force() -> None:
     # No drive acts on the second cart: its mass sets the scale of its equation.
     scale = given.body("second").mass / truth.body("second").mass
     assert found[0][path] == pytest.approx(3e6 * scale, rel=0.1)
+
+
+def wavy(rig: RigModel, link: str, force: float, pitch: float) -> RigModel:
+    at = np.linspace(-2.5 * pitch, 2.5 * pitch, 65)
+    values = force * np.sin(2.0 * np.pi * at / pitch)
+    return with_law(rig, link, laws.Curve(over="deflection", at=tuple(at.tolist()), values=tuple(values.tolist())))
+
+
+def test_a_curve_is_fitted_to_a_force_that_rises_and_falls_and_suffices_alone() -> None:
+    # Cogging with several periods over the swing: the curve starts flat.
+    swing = max(np.ptp(run.channel("x").read()) for run in played(stage(), seed=SEED + 10).runs) / 2.0
+    truth = wavy(stage(), "rail", 6.0, 0.8 * swing)
+    campaign = played(truth, seed=SEED + 10)
+    given = guessed(stage(), SEED + 10)
+    found = suspects(equations_of(campaign, given))
+    assert found is not None
+    assert (found.chosen[0].kind, found.chosen[0].place) == ("spring_shape", "rail")
+    fitted, trials = fit_baseline(campaign, given)
+    evidence = observe(campaign, fitted.model, trials, given)
+    shapes = found.shapes(fitted, evidence)
+    assert {shape.key for shape in shapes} == {("spring_shape", "rail")}
+    assert len(shapes) == 1
+    assert not found.leaves_another(fitted, evidence)
+    # Springs that remove less than half of what the curve does are not simulated.
+    simulated = {candidate.cause for candidate in found.candidates(fitted, evidence)}
+    assert simulated.isdisjoint({"end_stop", "hardening_stiffness", "backlash"})
 
 
 def test_the_motion_of_a_body_without_a_sensor_follows_from_the_others() -> None:
