@@ -37,7 +37,7 @@ class Coverage:
 
     @property
     def alike(self) -> tuple[tuple[str, ...], ...]:
-        """Places in the same equations: only their different motions tell them apart."""
+        """Places in the same equations: only their different motions separate them."""
         groups: dict[frozenset[str], list[str]] = {}
         for name, inside in self.places.items():
             if inside:

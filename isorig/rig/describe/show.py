@@ -84,7 +84,7 @@ def show_coverage(model: RigModel) -> None:
     if found.unseen:
         print(f"In no equation, so a fault there shows in simulations only: {', '.join(found.unseen)}.")
     for group in found.alike:
-        print(f"In the same equations, so only their different motions tell faults apart: {', '.join(group)}.")
+        print(f"In the same equations, so only their different motions separate faults: {', '.join(group)}.")
     further = best_further_sensor(model)
     if further is not None:
         body, better = further
