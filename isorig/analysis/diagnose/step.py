@@ -59,8 +59,9 @@ FINALISTS, CURVES, PAIRS = 4, 3, 2
 #: Share of the model's misfit on the last rung that candidates for a further step must remove. Chosen: half of what the step must
 #: remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
-#: Kinds that simulations search for where the equations of motion show nothing.
-UNSEEN: frozenset[Kind] = frozenset({"friction_shape", "memory"})
+#: Kinds that simulations search for where the equations of motion show nothing. An equation in which a given mass is the only
+#: scale holds with any value of it.
+UNSEEN: frozenset[Kind] = frozenset({"friction_shape", "memory", "known_value"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +245,7 @@ def next_step(
     by_drive = left < 1.0 and any(trial.motion for trial in trials)
     found_by = None if by_drive else suspects(equations, further=left < 1.0)
     anywhere = left >= 1.0 or by_drive or not equations.residuals()
-    # Where all equations hold, only a simulation shows what they leave out: the effects of friction near reversals.
+    # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     kinds = UNSEEN if hold and not by_drive else None
     tries = _suspected(job, found_by) if found_by else _searched(job, kinds) if anywhere else None

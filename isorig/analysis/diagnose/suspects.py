@@ -175,7 +175,8 @@ class Suspects:
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
         proposed = [c for mechanism in CATALOGUE for c in mechanism.candidates(current.model, self._located(evidence))]
-        found = [c for c in proposed if c.cause in ALWAYS or self.includes(c.cause, c.location)]
+        untested = {("wrong_mass", body) for body in self.equations.unscaled}
+        found = [c for c in proposed if c.cause in ALWAYS or c.key in untested or self.includes(c.cause, c.location)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
         return self._comparable(found, current, curves)
 

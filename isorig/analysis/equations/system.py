@@ -214,6 +214,13 @@ class Equations:
         forced = bool(balance.pushes or balance.forces)
         return (forced and not self.unknown_scale(balance)) or others > 1
 
+    @property
+    def unscaled(self) -> frozenset[str]:
+        """The bodies whose given mass no equation tests: each equation with one of them holds with any value of its mass."""
+        given = {body.name for body in self.model.bodies if f"bodies.{body.name}.mass" not in self.model.free}
+        tested = {body for balance in self.balances if self.scales(balance) for body in balance.bodies}
+        return frozenset({body for balance in self.balances for body in balance.bodies} & given - tested)
+
     def unknown_rows(self, balance: Balance) -> list[tuple[str, Row, float]]:
         """Masses that are solved for, alone or as a scale of all given ones: path (empty for the scale), row and given value."""
         found: list[tuple[str, Row, float]] = []
