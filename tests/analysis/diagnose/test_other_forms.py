@@ -9,8 +9,10 @@ from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbi
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
+from isorig.analysis.diagnose.suspects import equations_of
+from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.errors import OutOfTimeError
-from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.model.rig_model import Body, Chain, Drive, Link, RigModel, Sensor
 
 SEED = 20311
 
@@ -110,3 +112,28 @@ def test_what_was_fitted_before_the_time_ended_is_the_answer(last: str) -> None:
     (drag,) = (c for c in diagnosis.considered if (c.cause, c.location) == ("quadratic_damping", "l1"))
     assert drag.share is not None
     assert drag.share > 0.8
+
+
+def geared() -> RigModel:
+    """A pushed mass that drives another one through a lever: the second one's own equation holds with any value of its mass."""
+    return RigModel(
+        name="geared pair",
+        bodies=(Body(name="motor", mass=1.2), Body(name="load", mass=3.0)),
+        links=(
+            Link(name="belt", a="motor", b="load", arms={"load": 0.5}, stiffness=5200.0, damping=4.0),
+            Link(name="mount", a="load", stiffness=3400.0, damping=5.0),
+        ),
+        drive=Drive(channel="f", factor=1.0, pushes={"motor": 1.0}, quantity="force"),
+        sensors=(Sensor(channel="a0", body="motor"), Sensor(channel="a1", body="load")),
+        free=("links.belt.stiffness", "links.belt.damping", "links.mount.stiffness", "links.mount.damping"),
+    )
+
+
+def test_a_mass_that_no_equation_tests_is_found_by_simulation() -> None:
+    given = geared().replace({"bodies.load.mass": 2.5})
+    campaign = played(geared(), seed=SEED + 20)
+    assert equations_of(campaign, given).unscaled == {"load"}
+    assert max(equations_of(campaign, given).residuals().values()) < HOLDS
+    diagnosis = diagnose(campaign, given)
+    assert named(diagnosis) == {("wrong_mass", "known_value", "load")}
+    assert diagnosis.steps[0].parameters["mass"][0] == pytest.approx(3.0, rel=0.01)
