@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from strange_rigs import StrangeRig, campaign, play
 
+import isorig as iso
 from isorig.analysis.model.rig_model import from_tree
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
 from isorig.rig.cli import main
+from isorig.rig.files.rigtext import description_text
 
 RIG = """
 name = "chain"
@@ -68,3 +72,23 @@ def test_g_read_as_metres(tmp_path: Path, unit: str, said: str, capsys: pytest.C
         assert findings["doubts"][0]["text"] in first
     else:
         assert first.startswith("c: adequate")
+
+
+def test_no_cause_is_searched_for_in_wrong_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Play in the coupling of a rig whose force is in kN: the unit is the answer, and no candidate is fitted."""
+    rig = StrangeRig(
+        masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: play(9e3, 4e-4)},
+        sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
+    )  # fmt: skip
+    measured = campaign(rig, (25.0,), seconds=8.0)
+    (run,) = measured.runs
+    force = run.channels["force"]
+    wrong = replace(run, channels={**run.channels, "force": replace(force, scale=1e-3 * force.scale)})
+    given = description_text(rig.description({"links.l0.stiffness": 1.2, "links.l1.stiffness": 0.85}), {})
+    iso.write(tmp_path / "c.h5", replace(measured, runs=(wrong,), description=given))
+    assert main(["diagnose", str(tmp_path / "c.h5"), "-o", str(tmp_path / "d")]) == 0
+    first, answer, *_ = capsys.readouterr().out.splitlines()
+    assert "force were in kN read as N or a were in mm/s^2 read as m/s^2: check the unit of the drive channel force" in first
+    assert "unexplained: no cause was searched for, because the records contradict the description" in answer
+    findings = json.loads((tmp_path / "d" / "findings.json").read_text())
+    assert all(candidate["holdout_error"] is None for candidate in findings["candidates"])

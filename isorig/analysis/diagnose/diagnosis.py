@@ -44,7 +44,7 @@ from isorig.analysis.fitting.ladder import (
     without,
     without_step,
 )
-from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given
 from isorig.analysis.fitting.repeats import disturbance
 from isorig.analysis.fitting.score import (
     Improvement,
@@ -62,7 +62,7 @@ from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
 
-#: Maximum number of steps.
+#: Maximum number of steps; there is none while the records contradict the description.
 MOST_STEPS = 3
 #: Kinds of causes that may explain data with a wrong unit.
 MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
@@ -174,7 +174,9 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     residuals = equations.residuals()
     guess = model.replace(start_values(equations)) if residuals else model
     baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
-    search = _Search(campaign, (guess,), equations, trials, progress, tolerance)
+    # Records in wrong units, or exchanged, have no cause in the rig: they are to be corrected first.
+    contradicted = not explains_as_given(model, baseline) and bool(doubts_of_records(model, trials))
+    search = _Search(campaign, (guess,), equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
     found = search.causes(baseline, ends)
     # A search may have led the baseline to a better fit.
     baseline = found.stages[0].fit
@@ -261,8 +263,9 @@ class _Search:
 
     def __init__(
         self, campaign: Campaign, guesses: Sequence[RigModel], equations: Equations, trials: Sequence[Trial], progress: Progress,
-        tolerance: float,
+        tolerance: float, most_steps: int,
     ) -> None:  # fmt: skip
+        self._most_steps = most_steps
         self._campaign, self._guesses, self._trials, self._progress = campaign, guesses, trials, progress
         self._equations = equations
         self._tolerance = tolerance
@@ -279,7 +282,7 @@ class _Search:
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
         tries, repeated = 0, False
-        while len(stages) <= MOST_STEPS and not self._adequate(stages[-1].score, _allowed(quiet), enough):
+        while len(stages) <= self._most_steps and not self._adequate(stages[-1].score, _allowed(quiet), enough):
             now, floors = stages[-1], _allowed(quiet)
             text = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
             if self.out_of_time(f"{text}; searching for a cause"):
@@ -289,7 +292,7 @@ class _Search:
                 found = next_step(
                     self._campaign, self._guesses, now.fit, now.score, self._equations_for(stages), trials, judged, floors,
                     self._stage, left,
-                    steps=MOST_STEPS - len(stages) + 1, forms_only=repeated,
+                    steps=self._most_steps - len(stages) + 1, forms_only=repeated,
                 )  # fmt: skip
             except OutOfTimeError:
                 break

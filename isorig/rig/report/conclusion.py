@@ -5,7 +5,7 @@ It is derived from the content of findings.json alone, so a page, the terminal a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from isorig.analysis.diagnose.mechanisms.base import Kind
@@ -98,7 +98,7 @@ def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
     return Conclusion(
         verdict=findings.verdict,
         check=f"Check units, channels and given values first: {doubts}" if doubts else "",
-        found=_found(findings.verdict, findings.steps, findings.cut_short),
+        found=_found(findings),
         error=_error(findings.holdout, bool(findings.steps), findings.verdict in ("adequate", "explained")),
         ruled_out=_ruled_out(findings),
         next=_next(findings, folder),
@@ -136,13 +136,16 @@ def _derived(values: Mapping[str, Value]) -> dict[str, str]:
     return found
 
 
-def _found(verdict: str, steps: Sequence[NamedCause], cut_short: bool) -> str:
+def _found(findings: Findings) -> str:
+    verdict = findings.verdict
     if verdict == "adequate":
         return "adequate: the model explains the data down to the noise"
-    late = "; the time limit ended the search for causes before all were tried" if cut_short else ""
-    if not steps:
+    if findings.doubts and all(candidate.holdout_error is None for candidate in findings.candidates):
+        return f"{verdict}: no cause was searched for, because the records contradict the description"
+    late = "; the time limit ended the search for causes before all were tried" if findings.cut_short else ""
+    if not findings.steps:
         return f"{verdict}: the model misfits, and no place and kind of cause is certain enough to be named{late}"
-    return f"{verdict}: {', and '.join(cause_in_words(step) for step in steps)}{late}"
+    return f"{verdict}: {', and '.join(cause_in_words(step) for step in findings.steps)}{late}"
 
 
 def _error(holdout: HeldOut, extended: bool, all_known: bool) -> str:
