@@ -40,6 +40,8 @@ Use = Literal["fit", "holdout"]
 #: at 2.56 times the highest frequency that they show (Hewlett-Packard, The Fundamentals of Signal Analysis, AN 243, 1994).
 USABLE = 1.0 / 2.56
 
+#: The configuration without locks, and the only one of a rig whose description has none.
+UNLOCKED = "unlocked"
 #: Broad-band excitations: they determine transfer functions in every frequency bin.
 BROAD = ("random", "multisine", "sweep", "other")
 
@@ -194,7 +196,13 @@ class Run(Viewed):
 
     def __repr__(self) -> str:
         size = f"{self.duration:g} s at {self.sample_rate:g} Hz"
-        return f"Run({self.id!r}, {self.configuration}, gain {self.gain:g}, {size}, {', '.join(self.channels)})"
+        return f"Run({self.id!r}, {self.set_up}, {size}, {', '.join(self.channels)})"
+
+    @property
+    def set_up(self) -> str:
+        """Configuration and gain; the usual configuration, which is the only one of a rig without locks, is not named."""
+        gain = f"gain {self.gain:g}"
+        return gain if self.configuration == UNLOCKED else f"{self.configuration}, {gain}"
 
     @property
     def duration(self) -> float:
@@ -258,6 +266,11 @@ class Campaign(Viewed):
     def __repr__(self) -> str:
         seconds = sum(run.duration for run in self.runs)
         return f"Campaign({self.source!r}, {len(self.runs)} runs, {seconds:.0f} s: {', '.join(run.id for run in self.runs)})"
+
+    @property
+    def alone(self) -> bool:
+        """Whether all runs have one configuration, which then needs no name."""
+        return len({run.configuration for run in self.runs}) == 1
 
     @property
     def rig(self) -> Any:

@@ -21,6 +21,7 @@ from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
 from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
 from isorig.analysis.spectra.windows import WindowName, window_named
+from isorig.analysis.wording import state
 from isorig.rig.files.rigfile import references_of
 
 
@@ -66,7 +67,8 @@ class Transfer(Frf):
         if self.imported:
             return f"{self.frf.response}-over-{self.frf.reference}"
         level = f"-{self.level.replace(' ', '').replace('/', '-per-')}" if self.level else ""
-        return f"{self.frf.response}-over-{self.frf.reference}-{self.configuration}-gain{self.gain:g}{level}"
+        set_up = f"gain{self.gain:g}" if self.alone else f"{self.configuration}-gain{self.gain:g}"
+        return f"{self.frf.response}-over-{self.frf.reference}-{set_up}{level}"
 
     @property
     def label(self) -> str:
@@ -150,8 +152,8 @@ def transfer_functions(
         if struck and len(struck) < len(same):
             rest = next(run.id for run in same if run.id not in hit)
             raise DataError(
-                f"run {struck[0].id!r} is a hammer test and run {rest!r} is not, but both are {configuration} at gain {gain:g}; "
-                "put them into separate recordings, or give them different gains"
+                f"run {struck[0].id!r} is a hammer test and run {rest!r} is not, but both are "
+                f"{state(configuration, gain, campaign.alone)}; put them into separate recordings, or give them different gains"
             )
         levels = [same] if struck or len(drives) > 1 else by_drive(same, drives[0])
         for driven in levels:
@@ -169,8 +171,7 @@ def transfer_functions(
                     chosen = partial(estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap)
                     found_here = _averaged(averaged, drives, group, chosen, estimator, left_out)
                     transfers += [replace(item, level=level) for item in found_here]
-    alone = len({run.configuration for run in campaign.runs}) == 1
-    return sorted((replace(item, alone=alone) for item in transfers), key=lambda item: item.frf.response)
+    return sorted((replace(item, alone=campaign.alone) for item in transfers), key=lambda item: item.frf.response)
 
 
 def _level(runs: Sequence[Run], drive: str) -> str:
@@ -186,8 +187,8 @@ def levels_in_words(campaign: Campaign, drive: str) -> list[str]:
         if len(groups) > 1:
             levels = ", ".join(_level(group, drive) for group in groups)
             said.append(
-                f"The {configuration} runs all state gain {gain:g}, but the rms of {drive} is {levels}: they are not averaged "
-                "with one another; state the levels as gains when importing."
+                f"The runs {state(configuration, gain, campaign.alone)} have the same gain, but the rms of {drive} is {levels}: "
+                "they are not averaged with one another; state the levels as gains when importing."
             )
     return said
 

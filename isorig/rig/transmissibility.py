@@ -156,9 +156,9 @@ def sentences(found: Transmitted) -> list[str]:
     for name, ratios in found.ratios.items():
         for r in ratios:
             band = f"from {r.frequency[0]:.3g} to {r.frequency[-1]:.3g} Hz at gain {r.gain:g}"
-            compared = f", relative to {r.relative_to}," if r.relative_to else ""
+            compared = f" {r.configuration}, relative to {r.relative_to}," if r.relative_to else ""
             said.append(
-                f"{name.capitalize()}: |{found.response} / {found.reference}| {r.configuration}{compared} {band} is "
+                f"{name.capitalize()}: |{found.response} / {found.reference}|{compared} {band} is "
                 f"{r.mean:.4g} ± {r.mean_std:.1g}{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
             )
     measured = {ratio.gain: ratio for ratio in found.ratios["measured"]}
@@ -198,6 +198,6 @@ def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     write_json(folder / "isolation.json", content)
     curves = {f"{name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for name, rs in found.ratios.items() for r in rs}
     first = found.ratios["measured"][0]
-    relative = f", {first.configuration} relative to {first.relative_to}" if first.relative_to else f", {first.configuration}"
+    relative = f", {first.configuration} relative to {first.relative_to}" if first.relative_to else ""
     save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", found.unit), folder / "isolation.png")
     return said

@@ -15,7 +15,7 @@ from typing import Any, Literal, NoReturn
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, ROTARY, FloatArray, Quantity
+from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 from isorig.analysis.model.limits import Limits
@@ -213,7 +213,7 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
     links: tuple[Link, ...] = ()
     contacts: tuple[Contact, ...] = ()
     sensors: tuple[Sensor, ...] = ()
-    configurations: dict[str, Configuration] = msgspec.field(default_factory=lambda: {"unlocked": Configuration()})
+    configurations: dict[str, Configuration] = msgspec.field(default_factory=lambda: {UNLOCKED: Configuration()})
     free: tuple[str, ...] = ()
     note: str = ""
     limits: Limits = Limits()

@@ -197,7 +197,8 @@ def _table(known: _Known) -> dict[str, Entry]:
     for configuration in configurations:
         slopes = _mode_slopes(fitted, configuration)
         for k, mode in enumerate(natural_modes(fitted.model, configuration)):
-            name = f"{configuration}.mode{k + 1}"
+            # A single configuration needs no name.
+            name = f"mode{k + 1}" if len(fitted.model.configurations) == 1 else f"{configuration}.mode{k + 1}"
             table[f"{name}.frequency"] = known.entry(slopes[k][0], mode.frequency, "Hz", "frequency")
             table[f"{name}.damping"] = known.entry(slopes[k][1], mode.damping, "1", "damping")
     return table

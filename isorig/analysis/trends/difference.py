@@ -140,7 +140,8 @@ def explanations(
         freed = Remembering(short, [k for k in known if k is not one])
         found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
     evidence = observe(campaign, still.model, trials, earlier)
-    screened = Screen(still, whole).ranked([c for m in CATALOGUE for c in m.candidates(still.model, evidence)])
+    with np.errstate(all="ignore"):  # a cause that does not fit may diverge
+        screened = Screen(still, whole).ranked([c for m in CATALOGUE for c in m.candidates(still.model, evidence)])
     for item in _distinct(screened)[:FITTED]:
         progress(f"trying {item.candidate.cause} ({item.candidate.location})")
         done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)

@@ -203,12 +203,12 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
     rows = [about(item) for item in found]
     content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
     write_json(output / "frf.json", content)
-    several = len({item.frf.reference for item in found}) > 1
+    several, set_up = len({item.frf.reference for item in found}) > 1, not all(item.alone for item in found)
     show_table(
         f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
         (
             "response over reference" if several else "response",
-            "set-up",
+            *(["set-up"] if set_up else []),
             "gain",
             "avg",
             "band, Hz",
@@ -216,19 +216,19 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
             "magnitude (95 %)",
             "coh.",
         ),
-        [_row(row, several) for row in rows],
+        [_row(row, several, set_up) for row in rows],
     )
     hammers = dict.fromkeys(text for row in rows if "hammer" in row for text in row["hammer"]["text"])
     for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row), *remarks]:
         print(sentence)
 
 
-def _row(result: dict[str, Any], several: bool) -> list[str]:
+def _row(result: dict[str, Any], several: bool, set_up: bool) -> list[str]:
     band, peak = result["band_hz"], result["peak"]
     averages = "–" if result["averages"] is None else f"{result['averages']:.0f}"
     return [
         f"{result['response']} / {result['reference']}" if several else result["response"],
-        result["configuration"],
+        *([result["configuration"]] if set_up else []),
         f"{result['gain']:g}", averages, f"{band[0]:.3g}–{band[1]:.3g}", f"{peak['frequency_hz']:.2f}",
         _magnitude(peak), f"{result['median_coherence']:.3f}",
     ]  # fmt: skip

@@ -49,7 +49,7 @@ def next_(
     from isorig.rig.next.page import proposal_page
     from isorig.rig.next.plan_file import run_names, virtual_instrument_of, with_runs, write_plan
     from isorig.rig.next.proposal import propose, situation
-    from isorig.rig.next.runs import described, planned
+    from isorig.rig.next.runs import planned
     from isorig.rig.next.sentences import reasons, summary
 
     if not diagnoses:
@@ -85,7 +85,7 @@ def next_(
     write_plan(output, with_runs(base, runs), why, head)
     page = write_text(output.with_suffix(".html"), proposal_page(proposal, now, names))
     for name, item in zip(names, proposal.runs, strict=True):
-        print(f"{name}: {described(item.run)}")
+        print(f"{name}: {now.described(item.run)}")
         for sentence in why[name]:
             print(f"  {sentence}")
     print(output, page, sep="\n")

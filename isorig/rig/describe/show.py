@@ -102,13 +102,15 @@ def _improved(found: Coverage, better: Coverage) -> str:
 
 def show_modes(model: RigModel) -> None:
     """Print the modes of every configuration."""
+    several = len(model.configurations) > 1
     found = [
-        (name, f"{mode.frequency:.4g}", f"{mode.damping:.3g}", _shape(model, mode))
+        (*([name] if several else []), f"{mode.frequency:.4g}", f"{mode.damping:.3g}", _shape(model, mode))
         for name in model.configurations
         for mode in natural_modes(model, name)
     ]
     if found:
-        show_table("Modes of the springs and dampers", ("configuration", "Hz", "damping ratio", "shape"), found)
+        columns = ("Hz", "damping ratio", "shape")
+        show_table("Modes of the springs and dampers", ("configuration", *columns) if several else columns, found)
 
 
 def _shape(model: RigModel, mode: NaturalMode) -> str:

@@ -52,7 +52,8 @@ def _body(model: RigModel, name: str) -> str:
             unit = factor_unit(model, drive)
             free = " ?" if drive is model.drive and "drive.factor" in model.free else ""
             factor = f"{drive.factor:.4g}{'' if unit == '1' else f' {unit}'}{free}"
-            lines.append(f"  ◄ pushed by {drive.pushes[name]:g} × {factor} × {quantity}")
+            parts = [part for part in (f"{drive.pushes[name]:g}", factor) if part != "1"]
+            lines.append(f"  ◄ pushed by {' × '.join([*parts, quantity])}")
     for sensor in model.sensors:
         if sensor.body == name:
             base = "" if sensor.relative_to == GROUND else f" relative to {sensor.relative_to}"

@@ -125,7 +125,7 @@ def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
     taken: set[str] = set()
     return {
         "frf": {
-            _name(f"{item.frf.response}_{item.configuration}_gain{item.gain:g}", taken): {
+            _name(f"{item.frf.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", taken): {
                 "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
                 "gain": item.gain, "frequency": item.frf.frequency, "H": item.frf.value,
                 "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
@@ -166,7 +166,7 @@ def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
     return [_si_units()] + [
         points.dataset(
             1, channel.name, "", np.arange(len(run)) / run.sample_rate, channel.read(), (TIME, "s"), binary,
-            f"{run.id}, {run.configuration}, gain {run.gain:g}",
+            f"{run.id}, {run.set_up}",
         )
         for run in campaign.runs
         for channel in run.channels.values()

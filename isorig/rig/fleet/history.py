@@ -33,6 +33,8 @@ WEEK = 7.0
 ODD_RISK = 0.05
 #: A cause is new if this many of this many successive campaigns name it, and as many before named no similar cause.
 NAMED, OF, CLEAN = 2, 3, 3
+#: Verdict of a diagnosis that names no cause although the model misfits.
+UNEXPLAINED = "unexplained"
 #: Size of a parameter's change, in standard deviations, above which it dates a change better than the name of a cause.
 PLAIN = 8.0
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -95,9 +97,19 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Named:
-    """A cause that the diagnoses of a rig name from some campaign on, and did not name before."""
+    """A cause that the diagnoses of a rig name from some campaign on, and did not name before.
+
+    Parameters
+    ----------
+    cause
+        Its name and place.
+    begun, first, alarm
+        Indices of the rig's campaigns: the first one that it may have changed, as no model explains it; the first that names it;
+        the one that raised the alarm.
+    """
 
     cause: str
+    begun: int
     first: int
     alarm: int
 
@@ -298,7 +310,7 @@ def _without(named: Sequence[Named], campaigns: Sequence[Campaign]) -> frozenset
     found: set[int] = set()
     for one in named:
         absent: list[int] = []
-        for k in range(one.first, len(campaigns)):
+        for k in range(one.begun, len(campaigns)):
             if one.cause in campaigns[k].causes or one.cause in campaigns[k].alike:
                 found.update(absent)
                 absent = []
@@ -382,7 +394,7 @@ def _named(campaigns: Sequence[Campaign]) -> list[Named]:
             if not standing and named[k] and sum(named[i] for i in recent) >= NAMED:
                 first = next(i for i in recent if named[i])
                 if clean >= CLEAN:
-                    found.append(Named(cause=cause, first=first, alarm=k))
+                    found.append(Named(cause=cause, begun=_begun(campaigns, first), first=first, alarm=k))
                 standing = True
             # Successive campaigns without a similar cause before the tested ones.
             before = near[max(k - OF + 1, 0)]
@@ -392,14 +404,25 @@ def _named(campaigns: Sequence[Campaign]) -> list[Named]:
     return found
 
 
+def _begun(campaigns: Sequence[Campaign], first: int) -> int:
+    # A campaign that no model explains, right before the first that names a cause, may already have it; unless the rig never was
+    # explained.
+    begun = first
+    while begun > 0 and campaigns[begun - 1].verdict == UNEXPLAINED:
+        begun -= 1
+    return begun if begun > 0 else first
+
+
 def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[Named]) -> tuple[Incident, ...]:
     # Changes with overlapping intervals (from the last campaign before to the alarm) belong to one date.
     pieces: list[tuple[int, int, int, int, int, Any]] = []
     for track in tracks.values():
         for change in track.followed.changes:
-            first, early, late, alarm = (track.campaigns[k] for k in (change.first, change.earliest, change.latest, change.alarm))
-            pieces.append((max(early - 1, 0), late, first, alarm, 0, (track, change)))
-    pieces += [(max(n.first - 1, 0), n.first, n.first, n.alarm, 1, n) for n in named]
+            # The last campaign before it is one that was compared.
+            places = (max(change.earliest - 1, 0), change.latest, change.first, change.alarm)
+            before, late, first, alarm = (track.campaigns[k] for k in places)
+            pieces.append((before, late, first, alarm, 0, (track, change)))
+    pieces += [(max(n.begun - 1, 0), n.first, n.begun, n.alarm, 1, n) for n in named]
     groups: list[list[tuple[int, int, int, int, int, Any]]] = []
     reach = -1
     for piece in sorted(pieces, key=lambda p: p[:5]):

@@ -201,7 +201,8 @@ def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Cours
     # The next question and its runs, or the reason why there is none.
     number = len(course.stages) + 1
     if not course.stages and plan.runs:
-        first = [StageRun(plan=run, description=described_plan(run), why=["It is part of the plan."]) for run in plan.runs]
+        alone = len(plan.described().configurations) == 1
+        first = [StageRun(plan=run, description=described_plan(run, alone), why=["It is part of the plan."]) for run in plan.runs]
         stage = Stage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
         return _with(folder, plan, course, stage, terms)
     if over := _over(course, terms):
@@ -222,7 +223,7 @@ def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Cours
     names = run_names(len(proposal.runs), [run.id for run in course.runs])
     runs = [
         StageRun(
-            plan=planned(item.run, name), description=described(item.run), why=reasons(item, proposal, now),
+            plan=planned(item.run, name), description=now.described(item.run), why=reasons(item, proposal, now),
             pictures=[picture_of(pair) for pair in item.choice.foreseen] if item.choice is not None else [],
             promised=item.choice.probability if item.choice is not None else None,
         )
@@ -282,11 +283,11 @@ def diagnosis_folder(stage: Stage) -> str:
     return f"diagnosis-{stage.number}"
 
 
-def described_plan(run: RunPlan) -> str:
-    """A planned run in a line."""
+def described_plan(run: RunPlan, alone: bool = False) -> str:
+    """A planned run in a line; `alone` as for `described`."""
     if run.excitation == "other":
-        return f"driven by other means, {run.configuration}, {run.seconds:g} s"
-    return described(candidate(run))
+        return f"driven by other means, {'' if alone else f'{run.configuration}, '}{run.seconds:g} s"
+    return described(candidate(run), alone)
 
 
 def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:

@@ -11,7 +11,6 @@ from isorig.analysis.proposals.choice import Choice, Foreseen
 from isorig.analysis.proposals.policy import CANNOT, WILL
 from isorig.analysis.wording import capitalized
 from isorig.rig.next.proposal import Proposal, Situation
-from isorig.rig.next.runs import described
 from isorig.rig.next.sentences import cause, reasons, summary
 from isorig.rig.report.charts import Chart, Panel, Trace
 from isorig.rig.report.page import Report, Section, Table, build_report
@@ -39,7 +38,7 @@ def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) 
         foreseen = () if item.choice is None else item.choice.foreseen
         charts = [foreseen_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(foreseen)]
         tables = [] if item.choice is None else [_distances(item.choice)]
-        text = [f"{capitalized(described(item.run))}.", *reasons(item, proposal, now)]
+        text = [f"{capitalized(now.described(item.run))}.", *reasons(item, proposal, now)]
         sections.append(Section(title=f"Run {name}", text=text, tables=tables, charts=charts))
     return [*sections, _limits(proposal, now)]
 
@@ -115,7 +114,7 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
         pair = getattr(limits, key)
         if pair is not None:
             rows.append((key, f"{pair[0]:g} to {pair[1]:g}"))
-    refused = [] if proposal.chosen is None else [(described(run), why) for run, why in proposal.chosen.refused.items()]
+    refused = [] if proposal.chosen is None else [(now.described(run), why) for run, why in proposal.chosen.refused.items()]
     tables = [Table(columns=("limit", "value"), rows=rows)]
     if refused:
         tables.append(Table(columns=("candidate", "refused because"), rows=refused))

@@ -84,6 +84,10 @@ class Situation:
         last = max(self.rivals.runs, key=lambda run: run.start_time, default=None)
         return next(iter(self.explains.model.configurations)) if last is None else last.configuration
 
+    def described(self, run: CandidateRun) -> str:
+        """A run in one line."""
+        return described(run, alone=len(self.explains.model.configurations) == 1)
+
     def menu(self) -> tuple[CandidateRun, ...]:
         """All candidate runs within the limits that need no simulation."""
         repeatable = [
@@ -95,7 +99,7 @@ class Situation:
         runs = menu(self.explains.model, self.limits, self.rivals.sample_rate, seed=seed, repeatable=repeatable)
         # A linear step from a first guess is not meaningful: the first run must allow a fit of every parameter.
         allowed = runs if self.taken else tuple(run for run in runs if covers(self.explains.model, run))
-        return tuple(run for run in allowed if described(run) not in self.declined)
+        return tuple(run for run in allowed if self.described(run) not in self.declined)
 
     def raised(self, factor: float) -> tuple[CandidateRun, ...]:
         """The strongest runs where the highest gain is raised by a factor."""

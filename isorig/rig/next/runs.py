@@ -77,8 +77,8 @@ def in_hand(taken: Sequence[TakenRun], plans: Mapping[str, RunPlan], sample_rate
     return found
 
 
-def described(run: CandidateRun) -> str:
-    """A run in one line."""
+def described(run: CandidateRun, alone: bool = False) -> str:
+    """A run in one line; `alone` states that the rig has one configuration, which needs no name."""
     text = EXCITED[run.excitation]
     if run.band is not None and run.excitation != "free":
         text += f" from {run.band[0]:g} to {run.band[1]:g} Hz"
@@ -87,4 +87,4 @@ def described(run: CandidateRun) -> str:
     if run.excitation != "free":
         text += f" at gain {run.gain:g}"
     again = f", repeating the drive of {run.repeat_of}" if run.repeat_of else ""
-    return f"{text}, {run.configuration}, {run.seconds:g} s{again}"
+    return f"{text}, {'' if alone else f'{run.configuration}, '}{run.seconds:g} s{again}"

@@ -30,12 +30,11 @@ def of_campaign(campaign: Campaign) -> str:
     """The runs."""
     rows = [
         (
-            run.id, run.configuration, f"{run.gain:g}", run.excitation, f"{run.duration:g} s", f"{run.sample_rate:g} Hz",
-            ", ".join(run.channels),
+            run.id, run.set_up, run.excitation, f"{run.duration:g} s", f"{run.sample_rate:g} Hz", ", ".join(run.channels),
         )
         for run in campaign.runs
     ]  # fmt: skip
-    columns = ("run", "configuration", "gain", "excitation", "duration", "sample rate", "channels")
+    columns = ("run", "set-up", "excitation", "duration", "sample rate", "channels")
     return table(campaign.source or "campaign", columns, rows)
 
 
@@ -47,7 +46,7 @@ def of_run(run: Run) -> str:
         values = channel.read()
         size = sized(float(values.std()), channel.unit)
         rows.append((name, channel.quantity.replace("_", " "), unit(channel.unit), size, channel.about.get("sensor", "")))
-    title = f"run {run.id}: {run.configuration}, gain {run.gain:g}, {run.duration:g} s at {run.sample_rate:g} Hz"
+    title = f"run {run.id}: {run.set_up}, {run.duration:g} s at {run.sample_rate:g} Hz"
     return table(title, ("channel", "quantity", "unit", "rms", "sensor"), rows)
 
 

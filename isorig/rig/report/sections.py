@@ -81,8 +81,9 @@ def channels_table(campaign: Campaign) -> Table:
 
 def runs_section(campaign: Campaign) -> Section:
     """The measured runs, and the given values."""
-    rows = [_run_row(run) for run in campaign.runs]
-    heads = ("run", "configuration", "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
+    rows = [_run_row(run, campaign.alone) for run in campaign.runs]
+    set_up = () if campaign.alone else ("configuration",)
+    heads = ("run", *set_up, "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
     return Section(
         title="Rig and runs",
@@ -91,11 +92,11 @@ def runs_section(campaign: Campaign) -> Section:
     )
 
 
-def _run_row(run: Run) -> tuple[str, ...]:
+def _run_row(run: Run, alone: bool) -> tuple[str, ...]:
     lost = sum(gap.count for gap in run.gaps)
     return (
         run.id,
-        run.configuration,
+        *(() if alone else (run.configuration,)),
         f"{run.gain:g}",
         run.excitation,
         "" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}",

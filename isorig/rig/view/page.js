@@ -28,7 +28,7 @@
     put("phase", replayed + shown);
     at("phase").className = `chip ${kind}`;
     const run = state.run;
-    put("run", run ? `Run ${run.number}${run.count ? ` of ${run.count}` : ""}: ${run.id}, ${run.configuration}, gain ${figure(run.gain)}` : "No run has started.");
+    put("run", run ? `Run ${run.number}${run.count ? ` of ${run.count}` : ""}: ${run.id}, ${run.set_up ? `${run.set_up}, ` : ""}gain ${figure(run.gain)}` : "No run has started.");
     at("part").value = run && run.of ? Math.min(run.seconds / run.of, 1) : 0;
     const left = [];
     if (run && state.phase === "measures" && run.count) left.push(`${clock(run.of - run.seconds)} left of the run`);
@@ -52,13 +52,14 @@
     if (state.damaged) losses.push(`damaged in transmission ${state.damaged}`);
     if (state.overloads) losses.push(`the instrument reported ${state.overloads} overloads`);
     put("sum", state.shown ? `${state.shown}: ${losses.join(", ")}` : "");
+    at("session").classList.toggle("alone", state.runs.every((run) => !run.set_up));
     list("runs", state.runs, row);
   }
 
   function row(run) {
     const line = make("tr", `${run.state === "now" ? "now" : ""} ${run.good ? "" : "bad"}`);
     const status = { planned: "planned", now: "measuring", stopped: "stopped", taken: run.good ? "measured" : "repeat" }[run.state];
-    for (const cell of [run.id, run.configuration, figure(run.gain), figure(run.of), String(run.lost)]) line.append(make("td", "", cell));
+    for (const cell of [run.id, run.set_up, figure(run.gain), figure(run.of), String(run.lost)]) line.append(make("td", "", cell));
     line.append(make("td", "status", [status, ...run.advice].join(" · ")));
     return line;
   }

@@ -96,10 +96,11 @@ class Group:
         shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs(drive).values()]
         return float(np.median(np.concatenate(shares))) if shares and len(kept) else float("nan")
 
-    def text(self, drive: str) -> str:
-        """Progress of the averaging, in words."""
+    def text(self, drive: str, alone: bool = False) -> str:
+        """Progress of the averaging, in words; `alone` states that the rig has one configuration, which needs no name."""
         error, n = self.error(drive), self.spectra.averages
-        phrase = f"{self.configuration}, gain {self.gain:g}: averages {n:.0f}"
+        set_up = f"gain {self.gain:g}" if alone else f"{self.configuration}, gain {self.gain:g}"
+        phrase = f"{set_up}: averages {n:.0f}"
         if self.planned is None or self.planned <= n:
             return f"{phrase}, error {100 * error:.2g} %"
         at_end = error * np.sqrt(n / self.planned)

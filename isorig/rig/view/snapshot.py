@@ -174,7 +174,7 @@ class Board:
         if here is not None:
             names, rows = transfer_rows(here, drive)
             plots["frf"] = self._plot(names, rows)
-            texts["averaged"] = here.text(drive)
+            texts["averaged"] = here.text(drive, alone=len(self._rig.configurations) == 1)
         response, _, over = self._rig.usual_ratio
         ratio = ratio_rows(groups, response, drive, (over[0], over[1])) if len(over) == 2 else None
         if ratio is not None:

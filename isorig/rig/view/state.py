@@ -70,6 +70,7 @@ def _runs(subject: Subject, picture: Picture, standing: Standing | None) -> list
     planned = {item.id: item for item in subject.planned}
     planned |= {name: run.planned for name, run in picture.runs.items() if name not in planned}
     now = standing.run if standing is not None and standing.phase == "measures" else ""
+    alone = len({about.configuration for about in planned.values()}) == 1
     rows = []
     for name, about in planned.items():
         run, judged = picture.runs.get(name), _judged(name, picture, standing)
@@ -87,7 +88,7 @@ def _runs(subject: Subject, picture: Picture, standing: Standing | None) -> list
             seconds = standing.seconds
         rows.append(
             {
-                "id": name, "configuration": about.configuration, "gain": about.gain, "of": about.seconds or seconds,
+                "id": name, "set_up": "" if alone else about.configuration, "gain": about.gain, "of": about.seconds or seconds,
                 "seconds": seconds, "lost": 0 if run is None else run.lost, "state": state, "good": good, "advice": list(advice),
             }
         )  # fmt: skip

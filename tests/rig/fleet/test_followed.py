@@ -165,6 +165,27 @@ def test_a_rig_with_a_cause_changes_once() -> None:
     assert "explained by" not in told
 
 
+def test_a_campaign_that_no_model_explains_may_be_the_first_with_the_cause() -> None:
+    """The first campaign after a change is not always explained: the change may be before it, and its values do not count."""
+    shift = Shift(rig=3, first=7, by={SPRING: 30.0}, cause="end_stop at isolation", seen=1.0)
+    frame = drawn_fleet(5, campaigns=20, shifts=[shift])
+    missed = (frame.rig == "rig-003") & (frame.campaign == "week-007")
+    frame.loc[missed, "cause"], frame.loc[missed, "verdict"] = "", "unexplained"
+    fleet = followed(frame, "coulomb")
+    [incident] = fleet.rigs["rig-003"].incidents
+    assert (incident.last_before, incident.first_after) == (6, 8)
+    assert 7 not in fleet.rigs["rig-003"].tracks[SPRING].campaigns
+    assert "2026-02-16 to 2026-03-02" in incident_words(fleet, incident, None)
+
+
+def test_a_rig_that_was_never_explained_is_dated_by_the_name() -> None:
+    frame = drawn_fleet(5, campaigns=20, shifts=[Shift(rig=3, first=7, by={}, cause="end_stop at isolation", seen=1.0)])
+    before = (frame.rig == "rig-003") & (frame.campaign.str[-3:].astype(int) < 7)
+    frame.loc[before, "verdict"] = "unexplained"
+    [incident] = followed(frame, "coulomb").rigs["rig-003"].incidents
+    assert (incident.last_before, incident.first) == (6, 7)
+
+
 @pytest.mark.parametrize(("absent", "kept"), [(OF - 1, 0), (OF, OF)])
 def test_a_cause_that_is_gone(absent: int, kept: int) -> None:
     """After as many campaigns without it as decide on a cause, it is repaired: they count again."""
