@@ -52,7 +52,7 @@ def test_periods_distinguish_friction_from_noise(rubbing: Campaign, tmp_path: Pa
     assert (said["periods"], said["realizations"]) == (7, 4)
     assert said["relative_distortion"] > 5.0 * said["relative_noise"]
     assert "Over 7 periods of 4 runs the noise" in " ".join(capsys.readouterr().out.split())
-    with (tmp_path / "out" / "table-over-head-unlocked-gain70-periods.csv").open() as file:
+    with (tmp_path / "out" / "table-over-head-gain70-periods.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     assert all(1.0 <= row["frequency_hz"] <= 60.0 for row in rows)
     assert (tmp_path / "out" / "table-over-head-periods.png").stat().st_size > 10_000

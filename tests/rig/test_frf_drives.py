@@ -74,7 +74,7 @@ def test_hits_are_found_and_averaged_although_the_import_named_no_excitation(
     assert "left out: 1 double hit" in said
     assert [hit["rejected"] for hit in item["hammer"]["hits"]].count("double hit") == 1
     assert item["units"] == ["m/s^2", "N"]
-    table = np.genfromtxt(tmp_path / "out" / "block-over-hammer-unlocked-gain1.csv", delimiter=",", names=True)
+    table = np.genfromtxt(tmp_path / "out" / "block-over-hammer-gain1.csv", delimiter=",", names=True)
     kept = (table["frequency_hz"] > 20.0) & (table["frequency_hz"] < 90.0)
     estimated = table["real"][kept] + 1j * table["imag"][kept]
     true = accelerance(table["frequency_hz"][kept])
@@ -183,7 +183,7 @@ def test_limits_of_a_narrow_peak_are_corrected_for_leakage(tmp_path: Path, capsy
     said = capsys.readouterr().out
     assert "Leakage lowers" in said
     assert f"({peak['magnitude_limits'][0]:.3g}" in said
-    rows = np.genfromtxt(tmp_path / "out" / "block-over-force-unlocked-gain1.csv", delimiter=",", names=True)
+    rows = np.genfromtxt(tmp_path / "out" / "block-over-force-gain1.csv", delimiter=",", names=True)
     near = np.abs(rows["frequency_hz"] - FREQUENCY) < 2.0
     curve = np.abs(accelerance(rows["frequency_hz"][near]))
     assert np.mean((rows["magnitude_low"][near] < curve) & (curve < rows["magnitude_high"][near])) > 0.8

@@ -13,7 +13,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, ROTARY
+from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
@@ -100,14 +100,16 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])
+    setups = {_configuration(part) for part in parts}
+    # A rig without locks has one configuration, which needs no name.
+    named = bonder or setups != {UNLOCKED}
     ids: set[str] = set()
     for part in parts:
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
-        lines += _run(part, own, other, folder, ids)
+        lines += _run(part, own, other, folder, ids, _configuration(part) if named else "")
     if bonder:
         return Draft("\n".join(lines))
-    setups = {_configuration(part) for part in parts}
     return Draft("\n".join(lines), _rig({names[place]: first[place] for place in places}, setups))
 
 
@@ -268,10 +270,12 @@ def _told(part: _Part) -> str:
 
 def _configuration(part: _Part) -> str:
     locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", _told(part), re.IGNORECASE)
-    return "unlocked" if locked is None else "locked"
+    return UNLOCKED if locked is None else "locked"
 
 
-def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str]) -> list[str]:
+def _run(
+    part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str
+) -> list[str]:  # fmt: skip
     table, group = part.table, part.group
     text = _told(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
@@ -283,7 +287,7 @@ def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path
         "[[runs]]",
         f"id = {_quoted(name)}",
         f"file = {_quoted(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
-        f'configuration = "{_configuration(part)}"    # ?',
+        *([f'configuration = "{configuration}"    # ?'] if configuration else []),
         f"gain = {gain}    # ?",
         'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
     ]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, IntArray, Run, Samples
@@ -77,10 +78,15 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
     if mapping.description is not None:
         model, description = read_description(mapping_path.parent / mapping.description)
         _has_channels(mapping, model, str(mapping_path))
+    if len(model.configurations) == 1:
+        (only,) = model.configurations
+        named = tuple(msgspec.structs.replace(run, configuration=run.configuration or only) for run in mapping.runs)
+        mapping = msgspec.structs.replace(mapping, runs=named)
     for wanted in mapping.runs:
         if wanted.configuration not in model.configurations:
+            has = f"has the configuration {wanted.configuration!r}" if wanted.configuration else "states no configuration"
             raise PlanError(
-                f"{mapping_path}: run {wanted.id!r} has the configuration {wanted.configuration!r}; {model.name} has "
+                f"{mapping_path}: run {wanted.id!r} {has}; {model.name} has "
                 f"{', '.join(model.configurations)}, so correct it{did_you_mean(wanted.configuration, model.configurations)}"
                 + ("" if mapping.description else ", or give the rig's own description with description = FILE.toml")
             )

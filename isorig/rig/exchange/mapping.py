@@ -62,8 +62,10 @@ class RunMap(Part, frozen=True):
 
     Parameters
     ----------
-    id, configuration, gain, excitation, started, band, period, use, repeat_of, usable_to
+    id, gain, excitation, started, band, period, use, repeat_of, usable_to
         As in the recording format.
+    configuration
+        By default the only one of the rig.
     file
         Name of the file relative to the mapping, or to the folder given to the command.
     sample_rate
@@ -85,8 +87,8 @@ class RunMap(Part, frozen=True):
 
     id: str
     file: str
-    configuration: str
     gain: float
+    configuration: str = ""
     sample_rate: float | None = None
     time: str | None = None
     time_unit: str = ""

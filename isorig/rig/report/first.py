@@ -63,12 +63,12 @@ def first_screen(
 
 
 def _runs(campaign: Campaign) -> str:
-    configurations = " and ".join(sorted({run.configuration for run in campaign.runs}, reverse=True))
+    configurations = "" if campaign.alone else " and ".join(sorted({r.configuration for r in campaign.runs}, reverse=True)) + ", "
     gains = ", ".join(f"{gain:g}" for gain in sorted({run.gain for run in campaign.runs}, reverse=True))
     seconds = sum(run.duration for run in campaign.runs)
     virtual = any("virtual" in c.about.get("sensor", "") for run in campaign.runs for c in run.channels.values())
     kind = "A virtual rig without real sensors. " if virtual else ""
-    return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}, at gain {gains}."
+    return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}at gain {gains}."
 
 
 def _next(found: Characterization, advice: Sequence[str]) -> Answer:

@@ -163,7 +163,7 @@
       if (t.panel !== 0) continue;
       let top = -1;
       t.x.forEach((x, i) => { if (x >= range[0] && x <= range[1] && !(t.y[i] <= t.y[top])) top = Number.isFinite(t.y[i]) ? i : top; });
-      if (top >= 0) said.push(`${t.name} ${Number(t.x[top].toPrecision(4))} ${chart.x.unit}: ${Number(t.y[top].toPrecision(3))}`);
+      if (top >= 0) said.push(`${t.name}: ${Number(t.y[top].toPrecision(3))} at ${Number(t.x[top].toPrecision(4))} ${chart.x.unit}`);
     }
     out.textContent = said.length ? `Largest in view: ${said.join("; ")}.` : "";
   }
