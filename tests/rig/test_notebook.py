@@ -141,6 +141,15 @@ def test_diagnose_takes_the_campaigns_rig_and_a_time_limit(campaign: iso.Campaig
         iso.diagnose(campaign, seconds=1e-6)
 
 
+def test_every_text_is_short(campaign: iso.Campaign) -> None:
+    drive = iso.Excitation.prepare(campaign.runs[0].read("u"), campaign.runs[0].sample_rate)
+    spectra = iso.estimate(campaign.runs, references=["u"], resolution=0.5)
+    fitted = iso.fit_modes(iso.frf(campaign, reference="u", resolution=0.1)[0], (0.5, 6.0))
+    for result in (drive, iso.trace(campaign.rig, drive), spectra, fitted, campaign.runs[0]):
+        assert len(repr(result)) < 250, repr(result)
+        assert "array" not in repr(result)
+
+
 def test_every_result_has_a_figure_a_page_and_a_short_text(campaign: iso.Campaign) -> None:
     frfs = iso.frf(campaign, reference="u", resolution=0.1)
     drive = iso.Excitation.prepare(campaign.runs[0].read("u"), campaign.runs[0].sample_rate)

@@ -147,7 +147,7 @@ def recorded(stranger: Stranger, seed: int) -> Campaign:
     return replace(Campaign(runs=tuple(runs), source="stranger"), description=description_text(described, {}))
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.study) for n in STRANGERS])
 def test_the_answer_names_what_is_hidden_with_its_value(name: str, tmp_path: Path) -> None:
     stranger = STRANGERS[name]

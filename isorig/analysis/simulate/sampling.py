@@ -78,6 +78,10 @@ class Excitation:
     fine: FloatArray
     others: tuple[Excitation, ...] = ()
 
+    def __repr__(self) -> str:
+        more = f", {len(self.others)} more drives" if self.others else ""
+        return f"Excitation({len(self.recorded)} samples at {self.sample_rate:g} Hz, rms {np.std(self.recorded):.3g}{more})"
+
     @classmethod
     def prepare(
         cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = ()

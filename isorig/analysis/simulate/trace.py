@@ -62,6 +62,10 @@ class Trace:
     transmitted: dict[str, FloatArray]
     changes: tuple[Change, ...]
 
+    def __repr__(self) -> str:
+        forces = ", ".join((*self.transmitted, *(f"friction of {name}" for name in self.friction)))
+        return f"Trace({self.response!r}, forces of {forces}; {len(self.changes)} changes of sticking)"
+
 
 def trace(
     model: RigModel,

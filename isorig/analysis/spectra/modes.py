@@ -64,6 +64,10 @@ class ModalFit:
     warning: str = ""
     leakage: Callable[[FloatArray], ComplexArray] | None = field(default=None, repr=False, compare=False)
 
+    def __repr__(self) -> str:
+        modes = ", ".join(f"{mode.frequency:.4g} Hz ({100.0 * mode.damping:.2g} %)" for mode in self.modes)
+        return f"ModalFit({modes}; {self.kind}, misfit {self.misfit:.2g})"
+
 
 def fit_modes(
     frf: Frf, band: tuple[float, float], *, kind: Kind = "accelerance", guesses: Sequence[tuple[float, float]] = (),

@@ -138,6 +138,10 @@ class Spectra:
     decay: float = 0.0
     groups: Groups | None = field(default=None, repr=False, compare=False)
 
+    def __repr__(self) -> str:
+        over = f"0 to {self.frequency[-1]:g} Hz in steps of {self.resolution:g} Hz, {self.averages:.3g} averages"
+        return f"Spectra({', '.join(self.channels)} over {', '.join(self.cross)}, {over})"
+
     def density(self, channel: str) -> FloatArray:
         """Power spectral density of a channel, unit^2 / Hz, shape (bins,)."""
         return np.asarray(self.auto[self.channels.index(channel)])
