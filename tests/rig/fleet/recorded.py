@@ -12,6 +12,8 @@ import numpy as np
 from made_up import FIRST, PARAMETERS, SCATTER, SPRING
 
 from isorig.analysis.diagnose.mechanisms.chain import with_chain
+from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.laws import EndStop
 from isorig.analysis.model.built_in import FRICTION, THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Chain, Configuration, RigModel
 from isorig.rig.files.recording import write
@@ -63,6 +65,21 @@ def lock(draw: Draw) -> Hidden:
         return msgspec.structs.replace(m, configurations={**m.configurations, "locked": locked})
 
     return Hidden(change=yielding, cause="imperfect_lock", place="lock")
+
+
+def worn(factor: float) -> Hidden:
+    """Friction changes by a factor."""
+    return Hidden(change=lambda m: m.replace({FRICTION: factor * m.get(FRICTION)}), cause="friction_force", place="isolation")
+
+
+def stopped(stroke: float, times: float) -> Hidden:
+    """The isolation meets a stop after a stroke, m, which is so many times as stiff."""
+
+    def change(m: RigModel) -> RigModel:
+        stiffness = times * m.link("isolation").stiffness
+        return added(m, m.link("isolation"), EndStop(stroke=stroke, contact_stiffness=stiffness))
+
+    return Hidden(change=change, cause="end_stop", place="isolation")
 
 
 KINDS: Mapping[str, Callable[[Draw], Hidden]] = {"wear": wear, "spring": spring, "gain": gain, "lock": lock}
