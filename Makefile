@@ -41,8 +41,9 @@ mutants: setup
 	$(BIN)/python tests/mutation/run_mutants.py --named
 	$(BIN)/python tests/mutation/run_mutants.py
 
-# Attacks by chance on the acquisition and all commands, over all cores: writes docs/attack.md. The long runs are asked for:
-# `make attack SOAK=3600 FLEET_HOURS=24` on a machine that does nothing else.
+# Attacks by chance on the acquisition and all commands, over all cores: writes docs/attack.md. An interrupted run goes on where it
+# ended, as long as build/attack.jsonl is there. The long runs are asked for: `make attack SOAK=3600 FLEET_HOURS=24` on a machine
+# that does nothing else.
 IMAGES ?= 2000
 FAULTS ?= 500
 INPUTS ?= 2000
@@ -51,8 +52,9 @@ SOAK ?= 0
 FLEET_HOURS ?= 0
 
 attack: setup
+	mkdir -p build
 	$(BIN)/python tests/attack/run_attack.py --images $(IMAGES) --faults $(FAULTS) --inputs $(INPUTS) --seed $(SEED) \
-		--soak $(SOAK) --fleet-hours $(FLEET_HOURS) --page docs/attack.md
+		--soak $(SOAK) --fleet-hours $(FLEET_HOURS) --results build/attack.jsonl --page docs/attack.md
 
 # The documentation site, warnings as errors.
 docs: setup

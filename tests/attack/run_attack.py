@@ -3,8 +3,8 @@
     python tests/attack/run_attack.py [--images 2000] [--faults 500] [--inputs 2000] [--seed 1] [--page docs/attack.md]
     python tests/attack/run_attack.py --soak 3600 --fleet-hours 24 --images 0 --faults 0 --inputs 0
 
-A portion of attacks is a process of its own. The exit status is 1 if anything was wrong in silence, ended with a traceback or
-hung.
+A portion of attacks is a process of its own. With `--results` an interrupted run goes on where it ended, and the page says what
+all runs with this file have done. The exit status is 1 if anything was wrong in silence, ended with a traceback or hung.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,8 @@ COMMANDS: Mapping[str, str] = {
 DRIVERS = ("framed", "di1100", "mti600", "lines", "nidaqmx", "sound", "sr785", "35670a")
 #: Attacks of one process, so that both cores end at the same time.
 IMAGES, FAULTS, INPUTS = 250, 50, 250
+#: Portions at a time for each core: a driver waits for its far end, a command for the process that checks a file.
+WAITING = 3
 #: Seconds after which a portion counts as a hang.
 LONGEST = 3600.0
 
@@ -65,58 +68,126 @@ class Portion:
     what: str
     call: Sequence[str]
 
+    @property
+    def name(self) -> str:
+        """The same in all runs."""
+        return " ".join(str(Path(word).name) for word in self.call)
 
-def portions(images: int, faults: int, inputs: int, seed: int, folder: Path) -> Iterator[Portion]:
-    """All attacks in portions; each has a seed of its own."""
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What a portion printed in JSON, the other lines, what was wrong with its process, and its seconds."""
+
+    portion: str
+    lines: Sequence[Mapping[str, Any]]
+    said: Sequence[str]
+    failure: str
+    seconds: float
+
+
+def portions(images: int, faults: int, inputs: int, seed: int) -> list[Portion]:
+    """All attacks in portions, each with its seed; the first of each kind come first, then the second ones."""
+    found = []
     for k, count in enumerate(_split(images, IMAGES)):
-        yield Portion("image", "power-loss images", (str(HERE / "portion.py"), "images", str(count), str(seed + k)))
+        found.append((k, Portion("image", "power-loss images", (str(HERE / "portion.py"), "images", str(count), str(seed + k)))))
     for driver in DRIVERS:
         for k, count in enumerate(_split(faults, FAULTS)):
-            yield Portion("fault", driver, (str(HERE / "portion.py"), driver, str(count), str(seed + k)))
+            found.append((k, Portion("fault", driver, (str(HERE / "portion.py"), driver, str(count), str(seed + k)))))
     fuzzing = str(ROOT / "tests" / "rig" / "fuzzing.py")
     for what, kind in COMMANDS.items():
         for k, count in enumerate(_split(inputs, INPUTS)):
-            yield Portion("input", what, (fuzzing, f"{kind}={count}", str(seed + k), str(folder / f"{kind}-{k}")))
+            found.append((k, Portion("input", what, (fuzzing, f"{kind}={count}", str(seed + k)))))
+    return [portion for _, portion in sorted(found, key=lambda item: item[0])]
 
 
 def _split(count: int, most: int) -> list[int]:
     return [min(most, count - start) for start in range(0, count, most)]
 
 
-def attacked(portion: Portion) -> tuple[Portion, list[dict[str, Any]], str]:
-    """Run a portion: its lines of JSON, and what was wrong with the process itself."""
+def attacked(portion: Portion) -> Result:
+    """Run a portion."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    try:
-        done = subprocess.run(
-            [sys.executable, *portion.call],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=ROOT,
-            env=environment,
-            timeout=LONGEST,
-        )
-    except subprocess.TimeoutExpired:
-        return portion, [], f"hang: {' '.join(portion.call)}"
-    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-    return portion, lines, "" if done.returncode == 0 else f"{' '.join(portion.call)}: {done.stderr[-2000:]}"
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="attack-") as folder:
+        call = [sys.executable, *portion.call, *([folder] if portion.kind == "input" else [])]
+        try:
+            done = subprocess.run(
+                call,
+                capture_output=True,
+                text=True,
+                check=False,
+                cwd=ROOT,
+                env=environment,
+                timeout=None if portion.kind == "long" else LONGEST,
+            )
+        except subprocess.TimeoutExpired:
+            return Result(portion=portion.name, lines=(), said=(), failure=f"hang: {portion.name}", seconds=LONGEST)
+    lines = done.stdout.splitlines()
+    return Result(
+        portion=portion.name, lines=[json.loads(line) for line in lines if line.startswith("{")],
+        said=[line for line in lines if line and not line.startswith("{")],
+        failure="" if done.returncode == 0 else f"{portion.name}: {done.stdout[-500:]} {done.stderr[-2000:]}",
+        seconds=time.monotonic() - began,
+    )  # fmt: skip
 
 
-def attack(asked: Sequence[Portion], workers: int) -> list[Row]:
-    """Run all portions side by side; the rows in their order."""
-    rows = {(portion.kind, portion.what): Row(portion.kind, portion.what) for portion in asked}
+class Kept:
+    """The results of all runs with a file, so that an interrupted run goes on.
+
+    Parameters
+    ----------
+    path
+        A line of JSON for each portion; None to keep nothing.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.results: dict[str, Result] = {}
+        if path is not None:
+            with suppress(FileNotFoundError):
+                for line in path.read_text(encoding="utf-8").splitlines():
+                    self._take(Result(**json.loads(line)))
+
+    def add(self, result: Result) -> None:
+        """Keep a result."""
+        self._take(result)
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(result)) + "\n")
+
+    def _take(self, result: Result) -> None:
+        self.results[result.portion] = result
+
+
+def attack(asked: Sequence[Portion], workers: int, kept: Kept) -> None:
+    """Run the portions without a result, side by side."""
+    left = [portion for portion in asked if portion.name not in kept.results]
     with ThreadPoolExecutor(workers) as pool:
-        for number, future in enumerate(as_completed([pool.submit(attacked, portion) for portion in asked]), 1):
-            portion, lines, failure = future.result()
-            row = rows[portion.kind, portion.what]
-            for line in lines:
-                if "wrong" in line and "case" in line:
-                    row.bad.append(json.dumps(line))
-                else:
+        for number, future in enumerate(as_completed([pool.submit(attacked, portion) for portion in left]), 1):
+            result = future.result()
+            kept.add(result)
+            print(f"{number} of {len(left)}: {result.portion}, {result.seconds:.0f} s", *_wrong(result), sep="\n", flush=True)
+
+
+def rows_of(asked: Sequence[Portion], kept: Kept) -> list[Row]:
+    """The rows of the tables: all portions with a result."""
+    rows = {(portion.kind, portion.what): Row(portion.kind, portion.what) for portion in asked}
+    for portion in asked:
+        if portion.name in kept.results:
+            result, row = kept.results[portion.name], rows[portion.kind, portion.what]
+            row.bad += _wrong(result)
+            for line in result.lines:
+                if not _is_wrong(line):
                     row.ended.update({key: n for key, n in line.items() if isinstance(n, int)})
-            row.bad += [failure] if failure else []
-            print(f"{number} of {len(asked)}: {row.what}, {dict(row.ended)}", *row.bad, sep="\n", flush=True)
-    return list(rows.values())
+    return [row for row in rows.values() if row.count or row.bad]
+
+
+def _wrong(result: Result) -> list[str]:
+    return [json.dumps(line) for line in result.lines if _is_wrong(line)] + [result.failure] * bool(result.failure)
+
+
+def _is_wrong(line: Mapping[str, Any]) -> bool:
+    return "wrong" in line and "case" in line
 
 
 def page(rows: Sequence[Row], *, seed: int, seconds: float, workers: int, machine: str, more: Sequence[str] = ()) -> str:
@@ -130,9 +201,10 @@ def page(rows: Sequence[Row], *, seed: int, seconds: float, workers: int, machin
         "attack ends right (the values are those that were sent), reported (a driver says what it could not place), accepted,",
         "refused in one sentence, or wrong: a wrong value without a report, a traceback, a crash, a hang, half a result.",
         "",
-        f"Last run: {sum(row.count for row in rows)} attacks, seeds from {seed} on, {seconds / 3600.0:.2f} hours in {workers}",
-        f"processes ({machine}); **{wrong} wrong**. The number of attacks is set by `IMAGES`, `FAULTS` and `INPUTS`, for example",
-        "`make attack IMAGES=2000 FAULTS=500 INPUTS=2000 SEED=1`, which are the default values.", "",
+        f"Last run: {sum(row.count for row in rows)} attacks, seeds from {seed} on, {seconds / 3600.0:.2f} hours in total in",
+        f"processes of which {workers} ran at a time ({machine}); **{wrong} wrong**. The number of attacks is set by `IMAGES`,",
+        "`FAULTS` and `INPUTS`, for example `make attack IMAGES=2000 FAULTS=500 INPUTS=2000 SEED=1`, which are the default",
+        "values. An interrupted run goes on where it ended; remove `build/attack.jsonl` to begin again.", "",
     ]  # fmt: skip
     for title, what, found in (
         ("Power loss: what the disk may hold of a session's log", "images", [row for row in rows if row.kind == "image"]),
@@ -157,30 +229,29 @@ def main() -> int:
     parser.add_argument("--faults", type=int, default=500, help="faults for each driver")
     parser.add_argument("--inputs", type=int, default=2000, help="damaged inputs for each command")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--workers", type=int, default=WAITING * len(os.sched_getaffinity(0)), help="portions at a time")
     parser.add_argument("--soak", type=float, default=0.0, help="seconds of 8 inputs at 51.2 kHz with the page open")
     parser.add_argument("--fleet-hours", type=float, default=0.0, help="simulated hours of a watched folder")
+    parser.add_argument("--results", type=Path, help="keep the results there, and go on from those that it has")
     parser.add_argument("--page", type=Path, help="write the page there")
     asked = parser.parse_args()
-    began = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="attack-") as folder:
-        rows = attack(list(portions(asked.images, asked.faults, asked.inputs, asked.seed, Path(folder))), asked.workers)
-    seconds = time.monotonic() - began
-    more, failed = [], False
-    for script, value in (("soak.py", asked.soak), ("fleet_day.py", asked.fleet_hours)):
-        if value > 0.0:
-            # Alone on the machine: they state memory and losses.
-            done = subprocess.run(
-                [sys.executable, str(HERE / script), str(value), str(asked.seed)], stdout=subprocess.PIPE, text=True, check=False
-            )
-            more += [f"- {line}" for line in done.stdout.splitlines()]
-            failed |= done.returncode != 0
-            print(done.stdout, flush=True)
-    text = page(rows, seed=asked.seed, seconds=seconds, workers=asked.workers, machine=f"{os.cpu_count()} cores", more=more)
+    kept = Kept(asked.results)
+    random = portions(asked.images, asked.faults, asked.inputs, asked.seed)
+    attack(random, asked.workers, kept)
+    # Alone on the machine: they state memory and losses.
+    scripts = (("soak.py", asked.soak), ("fleet_day.py", asked.fleet_hours))
+    long = [Portion("long", name, (str(HERE / name), f"{value:g}", str(asked.seed))) for name, value in scripts if value > 0.0]
+    attack(long, 1, kept)
+    rows = rows_of(random, kept)
+    ran = [kept.results[portion.name] for portion in long]
+    text = page(
+        rows, seed=asked.seed, seconds=sum(kept.results[portion.name].seconds for portion in random), workers=asked.workers,
+        machine=f"{os.cpu_count()} cores", more=[f"- {line}" for result in ran for line in result.said],
+    )  # fmt: skip
     if asked.page is not None:
         asked.page.write_text(text, encoding="utf-8")
     print(text)
-    return int(failed or any(row.bad for row in rows))
+    return int(any(row.bad for row in rows) or any(result.failure for result in ran))
 
 
 if __name__ == "__main__":

@@ -2,28 +2,32 @@
 
     python tests/rig/fuzzing.py KIND=COUNT[,KIND=COUNT...] SEED FOLDER
 
-A process imports what the commands need and forks for every input, so that none costs a start of Python. A line of JSON tells of
-each input that ended otherwise than with a result or a refusal of one line; another of how many of each kind were accepted and
-refused.
+A process imports what the commands need and forks for every input, so that none costs a start of Python; what a command imports
+late is imported here for those that follow. The process that checks HDF5 files first is a fork, too, with its own limits. A line
+of JSON tells of each input that ended otherwise than with a result or a refusal of one line; another of how many of each kind
+were accepted and refused.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import json
 import os
 import re
 import resource
 import signal
+import subprocess
 import sys
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NoReturn
 
 import h5py
 import matplotlib.pyplot as plt
@@ -45,7 +49,7 @@ from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
 from isorig.rig.commands import check, design, export, frf, import_, isolation, predict, recover, report, simulate
 from isorig.rig.exchange import draft, exporting, importing, matlab, target, text, uff
 from isorig.rig.exchange import other_formats as more
-from isorig.rig.files import rigfile
+from isorig.rig.files import hdf, hdf_walk, rigfile
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read, write
 
@@ -58,8 +62,10 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Seconds of a processor that a command may need, and of a clock: on a busy machine they come apart. A design study of a sound
 #: profile takes ten seconds by itself.
 USUAL, LONGER, CLOCK = 10, {"moves": 60}, 120.0
-#: Bytes that it may need.
-MEMORY = 6 << 30
+#: Bytes that it may need in addition to those of the process that is forked, which are another GiB.
+MEMORY = 5 << 30
+#: Files that belong to a try, not to the command: what it said, what it printed, which modules it imported.
+OWN = (".said", ".told", ".loaded")
 RATE, LENGTH = 512.0, 1024
 
 Words = list[str]
@@ -399,9 +405,52 @@ def reworded(content: bytes, random: np.random.Generator) -> bytes:
     return "".join(words).encode("utf-8", "replace")
 
 
+class ForkedWalker:
+    """Takes the place of the checking process that `hdf` starts: a fork that runs the same loop, ready to read."""
+
+    def __init__(self, call: Sequence[str], **how: Any) -> None:
+        assert call[-1].endswith("hdf_walk.py")
+        asked, ask = os.pipe()
+        answers, answer = os.pipe()
+        self._pid = os.fork()
+        if self._pid == 0:
+            self._serve(asked, answer)
+        os.close(asked)
+        os.close(answer)
+        self.stdin, self.stdout = os.fdopen(ask, "w", encoding="utf-8"), os.fdopen(answers, encoding="utf-8")
+
+    @staticmethod
+    def _serve(asked: int, answer: int) -> NoReturn:
+        try:
+            os.dup2(asked, 0)
+            os.dup2(answer, 1)
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            # It ends with the process that asks, so it must not hold the other end of its own pipe.
+            os.closerange(3, 1024)
+            sys.stdin, sys.stdout = os.fdopen(0, encoding="utf-8"), os.fdopen(1, "w", encoding="utf-8")
+            hdf_walk.main()
+        finally:
+            os._exit(0)
+
+    def kill(self) -> None:
+        """End it."""
+        os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self) -> None:
+        """Wait for its end."""
+        os.waitpid(self._pid, 0)
+
+
+def allocated() -> int:
+    """Bytes of address space of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
 def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
     """Run a command in a forked process: its exit status (None's stand-in -99 where it did not end), what it said, seconds."""
     begun = time.monotonic()
+    ready = set(sys.modules)
+    limit = allocated() + MEMORY
     child = os.fork()
     if child == 0:
         status = 70
@@ -411,13 +460,16 @@ def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.dup2(os.open(folder / ".told", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
             os.dup2(said, 2)
-            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+            resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             resource.setrlimit(resource.RLIMIT_CPU, (patience, patience))
             warnings.simplefilter("ignore")
+            hdf.subprocess = SimpleNamespace(Popen=ForkedWalker, PIPE=subprocess.PIPE, DEVNULL=subprocess.DEVNULL)  # type: ignore[attr-defined,assignment]
             status = cli.main(words)
+            (folder / ".loaded").write_text("\n".join(name for name in sys.modules if name not in ready))
         except BaseException:
             os.write(2, traceback.format_exc().encode())
+            status = 70
         finally:
             sys.stderr.flush()
             os._exit(status)
@@ -432,6 +484,14 @@ def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
     return -99, "it did not end", time.monotonic() - begun
 
 
+def imported(folder: Path) -> None:
+    """Import what the last command imported, for those that follow."""
+    with contextlib.suppress(FileNotFoundError):
+        for name in (folder / ".loaded").read_text().split():
+            with contextlib.suppress(Exception):
+                importlib.import_module(name)
+
+
 def wrong(kind: str, status: int, said: str, folder: Path, before: dict[str, bytes]) -> str | None:  # noqa: PLR0911
     """What is wrong with how a command ended; None where nothing is."""
     if status not in (0, 2):
@@ -440,7 +500,7 @@ def wrong(kind: str, status: int, said: str, folder: Path, before: dict[str, byt
         return "a failure that was reported as an answer"
     if "Traceback" in said or (status == 2 and (not said.startswith("rig: ") or said.count("\n") != 1)):
         return "not one line"
-    after = {path.name for path in folder.iterdir()} - {".said", ".told"}
+    after = {path.name for path in folder.iterdir()} - set(OWN)
     if extra := [name for name in after - set(before) if not name.startswith("out")]:
         return f"files outside of the output: {extra}"
     if status == 2 and (left := [name for name in after if name.startswith("out")]):
@@ -468,6 +528,7 @@ def fuzz(kind: str, count: int, seed: int, folder: Path) -> Counter[str]:
         # What is sound is accepted.
         status, said, _ = tried([word.replace("FILE", path.name) for word in calls[0]], folder, 60)
         assert status == 0, said
+        imported(folder)
         clean(folder, before)
     ended: Counter[str] = Counter()
     for k in range(count):
@@ -481,6 +542,7 @@ def fuzz(kind: str, count: int, seed: int, folder: Path) -> Counter[str]:
             print(json.dumps({"kind": kind, "case": k, "call": words, "wrong": told, "said": said[-1500:], "seconds": seconds}))
             (folder.parent / f"{kind}-{seed}-{k}{path.suffix}").write_bytes(bad)
         ended["wrong" if told is not None else "accepted" if status == 0 else "refused"] += 1
+        imported(folder)
         clean(folder, before)
     return ended
 
