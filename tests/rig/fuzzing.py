@@ -11,6 +11,7 @@ were accepted and refused.
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import io
 import json
@@ -490,6 +491,8 @@ def imported(folder: Path) -> None:
         for name in (folder / ".loaded").read_text().split():
             with contextlib.suppress(Exception):
                 importlib.import_module(name)
+    # Pages that no collection touches are shared by all forks.
+    gc.freeze()
 
 
 def wrong(kind: str, status: int, said: str, folder: Path, before: dict[str, bytes]) -> str | None:  # noqa: PLR0911

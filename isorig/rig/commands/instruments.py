@@ -64,18 +64,22 @@ def instruments(
         if not draft:
             _listed(found, reasons, json=json)
             return
-        chosen, name = _chosen(found, kind)
+        chosen, name = _chosen(found, kind, named=port is not None)
     assert output is not None
     write_text(output, draft_plan(chosen, name))
     print(output)
 
 
-def _chosen(found: Sequence[Connected], kind: str | None) -> tuple[Connected, str]:
+def _chosen(found: Sequence[Connected], kind: str | None, *, named: bool) -> tuple[Connected, str]:
     from isorig.rig.errors import PlanError
 
-    fitting = [
-        (one, name) for one in found for name in (one.recognized if kind is None else one.possible) if kind in (None, name)
-    ]  # fmt: skip
+    def names(one: Connected) -> Sequence[str]:
+        if kind is not None:
+            return [name for name in one.possible if name == kind]
+        # A sound interface that nobody named is seldom the instrument.
+        return one.possible if named and len(one.possible) == 1 else one.recognized
+
+    fitting = [(one, name) for one in found for name in names(one)]
     if len(fitting) == 1:
         return fitting[0]
     named = ", ".join(f"{name} at {one.port}" for one, name in fitting) or "none"

@@ -6,9 +6,12 @@ import json
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import can
+import numpy as np
 import pytest
 from serial.tools import list_ports, list_ports_common
 
@@ -129,14 +132,49 @@ def test_the_proposed_plan_of_every_kind_is_valid(kind: str, tmp_path: Path) -> 
     assert len(plan.runs) == 1
 
 
-def test_from_an_empty_folder_to_a_recording(tmp_path: Path) -> None:
-    plan, output = str(tmp_path / "plan.toml"), str(tmp_path / "c.h5")
-    assert main(["instruments", "--draft", "--kind", "lines", "--port", "virtual", "-o", plan]) == 0
-    text = Path(plan).read_text(encoding="utf-8")
-    Path(plan).write_text(text.replace("seconds = 10.0", "seconds = 2.0"), encoding="utf-8")
-    assert main(["acquire", plan, "--yes", "--json", "-o", output]) == 0
-    assert main(["check", output]) == 0
-    assert len(read(output).runs[0]) >= 200
+@contextmanager
+def connected_kind(kind: str) -> Iterator[str]:
+    """A simulated instrument of a kind that `rig instruments` finds under this port, or the port of a virtual one."""
+    if kind == "nidaqmx":
+        from ni_device import Device, chassis
+
+        with chassis(Device(speed=1.0)):
+            yield "cDAQ1"
+    elif kind == "sound":
+        from sound_device import Device as Interface
+        from sound_device import card
+
+        with card(Interface(rate=48000.0)):
+            yield "card"
+    else:
+        yield "virtual"
+
+
+@pytest.mark.parametrize("kind", sorted(kinds()))
+def test_from_an_empty_folder_to_a_checked_recording(far_ends: None, kind: str, tmp_path: Path) -> None:
+    plan, output = tmp_path / "plan.toml", str(tmp_path / "c.h5")
+    with connected_kind(kind) as port:
+        assert main(["instruments", "--draft", "--kind", kind, "--port", port, "-o", str(plan)]) == 0
+        text = plan.read_text(encoding="utf-8")
+        plan.write_text(text.replace("seconds = 10.0", "seconds = 2.0"), encoding="utf-8")
+        # The inputs of these two count samples, which the pre-run check takes for a disconnected sensor.
+        force = ["--force"] if kind in ("nidaqmx", "sound") else []
+        assert main(["acquire", str(plan), "--yes", "--json", "-o", output, *force]) == 0
+        assert main(["check", output]) == 0
+    (run,) = read(output).runs
+    assert len(run) >= 2.0 * run.sample_rate
+    assert not run.gaps
+    assert run.channels
+    assert any(np.asarray(channel.samples).any() for channel in run.channels.values())
+
+
+@pytest.mark.parametrize(("kind", "port"), [("nidaqmx", "cDAQ1"), ("sound", "card")])
+def test_a_draft_for_what_was_found_lists_its_inputs_and_output(far_ends: None, kind: str, port: str, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    with connected_kind(kind):
+        assert main(["instruments", "--draft", "--port", port, "-o", str(plan)]) == 0
+    assert read_plan(plan).instrument.port == port
+    assert read_plan(plan).runs[0].excitation == "random"
 
 
 def test_the_recognized_instrument_is_planned(
