@@ -213,8 +213,9 @@ def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | N
     import dask
     from dask.distributed import Client, Future
 
-    # Its warnings about cancelled work are expected here.
-    logging.getLogger("distributed").setLevel(logging.ERROR)
+    # What it logs when work is cancelled, or when its worker is late on a busy host, comes with a traceback; a job that fails has
+    # its exception as its result.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     # Within the process; listening sockets use the loopback interface only.
     own = {
         "processes": False, "n_workers": 1, "threads_per_worker": cores(),

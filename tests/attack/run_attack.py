@@ -4,17 +4,21 @@
     python tests/attack/run_attack.py --soak 3600 --fleet-hours 24 --images 0 --faults 0 --inputs 0
 
 A portion of attacks is a process of its own. With `--results` an interrupted run goes on where it ended, and the page says what
-all runs with this file have done. The exit status is 1 if anything was wrong in silence, ended with a traceback or hung.
+all runs with this file have done. With `--minutes` it ends after that time; of the portions that are cut short, those of inputs
+count what they have tried. The exit status is 1 if anything was wrong in silence, ended with a traceback or hung.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -76,13 +80,14 @@ class Portion:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What a portion printed in JSON, the other lines, what was wrong with its process, and its seconds."""
+    """What a portion printed in JSON, the other lines, what was wrong with its process, its seconds, whether it was cut short."""
 
     portion: str
     lines: Sequence[Mapping[str, Any]]
     said: Sequence[str]
     failure: str
     seconds: float
+    cut: bool = False
 
 
 def portions(images: int, faults: int, inputs: int, seed: int) -> list[Portion]:
@@ -104,31 +109,52 @@ def _split(count: int, most: int) -> list[int]:
     return [min(most, count - start) for start in range(0, count, most)]
 
 
-def attacked(portion: Portion) -> Result:
-    """Run a portion."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    began = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="attack-") as folder:
-        call = [sys.executable, *portion.call, *([folder] if portion.kind == "input" else [])]
-        try:
-            done = subprocess.run(
-                call,
-                capture_output=True,
-                text=True,
-                check=False,
-                cwd=ROOT,
-                env=environment,
-                timeout=None if portion.kind == "long" else LONGEST,
-            )
-        except subprocess.TimeoutExpired:
-            return Result(portion=portion.name, lines=(), said=(), failure=f"hang: {portion.name}", seconds=LONGEST)
-    lines = done.stdout.splitlines()
-    return Result(
-        portion=portion.name, lines=[json.loads(line) for line in lines if line.startswith("{")],
-        said=[line for line in lines if line and not line.startswith("{")],
-        failure="" if done.returncode == 0 else f"{portion.name}: {done.stdout[-500:]} {done.stderr[-2000:]}",
-        seconds=time.monotonic() - began,
-    )  # fmt: skip
+class Running:
+    """The processes of portions, until the time is over."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._processes: set[subprocess.Popen[str]] = set()
+        self.over = False
+
+    def end(self) -> None:
+        """Begin no other portion, and end those that run."""
+        with self._lock:
+            self.over = True
+            for process in self._processes:
+                process.terminate()
+
+    def attacked(self, portion: Portion) -> Result | None:
+        """Run a portion; None if the time was over before it had a result."""
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+        began = time.monotonic()
+        with tempfile.TemporaryDirectory(prefix="attack-") as folder:
+            call = [sys.executable, *portion.call, *([folder] if portion.kind == "input" else [])]
+            with self._lock:
+                if self.over:
+                    return None
+                process = subprocess.Popen(
+                    call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=environment
+                )
+                self._processes.add(process)
+            try:
+                out, error = process.communicate(timeout=None if portion.kind == "long" else LONGEST)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+                return Result(portion=portion.name, lines=(), said=(), failure=f"hang: {portion.name}", seconds=LONGEST)
+            finally:
+                with self._lock:
+                    self._processes.discard(process)
+        if self.over and process.returncode == -signal.SIGTERM:
+            return None
+        lines = out.splitlines()
+        return Result(
+            portion=portion.name, lines=[json.loads(line) for line in lines if line.startswith("{")],
+            said=[line for line in lines if line and not line.startswith("{")],
+            failure="" if process.returncode == 0 else f"{portion.name}: {out[-500:]} {error[-2000:]}",
+            seconds=time.monotonic() - began, cut=self.over,
+        )  # fmt: skip
 
 
 class Kept:
@@ -159,14 +185,20 @@ class Kept:
         self.results[result.portion] = result
 
 
-def attack(asked: Sequence[Portion], workers: int, kept: Kept) -> None:
-    """Run the portions without a result, side by side."""
-    left = [portion for portion in asked if portion.name not in kept.results]
+def attack(asked: Sequence[Portion], workers: int, kept: Kept, seconds: float = math.inf) -> None:
+    """Run the portions without a whole result, side by side, for so long at most."""
+    left = [portion for portion in asked if portion.name not in kept.results or kept.results[portion.name].cut]
+    running = Running()
+    timer = threading.Timer(min(seconds, threading.TIMEOUT_MAX), running.end)
+    timer.daemon = True
+    timer.start()
     with ThreadPoolExecutor(workers) as pool:
-        for number, future in enumerate(as_completed([pool.submit(attacked, portion) for portion in left]), 1):
+        for number, future in enumerate(as_completed([pool.submit(running.attacked, portion) for portion in left]), 1):
             result = future.result()
-            kept.add(result)
-            print(f"{number} of {len(left)}: {result.portion}, {result.seconds:.0f} s", *_wrong(result), sep="\n", flush=True)
+            if result is not None:
+                kept.add(result)
+                print(f"{number} of {len(left)}: {result.portion}, {result.seconds:.0f} s", *_wrong(result), sep="\n", flush=True)
+    timer.cancel()
 
 
 def rows_of(asked: Sequence[Portion], kept: Kept) -> list[Row]:
@@ -232,20 +264,22 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=WAITING * len(os.sched_getaffinity(0)), help="portions at a time")
     parser.add_argument("--soak", type=float, default=0.0, help="seconds of 8 inputs at 51.2 kHz with the page open")
     parser.add_argument("--fleet-hours", type=float, default=0.0, help="simulated hours of a watched folder")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="end after that time")
     parser.add_argument("--results", type=Path, help="keep the results there, and go on from those that it has")
     parser.add_argument("--page", type=Path, help="write the page there")
     asked = parser.parse_args()
     kept = Kept(asked.results)
     random = portions(asked.images, asked.faults, asked.inputs, asked.seed)
-    attack(random, asked.workers, kept)
+    attack(random, asked.workers, kept, 60.0 * asked.minutes)
     # Alone on the machine: they state memory and losses.
     scripts = (("soak.py", asked.soak), ("fleet_day.py", asked.fleet_hours))
     long = [Portion("long", name, (str(HERE / name), f"{value:g}", str(asked.seed))) for name, value in scripts if value > 0.0]
     attack(long, 1, kept)
     rows = rows_of(random, kept)
     ran = [kept.results[portion.name] for portion in long]
+    seconds = sum(kept.results[portion.name].seconds for portion in random if portion.name in kept.results)
     text = page(
-        rows, seed=asked.seed, seconds=sum(kept.results[portion.name].seconds for portion in random), workers=asked.workers,
+        rows, seed=asked.seed, seconds=seconds, workers=asked.workers,
         machine=f"{os.cpu_count()} cores", more=[f"- {line}" for result in ran for line in result.said],
     )  # fmt: skip
     if asked.page is not None:

@@ -68,6 +68,24 @@ def test_an_interrupted_run_goes_on_where_it_ended(tmp_path: Path) -> None:
     assert isinstance(kept.results[first.name], Result)
 
 
+def test_a_run_that_is_cut_short_counts_what_it_has_tried_and_repeats_it_later(tmp_path: Path) -> None:
+    patient = tmp_path / "patient.py"
+    patient.write_text(
+        "import signal, sys, threading\nover = threading.Event()\nsignal.signal(signal.SIGTERM, lambda *args: over.set())\n"
+        "over.wait(60.0)\nprint('{\"accepted\": 3}')\n"
+    )
+    plain = tmp_path / "plain.py"
+    plain.write_text("import time\ntime.sleep(60.0)")
+    asked = [Portion("fault", "patient", (str(patient),)), Portion("fault", "plain", (str(plain),))]
+    kept = Kept(tmp_path / "results")
+    attack(asked, 2, kept, 5.0)
+    (row,) = rows_of(asked, kept)
+    assert (row.what, row.count, row.bad) == ("patient", 3, [])
+    patient.write_text("print('{\"accepted\": 5}')")
+    attack(asked[:1], 2, kept)
+    assert [row.count for row in rows_of(asked, Kept(tmp_path / "results"))] == [5]
+
+
 def test_the_page_states_counts_seeds_and_what_was_wrong() -> None:
     rows = [
         Row("image", "power-loss images", Counter(torn=7)), Row("fault", "framed", Counter(right=5, told=1)),

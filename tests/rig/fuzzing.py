@@ -21,6 +21,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 import traceback
 import warnings
@@ -70,6 +71,8 @@ OWN = (".said", ".told", ".loaded")
 RATE, LENGTH = 512.0, 1024
 
 Words = list[str]
+#: Set by SIGTERM: what was tried so far is counted, and the rest is not tried.
+over = threading.Event()
 
 
 def campaign() -> Campaign:
@@ -465,6 +468,7 @@ def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             resource.setrlimit(resource.RLIMIT_CPU, (patience, patience))
             warnings.simplefilter("ignore")
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
             hdf.subprocess = SimpleNamespace(Popen=ForkedWalker, PIPE=subprocess.PIPE, DEVNULL=subprocess.DEVNULL)  # type: ignore[attr-defined,assignment]
             status = cli.main(words)
             (folder / ".loaded").write_text("\n".join(name for name in sys.modules if name not in ready))
@@ -535,6 +539,8 @@ def fuzz(kind: str, count: int, seed: int, folder: Path) -> Counter[str]:
         clean(folder, before)
     ended: Counter[str] = Counter()
     for k in range(count):
+        if over.is_set():
+            break
         random = np.random.default_rng([seed, k])
         bad = damaged(content, random, written=kind in WRITTEN)
         path.write_bytes(bad)
@@ -569,6 +575,7 @@ def remove(item: Path) -> None:
 
 if __name__ == "__main__":
     ASKED, SEED, FOLDER = sys.argv[1:]
+    signal.signal(signal.SIGTERM, lambda number, frame: over.set())
     for WORD in ASKED.split(","):
         KIND, COUNT = WORD.split("=")
         print(json.dumps({"kind": KIND, **fuzz(KIND, int(COUNT), int(SEED), Path(FOLDER).resolve() / KIND)}), flush=True)

@@ -77,3 +77,25 @@ def test_a_computer_that_sleeps_ends_nothing(tmp_path: Path) -> None:
         process.resume()
         assert running.wait(timeout=120.0) == 0
     assert all((out / str(k) / "findings.json").exists() for k in range(2))
+
+
+LATE = """
+import logging
+from isorig.rig.diagnose_many import shared_out
+
+def late(job):
+    # As Dask does for a heartbeat that is late on a busy host.
+    try:
+        raise TimeoutError
+    except TimeoutError:
+        logging.getLogger("distributed.worker").exception("Failed to communicate with scheduler during heartbeat.")
+    return job
+
+print(sorted(shared_out(late, [1, 2])))
+"""
+
+
+def test_what_dask_logs_of_a_late_worker_is_no_traceback() -> None:
+    done = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout == "[(1, 1), (2, 2)]\n"
+    assert "Traceback" not in done.stderr

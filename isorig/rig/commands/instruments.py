@@ -82,8 +82,8 @@ def _chosen(found: Sequence[Connected], kind: str | None, *, named: bool) -> tup
     fitting = [(one, name) for one in found for name in names(one)]
     if len(fitting) == 1:
         return fitting[0]
-    named = ", ".join(f"{name} at {one.port}" for one, name in fitting) or "none"
-    raise PlanError(f"the instrument to plan with is not clear (found: {named}); give --port and --kind")
+    listed = ", ".join(f"{name} at {one.port}" for one, name in fitting) or "none"
+    raise PlanError(f"the instrument to plan with is not clear (found: {listed}); give --port and --kind")
 
 
 def _listed(found: Sequence[Connected], reasons: Sequence[str], *, json: bool) -> None:
