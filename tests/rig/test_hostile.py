@@ -399,12 +399,17 @@ def test_what_kills_the_library_kills_no_command(tmp_path: Path, monkeypatch: py
     path = tmp_path / "a.h5"
     write(path, example())
     killer = tmp_path / "walk.py"
+    real = Path(hdf.__file__).with_name("hdf_walk.py")
     for body in (
         "import os; print('{}', flush=True); input(); os.abort()",
         "import time; print('{}', flush=True); time.sleep(60)",
+        # The check itself, in which the library never returns.
+        f"import runpy; walk = runpy.run_path({str(real)!r})\ndef spin(path):\n while True: pass\n"
+        "main = walk['main']; main.__globals__['answer'] = spin; main()",
     ):
         killer.write_text(body)
         monkeypatch.setattr(hdf, "STILL", 0.5)
+        monkeypatch.setattr(hdf, "WAITS", 60.0 if "spin" in body else 0.5)
         monkeypatch.setattr(Path, "with_name", lambda self, name: killer)
         hdf._walked.clear()
         hdf._walker.clear()
@@ -412,3 +417,15 @@ def test_what_kills_the_library_kills_no_command(tmp_path: Path, monkeypatch: py
             read(path)
         monkeypatch.undo()
     assert len(read(path).runs) == 1
+
+
+def test_a_check_that_waits_for_a_busy_host_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "a.h5", example())
+    (tmp_path / "walk.py").write_text("import time; print('{}', flush=True); input(); time.sleep(1.5); print('{}', flush=True)")
+    with monkeypatch.context() as changed:
+        changed.setattr(hdf, "STILL", 0.5)
+        changed.setattr(Path, "with_name", lambda self, name: tmp_path / "walk.py")
+        hdf._walked.clear()
+        hdf._walker.clear()
+        assert len(read(tmp_path / "a.h5").runs) == len(example().runs)
+    hdf._walker.clear()

@@ -23,8 +23,9 @@ import h5py
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.output import reason
 
-#: Seconds within which the other process has to show progress, and within which it has to start.
-STILL, START = 6.0, 60.0
+#: Seconds of a processor within which the other process has to show progress; seconds of the clock within which it has to start,
+#: and after which it is taken for one that waits forever: on a busy host it may have no processor for long.
+STILL, START, WAITS = 6.0, 60.0, 60.0
 #: Minimum reading speed for a MATLAB file, bytes per second.
 SPEED = 10 << 20
 #: Number of files whose check is remembered, so that a command that opens a file twice checks it once.
@@ -57,11 +58,11 @@ class _Walker:
         """The answer for a file; None if the process crashed or hung on it."""
         assert self._process.stdin is not None
         try:
-            self._process.stdin.write(json.dumps([kind, os.fsdecode(path)]) + "\n")
+            self._process.stdin.write(json.dumps([kind, os.fsdecode(path), patience]) + "\n")
             self._process.stdin.flush()
         except OSError:
             return None
-        return self._answer(patience)
+        return self._answer(max(patience, WAITS))
 
     def end(self) -> None:
         """End the process."""

@@ -1,7 +1,8 @@
 """A process that checks HDF5 files from other programs, so that crashes and endless loops do not affect the caller.
 
-`hdf` starts it; it imports nothing of this package. A JSON line on standard input names a kind and a file; a JSON line on
-standard output is the answer, preceded by dots that show progress. Files of MATLAB's version 5 are read here for the same reason.
+`hdf` starts it; it imports nothing of this package. A JSON line on standard input names a kind, a file, and the seconds of a
+processor within which progress is expected, after which the system ends this process; a JSON line on standard output is the
+answer, preceded by dots that show progress. Files of MATLAB's version 5 are read here for the same reason.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -27,6 +29,10 @@ STRIDE, MEMORY = 4 << 20, 4 << 30
 TOO_LARGE = f"reading it needs more than {MEMORY >> 30} GiB; write it again without compression"
 #: Read errors of the library where a filter is not installed: nothing was read, and the actual reader reports the channel.
 NOT_INSTALLED = ("can't open directory", "is not registered")
+
+
+#: Seconds of a processor for the next progress.
+_patience = [math.inf]
 
 
 class RefusedError(Exception):
@@ -179,6 +185,18 @@ def _tried(read: Callable[[], object], where: str) -> None:
 def _beat() -> None:
     sys.stdout.write(".\n")
     sys.stdout.flush()
+    _allow(_patience[0])
+
+
+def _allow(seconds: float) -> None:
+    # The system ends this process if it then has neither answered nor shown progress.
+    try:
+        import resource
+    except ImportError:  # Windows: only the clock of the caller
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_CPU)
+    until = math.ceil(time.process_time() + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (until if most == resource.RLIM_INFINITY else min(until, most), most))
 
 
 def answer(path: str) -> dict[str, str]:
@@ -205,6 +223,7 @@ def answer_matlab(path: str) -> dict[str, str]:
     """The result for a file of MATLAB's version 5: other faults are reported by the actual reader."""
     from scipy.io import loadmat
 
+    _beat()
     try:
         loadmat(path, simplify_cells=True)
     except MemoryError:
@@ -232,7 +251,8 @@ def main() -> None:
     _limit()
     print(json.dumps({"ready": True}), flush=True)
     for line in sys.stdin:
-        kind, path = json.loads(line)
+        kind, path, _patience[0] = json.loads(line)
+        _allow(_patience[0])
         print(json.dumps(answer_matlab(path) if kind == "matlab" else answer(path)), flush=True)
 
 
