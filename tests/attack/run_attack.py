@@ -243,7 +243,7 @@ def page(rows: Sequence[Row], *, seed: int, seconds: float, workers: int, machin
         ("Faults on the wire, for each driver", "driver", drivers), ("Damaged inputs, for each command", "command", inputs),
     ):  # fmt: skip
         if found:
-            names = list(dict.fromkeys(name for row in found for name in sorted(row.ended)))
+            names = list(dict.fromkeys(name for row in found for name in sorted(row.ended) if name != "wrong"))
             lines += [f"## {title}", "", f"| {what} | number | {' | '.join(names)} | wrong |", "| --- " * (len(names) + 3) + "|"]
             for row in found:
                 numbers = " | ".join(str(row.ended[name]) for name in names)
