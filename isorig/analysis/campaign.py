@@ -6,6 +6,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import wraps
+from inspect import signature
 from typing import Any, Concatenate, Literal, ParamSpec, Protocol, TypeVar
 
 import numpy as np
@@ -312,10 +313,14 @@ R = TypeVar("R")
 def once(function: Callable[Concatenate[Campaign, P], R]) -> Callable[Concatenate[Campaign, P], R]:
     """A function of a campaign that is computed once for each campaign and its hashable arguments: records do not change."""
 
+    form = signature(function)
+
     @wraps(function)
     def found(campaign: Campaign, /, *args: P.args, **kwargs: P.kwargs) -> R:
         results: dict[Hashable, R] = campaign.__dict__.setdefault("_results", {})
-        key = function.__qualname__, args, tuple(sorted(kwargs.items()))
+        given = form.bind(campaign, *args, **kwargs)
+        given.apply_defaults()
+        key = function.__qualname__, *list(given.arguments.values())[1:]
         if key not in results:
             results[key] = function(campaign, *args, **kwargs)
         return results[key]

@@ -10,12 +10,13 @@ import pytest
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.mechanisms.modes import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
-from isorig.analysis.fitting import solve
+from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends
 from isorig.analysis.fitting.solve import Problem, base_parameters, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate import simulate
 from isorig.rig.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
@@ -80,17 +81,27 @@ def test_a_mode_is_found_despite_a_larger_misfit() -> None:
 
 def test_threads_share_the_stored_motions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Models are simulated in several threads at once, and each may drop what another one is about to read."""
-    problem = Problem(prepare(CAMPAIGN, RIG))
-    monkeypatch.setattr(solve, "true_motion", lambda *_: {})
+    trial = prepare(CAMPAIGN, RIG)[0]
+    still = simulate(RIG, trial.excitation, samples=8)
+    monkeypatch.setattr(trials, "simulate", lambda *_, **__: still)
     models = [RIG.replace({"bodies.table.mass": 80.0 + 0.01 * k}) for k in range(400)]
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:
         with ThreadPoolExecutor(8) as pool:
-            assert all(pool.map(lambda model: problem._motion(model, 0) == {}, 5 * models))
+            assert all(pool.map(lambda model: len(trial.motion_of(model, 8)["table"]) == 8, 5 * models))
     finally:
         sys.setswitchinterval(before)
-    assert len(problem._cache) == solve.CACHED * len(problem.trials)
+    assert len(trial._cache.motions) == trials.CACHED
+
+
+def test_a_motion_is_simulated_once_for_all_sensors_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model that differs in a sensor's gain only moves alike."""
+    trial, simulated = prepare(CAMPAIGN, RIG)[0], []
+    monkeypatch.setattr(trials, "simulate", lambda *a, **k: simulated.append(a) or simulate(*a, **k))
+    for gain in (1.0, 0.9, 1.1):
+        expected(RIG.replace({"sensors.table.chain.gain": gain}), trial)
+    assert len(simulated) == 1
 
 
 def test_derivatives_hold_along_a_narrow_valley() -> None:

@@ -13,6 +13,7 @@ import pytest
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import score as scores
+from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import Coulomb, Cubic
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
@@ -64,9 +65,9 @@ def simulated(scales: list[float]) -> Callable[..., Any]:
 def test_draws_that_disagree_are_followed_by_more_and_the_largest_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     trial, size = trial_of(SIGNAL, 0.0), float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
     # Powers of two draws that differ by less than 1.3, and by more.
-    monkeypatch.setattr(scores, "simulate", simulated([0.010, 0.0113, 9.0]))
+    monkeypatch.setattr(trials, "simulate", simulated([0.010, 0.0113, 9.0]))
     assert scores.noise_floor(RIG, [trial], 1.0)[0, 0] == pytest.approx(0.0113 / size)
-    monkeypatch.setattr(scores, "simulate", simulated([0.010, 0.0115, 0.02, 0.03, 0.01, 0.01, 0.01, 0.05]))
+    monkeypatch.setattr(trials, "simulate", simulated([0.010, 0.0115, 0.02, 0.03, 0.01, 0.01, 0.01, 0.05]))
     assert scores.noise_floor(RIG, [trial], 1.0)[0, 0] == pytest.approx(0.05 / size)
 
 
@@ -133,7 +134,7 @@ def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest
         last = 0.0 if clean else 0.01
         return SimpleNamespace(channels={"m": SIGNAL + first * uneven, "n": SIGNAL + last, "o": SIGNAL + 2.0 * last})
 
-    monkeypatch.setattr(scores, "simulate", simulate)
+    monkeypatch.setattr(trials, "simulate", simulate)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
     found = scores.noise_floor(RIG, [three], 1.0)[0]
     # A quarter of the samples off by 0.06 is 0.03 rms; sensor noise adds in square.
@@ -148,7 +149,7 @@ def test_the_noise_added_to_the_drive_has_no_mean_and_the_given_deviation(monkey
         drives.append(excitation.recorded)
         return SimpleNamespace(channels={"m": SIGNAL})
 
-    monkeypatch.setattr(scores, "simulate", simulate)
+    monkeypatch.setattr(trials, "simulate", simulate)
     scores.noise_floor(RIG, [trial_of(SIGNAL, 1e-3)], 0.2)
     clean, *noisy = drives
     assert not clean.any()

@@ -410,9 +410,13 @@ class _Search:
             return found
         try:
             self._progress("computing the uncertainties")
-            fit = assessed(last.fit, fits, self._drive_noise).fit
+            judged = found.division.judged
+            floors = None if found.division.beginnings else self.floors(last.fit.model, judged)
+            fit = assessed(last.fit, fits, self._drive_noise, floors).fit
         except (OutOfTimeError, FitError):
             return found
+        # The refined values differ by less than their uncertainty, so noise passes through them alike.
+        self._noise_floors[fit.model.encoded, id(judged)] = judged, self._noise_floor(last.fit.model, judged)
         stage = replace(last, fit=fit, score=score(fit.model, found.division.judged))
         return replace(found, stages=[*found.stages[: found.kept], stage])
 

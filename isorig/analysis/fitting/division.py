@@ -41,12 +41,12 @@ Divide = Callable[[Sequence[Trial]], Division]
 
 def refined(trial: Trial) -> Trial:
     """The trial on the grid for judging models."""
-    return replace(trial, excitation=trial.excitation.resampled(FINEST))
+    return trial.on_grid(FINEST)
 
 
 def coarsened(trial: Trial) -> Trial:
     """The trial on half the grid of its own, for differences between simulations."""
-    return replace(trial, excitation=trial.excitation.resampled(max(trial.excitation.oversample // 2, 1)))
+    return trial.on_grid(max(trial.excitation.oversample // 2, 1))
 
 
 def ends(trials: Sequence[Trial]) -> Division:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,9 @@ from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.excess import ADEQUATE, MOST_ERROR, excess, is_adequate
 from isorig.analysis.fitting.solve import QUIET
-from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
-from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.inverse import required_drive
 
 #: Number of time blocks of each held-out record.
@@ -108,12 +107,10 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
         if trial.motion is not None and trial.shaken is not None:
             off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
             return np.asarray(np.mean(off[part] ** 2)).reshape(1, 1)
-        excitation = trial.excitation
-        shaken = (excitation.with_drive(excitation.recorded + noise) for noise in noises)
-        clean, *others = (
-            simulate(model, e, configuration=trial.run.configuration, start_time=trial.start_time).channels
-            for e in (excitation, *shaken)
-        )
+        clean = true_motion(model, trial)
+        drive = trial.excitation.recorded
+        shaken = (replace(trial, excitation=trial.excitation.with_drive(drive + noise)) for noise in noises)
+        others = [true_motion(model, other) for other in shaken]
         return np.array([[np.mean((clean[n] - other[n])[part] ** 2) for n in trial.channels] for other in others])
 
     def one(job: tuple[Trial, FloatArray, FloatArray]) -> FloatArray:

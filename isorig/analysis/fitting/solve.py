@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from threading import Lock
 from typing import Protocol
 
 import numpy as np
@@ -19,8 +18,6 @@ from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_m
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
 
-#: Number of models whose motion a problem caches.
-CACHED = 3
 #: A parameter whose Jacobian column has at most this square has only rounding effects.
 FAINT = 1e-6
 #: Directions with less than this share of the information of the best-known one are ignored; and share of the information on a
@@ -30,8 +27,9 @@ SINGULAR, ALONE = 1e-12, 0.01
 QUIET = 1e-4
 #: Maximum change of a curve point in one step, in allowed deviations from its neighbours' mean.
 STRAYS = 20.0
-#: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used once more.
-FORETOLD = 0.8
+#: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used again, but in no more
+#: than this number of steps.
+FORETOLD, REUSED = 0.8, 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,30 +167,12 @@ class Problem:
         if not fitted:
             raise FitError("every run is held out, so there is nothing to fit; mark at least one run for fitting")
         self.trials = tuple(fitted)
-        self._cache: dict[tuple[int, bytes], dict[str, FloatArray]] = {}
-        # Models are simulated in several threads, and any of them may remove the oldest entry.
-        self._lock = Lock()
         # A body held by friction may have a record without any noise.
         sizes = np.max([trial.measured.std(axis=1) for trial in trials], axis=0)
         least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
         self._gauges = [Waveform(trial, share, least) for trial in self.trials]
         self.sizes = tuple(gauge.size for gauge in self._gauges)
         self.size = sum(self.sizes)
-
-    def _motion(self, model: RigModel, index: int) -> dict[str, FloatArray]:
-        # The bodies' true motion; models that differ in their sensors' faults only share it.
-        trial = self.trials[index]
-        sound = model.without_faults
-        key = (index, sound.encoded)
-        with self._lock:
-            motion = self._cache.get(key)
-        if motion is None:
-            motion = true_motion(sound, trial, trial.fitted)
-            with self._lock:
-                while len(self._cache) >= CACHED * len(self.trials):
-                    del self._cache[next(iter(self._cache))]
-                self._cache[key] = motion
-        return motion
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
         """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged."""
@@ -204,7 +184,8 @@ class Problem:
             which, index = job
             part = out[which, ends[index] - self.sizes[index] : ends[index]]
             try:
-                predicted = expected(models[which], self.trials[index], self._motion(models[which], index))
+                trial = self.trials[index]
+                predicted = expected(models[which], trial, true_motion(models[which], trial, trial.fitted))
                 self._gauges[index].write_residual(predicted, part)
             except (SimulationError, ModelError):  # it grows without bound, or moves too fast for any step
                 part[:] = np.nan
@@ -275,13 +256,14 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
     jacobian = np.zeros((len(residual), len(free)))
-    taken, fresh = 0, True
+    taken, reused, fresh = 0, 0, True
     while taken < iterations or not fresh:
         if fresh:
             jacobian = jacobian_of(problem, build, theta, free, residual)
-            normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
             taken += 1
+        reused = 0 if fresh else reused + 1
+        normal = jacobian.T @ jacobian + ties.T @ ties
         gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
         for _ in range(6 if fresh else 1):
@@ -296,6 +278,8 @@ def fit(
             new = cost_of(candidate, trial)
             linear = cost_of(residual + jacobian @ (trial - theta), trial)
             if np.isfinite(new) and new < cost:
+                # Broyden's (1965) update: the derivatives along the step are those that it has shown.
+                jacobian += np.outer(candidate - residual - jacobian @ (trial - theta), _weighed(trial - theta, scale))
                 theta, residual, cost, foretold = trial, candidate, new, linear
                 damping = max(damping / 9.0, 1e-9)
                 break
@@ -304,12 +288,18 @@ def fit(
             progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
         if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
-        fresh = not fresh or before - cost < FORETOLD * (before - foretold)
+        fresh = reused == REUSED or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
     )  # fmt: skip
+
+
+def _weighed(step: FloatArray, scale: FloatArray) -> FloatArray:
+    # The step, in the weights of the normal matrix, divided by its square size.
+    weighed = scale * step
+    return np.asarray(weighed / max(float(step @ weighed), 1e-300))
 
 
 def _tethered(free: Free, tether: float) -> float:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +32,8 @@ SHORTEST = 256
 AT_REST = 1.5
 #: Errors below this share of a channel's rms do not justify a parameter: weights add it to the noise.
 SIGNAL_SHARE = 0.01
+#: Number of simulated motions that a trial caches: those of the baseline, the model so far, and a candidate.
+CACHED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +95,48 @@ class Trial:
         """Length of the record."""
         return int(self.measured.shape[1])
 
+    @cached_property
+    def _cache(self) -> _Cache:
+        return _Cache({}, {}, Lock())
+
+    def on_grid(self, oversample: int) -> Trial:
+        """The trial with that many simulation steps per sample; prepared once."""
+        if oversample == self.excitation.oversample:
+            return self
+        with self._cache.lock:
+            if oversample not in self._cache.grids:
+                self._cache.grids[oversample] = replace(self, excitation=self.excitation.resampled(oversample))
+            return self._cache.grids[oversample]
+
+    def motion_of(self, model: RigModel, samples: int) -> dict[str, FloatArray]:
+        """The true values of drive and sensors by channel in a free run of `samples`, each shape (samples,).
+
+        The last `CACHED` motions are kept; models that differ in their sensors' faults only share one.
+        """
+        sound, cache = model.without_faults, self._cache
+        key = (sound.encoded, samples)
+        with cache.lock:
+            motion = cache.motions.get(key)
+        if motion is None:
+            response = simulate(
+                sound, self.excitation, configuration=self.run.configuration, start_time=self.start_time, samples=samples
+            )
+            drives = {name: values[:samples] for name, values in true_drives(sound, self.excitation).items()}
+            motion = {**drives, **response.channels}
+            with cache.lock:
+                while len(cache.motions) >= CACHED:
+                    del cache.motions[next(iter(cache.motions))]
+                cache.motions[key] = motion
+        return motion
+
+
+class _Cache(NamedTuple):
+    # What a trial has computed: its simulated motions by model and number of samples, the oldest first, and itself on other
+    # grids. Several threads may simulate one trial.
+    motions: dict[tuple[bytes, int], dict[str, FloatArray]]
+    grids: dict[int, Trial]
+    lock: Lock
+
 
 def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
     """Predicted records of a rig's sensors in a trial, in a free run from its first sample, shape (channels, n).
@@ -137,11 +184,7 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
     """The true values of drive and sensors in a trial by channel, each shape (samples,); none of a trial judged by its drive."""
     if trial.motion is not None:
         return {}
-    response = simulate(
-        model, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, samples=samples
-    )
-    drives = {name: values[:samples] for name, values in true_drives(model, trial.excitation).items()}
-    return {**drives, **response.channels}
+    return trial.motion_of(model, trial.samples if samples is None else samples)
 
 
 @once

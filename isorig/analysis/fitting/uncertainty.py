@@ -82,7 +82,7 @@ def floors_of(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> F
     return np.asarray(np.hypot(noise_floor(model, trials, drive_noise), disturbance(model, trials)))
 
 
-def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float) -> Assessed:
+def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float, floors: FloatArray | None = None) -> Assessed:
     """The fit at its minimum with its uncertainty, and its noise floor.
 
     Parameters
@@ -93,12 +93,15 @@ def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float) -> Assessed
         Its runs, on the grid for judging models.
     drive_noise
         As for `floors_of`.
+    floors
+        The noise floor of the unrefined fit, whose values differ by less than their uncertainty, shape (runs, channels);
+        computed if None.
     """
     done = polished(done, trials)
     shaken = drive_noise_effect(done, trials)
     done = without_bias(done, shaken)
     judged = score(done.model, trials)
-    floors = floors_of(done.model, trials, drive_noise)
+    floors = floors_of(done.model, trials, drive_noise) if floors is None else floors
     explained = adequate(judged, np.hypot(floors, SIMULATION_LIMIT))
     noise = ""
     if not explained and judged.figure < MOST_NOISE and not related(done.model, trials):

@@ -205,10 +205,10 @@ class RunWriter:
         """Add rows of a logger; may be called from several threads."""
         self._logged.append((number, rows))
 
-    def finish(self, counted: int | None, *, whole: bool = True) -> Tally:
+    def finish(self, counted: int | None, *, whole: bool = True, enough: bool = False) -> Tally:
         """Write the waiting blocks and close the run; ticks that the instrument counted but did not send are lost.
 
-        The run is complete if nothing interrupted it and all planned ticks are stored or counted as lost.
+        The run is complete if nothing interrupted it and all planned ticks are stored or counted as lost, or `enough` of them.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class RunWriter:
         self._thread.join()
         if self.error is None:
             self._account(self._next if counted is None else max(counted, self._next))
-            end = End(whole=whole and self._next >= self._planned, counted=self._next)
+            end = End(whole=whole and (enough or self._next >= self._planned), counted=self._next)
             try:
                 self._store_logs()
                 self._file.journal.append(Kind.END, self._run, self._take, msgspec.json.encode(end))

@@ -63,7 +63,9 @@ class Operator:
     decide
         Asked before each run, by its name, for the decision.
     stopped
-        Polled during a run; True ends the run.
+        Polled during a run; True ends the run, which then counts as incomplete.
+    answered
+        Polled during a run; True ends the run, which then counts as complete.
     """
 
     lock: Callable[[str], None]
@@ -71,6 +73,7 @@ class Operator:
     taken: Callable[[Taken], None]
     decide: Callable[[str], Decision] = lambda name: "take"
     stopped: Callable[[], bool] = lambda: False
+    answered: Callable[[], bool] = lambda: False
 
 
 def acquire(
@@ -185,7 +188,18 @@ def _with_stream(
                     remarks = Remarks(plan.instrument.sample_rate)
                     watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
                     tally = take(
-                        instrument, file, plan, run, repeat, name, watch, remarks, operator.stopped, loggers=loggers, force=force
+                        instrument,
+                        file,
+                        plan,
+                        run,
+                        repeat,
+                        name,
+                        watch,
+                        remarks,
+                        operator.stopped,
+                        operator.answered,
+                        loggers=loggers,
+                        force=force,
                     )
                     found = saved.run(name)
                     earlier = [each for item in taken if (each := saved.run(item.id).run) is not None]

@@ -150,12 +150,13 @@ def take(
     watch: Callable[[Live], None],
     remarks: Remarks,
     stopped: Callable[[], bool] = lambda: False,
+    answered: Callable[[], bool] = lambda: False,
     *,
     loggers: Mapping[str, Stream] | None = None,
     force: bool = False,
 ) -> Tally:
-    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` returns True. The `loggers`
-    run along.
+    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` or `answered`
+    returns True, and is complete in the second case. The `loggers` run along.
 
     Unless it is to `force` the run, a wrong sample rate by the host's clock ends it.
 
@@ -169,7 +170,7 @@ def take(
     load(instrument, run, drive, plan.limits)
     writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period)
     summary = BlockSummary(plan, run, instrument)
-    incoming = Incoming(instrument, run.ticks(rate), rate, stopped=stopped)
+    incoming = Incoming(instrument, run.ticks(rate), rate, stopped=lambda: stopped() or answered())
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
     along = Along(plan, loggers or {}, writer.log)
@@ -201,7 +202,7 @@ def take(
         raise
     finally:
         remarks.end(instrument, incoming.returned, along.stop())
-        tally = writer.finish(counted, whole=whole)
+        tally = writer.finish(counted, whole=whole, enough=answered())
     watch(summary.take(name, tally))
     return tally
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from isorig.rig.acquire.equations import Equations
 from isorig.rig.acquire.levels import advice, shares
 from isorig.rig.errors import PlanError
 from isorig.rig.terminal import Unhurried, never_wait_for_terminal
@@ -105,6 +106,13 @@ class Terminal:
             self._line("taken", item)
         else:
             self._quietly(lambda: _print(self._console, item))
+
+    def equations(self, told: Equations) -> None:
+        """Print what the equations of motion tell of a run once that is certain; as JSON all of it."""
+        if self._json:
+            self._line("equations", told)
+        elif told.known:
+            self.say(f"equations of motion of {told.sentence}")
 
     def _say(self, kind: str, content: object, words: str) -> None:
         if self._json:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import sys
 from contextlib import nullcontext, suppress
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from isorig.rig.acquire.equations import Equations
+    from isorig.rig.acquire.terminal import Terminal
+    from isorig.rig.view.requests import Desk
 
 
 def acquire(
@@ -20,6 +26,7 @@ def acquire(
     force: bool = False,
     yes: bool = False,
     view: bool = False,
+    until_known: bool = False,
     json: bool = False,
     sync: float = 1.0,
 ) -> None:
@@ -50,11 +57,16 @@ def acquire(
     view
         Show the session on a page in the browser of this computer, at the printed address. The page has buttons to stop a run, to
         repeat it, to write a note, and to start the next run when the session waits for the operator: before the first run, when
-        the rig must be locked or unlocked, and after a run with a fault. With --yes it never waits.
+        the rig must be locked or unlocked, and after a run with a fault. With --yes it never waits. Bars
+        show during each run how well each equation of motion of the records holds, and the cause that explains the best what
+        breaks one.
+    until_known
+        End each run as soon as its equations of motion name a cause for certain, or have held for some time. The run counts as
+        complete; --resume measures it again.
     json
         Print levels and results as one JSON object per line on standard output: event is "live" during a run, "taken" after it,
-        "ask" when the rig must be locked or unlocked and a line on standard input is expected, and "view" with the address of the
-        page.
+        "ask" when the rig must be locked or unlocked and a line on standard input is expected, "view" with the address of the
+        page, and "equations" for what the equations of motion tell with --until-known or --view.
     sync
         Seconds between two syncs of the data to disk: the maximum loss in a power failure. A kill loses at most a quarter of a
         second in any case. With 0 every block is synced.
@@ -69,6 +81,7 @@ def acquire(
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.errors import OutputError, PlanError
     from isorig.rig.terminal import discard_output
+    from isorig.rig.view.equations_watch import equations_watched
     from isorig.rig.view.with_screen import viewed
 
     planned = read_plan(plan) if port != "virtual" else as_virtual(read_plan(plan))
@@ -76,15 +89,23 @@ def acquire(
         raise PlanError(f"--sync is {sync:g} s; give 0 or more, 1 is usual")
     if again and not resume:
         raise PlanError("--again repeats runs of an earlier session; give it together with --resume")
+    if until_known and planned.instrument.analyzer:
+        raise PlanError("--until-known needs an instrument that streams samples, and an analyzer returns finished records")
     if output.exists() and not resume:
         raise OutputError(f"{output} already exists; continue it with --resume, or give another -o")
     reopen_notes(output)
     wire = port or planned.instrument.port
     with ended_by_signals(), Terminal(json=json) as terminal:
         own = Operator(lock=_silent if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
+        equations = (view or until_known) and not planned.instrument.analyzer
         shown = viewed(planned, output, own, terminal, asks=not yes) if view else nullcontext((None, own))
         try:
-            with shown as (desk, operator):
+            with (
+                shown as (desk, by_page),
+                nullcontext(by_page)
+                if not equations
+                else equations_watched(output, by_page, partial(_tell, terminal, desk), until_known=until_known) as operator,
+            ):
                 path, taken = run_session(
                     planned, wire, output, operator, resume=resume, again=set(again), force=force, sync=sync
                 )
@@ -110,6 +131,13 @@ def acquire(
     except BrokenPipeError:
         # The reader of the output has ended, and the session is complete all the same.
         discard_output()
+
+
+def _tell(terminal: Terminal, desk: Desk | None, told: Equations) -> None:
+    """Show what the equations of motion tell, on the page and in the terminal."""
+    if desk is not None:
+        desk.equations(told)
+    terminal.equations(told)
 
 
 def _silent(configuration: str) -> None:

@@ -6,6 +6,7 @@ from typing import Literal
 
 import msgspec
 
+from isorig.rig.acquire.equations import Equations
 from isorig.rig.acquire.notes import Note
 from isorig.rig.view.run_list import Planned
 
@@ -72,6 +73,8 @@ class Standing(Message, frozen=True):
         Blocks of the current run with an overload, frames damaged in transmission.
     notes
         The notes.
+    equations
+        What the equations of motion tell of the current or last run; None before the first message.
     """
 
     phase: Literal["begins", "asks", "checks", "measures", "finishes", "over"] = "begins"
@@ -85,3 +88,4 @@ class Standing(Message, frozen=True):
     overloads: int = 0
     damaged: int = 0
     notes: tuple[Note, ...] = ()
+    equations: Equations | None = None

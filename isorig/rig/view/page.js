@@ -41,6 +41,11 @@
     put("isolated", state.isolated);
     // A rig with a single configuration has no such ratio.
     at("ratio").hidden = !state.isolated;
+    at("equations").hidden = !state.equations;
+    if (state.equations) {
+      put("told", state.equations.text);
+      list("residuals", state.equations.bars, (bar) => equation(bar, state.equations.limit));
+    }
     list("advice", state.advice, (line) => make("li", "", line));
     list("notes", [...state.notes].reverse(), (note) => {
       const item = make("li");
@@ -54,6 +59,18 @@
     put("sum", state.shown ? `${state.shown}: ${losses.join(", ")}` : "");
     at("session").classList.toggle("alone", state.runs.every((run) => !run.set_up));
     list("runs", state.runs, row);
+  }
+
+  // Residual over noise on a logarithmic scale from 0.1 to 10 000; the mark is the limit up to which an equation holds.
+  const above = (value) => Math.min(Math.max((1 + Math.log10(Math.max(value, 1e-9))) / 5, 0.01), 1) * 100;
+  function equation(bar, most) {
+    const box = make("div", `equation ${bar.residual < most ? "" : "broken"}`), track = make("div", "bar"), share = make("div", "rms"), limit = make("div", "limit");
+    share.style.width = `${above(bar.residual)}%`;
+    limit.style.left = `${above(most)}%`;
+    track.append(share, limit);
+    track.title = "residual over noise, logarithmic from 0.1 to 10 000; the mark is the limit up to which the equation holds";
+    box.append(make("span", "name", bar.name), make("span", "figures", `${figure(bar.residual)} times the noise`), track);
+    return box;
   }
 
   function row(run) {

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from isorig.rig.acquire.equations import Equations
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, Operator, Taken
 from isorig.rig.acquire.take import Live
@@ -79,6 +80,11 @@ class Desk:
         # Confirming a run includes that the rig is locked or unlocked for it.
         return Operator(lock=lambda configuration: None, watch=watch, taken=taken, decide=self.decide, stopped=self.stopped)
 
+    def equations(self, told: Equations) -> None:
+        """Show what the equations of motion tell of the current run."""
+        with self._changed:
+            self._stand(equations=told)
+
     def decide(self, name: str) -> Decision:
         """Decides on the next run."""
         self._settle()
@@ -98,6 +104,7 @@ class Desk:
             fresh = {
                 "judged": {key: value for key, value in now.judged.items() if key != name},
                 "stopped": tuple(key for key in now.stopped if key != name), "seconds": 0.0, "overloads": 0, "damaged": 0,
+                "equations": None,
             }  # fmt: skip
             self._stand(phase="checks", run=name, may=("note",), text="", **fresh)
         return "take"

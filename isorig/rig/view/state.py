@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from isorig.rig.acquire.equations import Equations
 from isorig.rig.acquire.levels import HIGH, LOW
 from isorig.rig.acquire.notes import Note
 from isorig.rig.view.levels import Level
@@ -52,8 +53,14 @@ def state_of(subject: Subject, picture: Picture, standing: Standing | None) -> d
         "channels": [] if shown is None else [_channel(level, picture.runs) for level in shown.levels],
         "limits": [LOW, HIGH], "averaged": picture.averaged, "isolated": picture.isolated,
         "advice": _advice(picture, standing, lasting), "verdict": _verdict(subject, picture, standing), "runs": runs,
+        "equations": None if standing is None or standing.equations is None else _equations(standing.equations),
         "notes": msgspec.to_builtins(subject.notes if standing is None else standing.notes),
     }  # fmt: skip
+
+
+def _equations(told: Equations) -> dict[str, Any]:
+    bars = [{"name": name, "residual": value} for name, value in told.residuals.items()]
+    return {"text": told.sentence, "limit": told.limit, "bars": bars}
 
 
 def _phase(subject: Subject, picture: Picture, standing: Standing | None, age: float | None) -> str:

@@ -1,0 +1,37 @@
+"""The message of what the equations of motion tell of a run while it is measured."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class Equations(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the equations of motion tell of a run.
+
+    Parameters
+    ----------
+    run
+        The run.
+    seconds
+        Duration of the record they were computed from.
+    residuals
+        Residual of each equation over noise: about one if it holds.
+    limit
+        Residual up to which an equation holds.
+    known
+        Whether the answer is certain.
+    text
+        The answer in words; empty without one.
+    """
+
+    run: str
+    seconds: float
+    residuals: dict[str, float]
+    limit: float
+    known: bool
+    text: str
+
+    @property
+    def sentence(self) -> str:
+        """The answer in a sentence."""
+        return f"{self.run}, from {self.seconds:.0f} s: {self.text or 'no answer yet'}" + (", certain" if self.known else "")

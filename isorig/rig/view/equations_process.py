@@ -1,0 +1,87 @@
+"""The equations of motion of a run while it is measured: computed in a process of its own, so that the session never waits.
+
+The process, which `isorig.rig.view.equations_watch` starts, reads what the session writes and prints an `Equations` message as a
+line of JSON after each reading; it ends when its standard input is closed.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import cast
+
+import msgspec
+
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.early_answer import Decision, EarlyAnswer, early_answer
+from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.errors import AnalysisError
+from isorig.rig.acquire.equations import Equations
+from isorig.rig.baseline import baseline_model
+from isorig.rig.errors import RigError
+from isorig.rig.report.conclusion import KINDS
+from isorig.rig.view.sources import watched
+
+#: The session and its page have priority over this process.
+NICE = 10
+#: Seconds between two readings, the shortest record that is read, and its growth until it is read again.
+EVERY, SHORTEST, GROWTH = 0.5, 3.0, 1.1
+#: Longest part of a run that is read, seconds: what a minute does not show, the diagnosis of all runs is for.
+LONGEST = 60.0
+
+
+def main() -> None:
+    """Follow the recording named in the command line until standard input is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the session handles Ctrl-C
+    with suppress(AttributeError, OSError):
+        os.nice(NICE)
+
+    def end() -> None:
+        sys.stdin.buffer.read()
+        os._exit(0)
+
+    threading.Thread(target=end, name="standard input", daemon=True).start()
+    for message in told(reading.campaign for reading in watched(Path(sys.argv[1]), lambda: False, every=EVERY)):
+        sys.stdout.buffer.write(msgspec.json.encode(message) + b"\n")
+        sys.stdout.buffer.flush()
+
+
+def told(campaigns: Iterable[Campaign]) -> Iterator[Equations]:
+    """A message for the last run of each campaign, once that has grown by `GROWTH`."""
+    begun: datetime | None = None
+    run_id, before, decision = "", 0.0, Decision()
+    for campaign in campaigns:
+        run = campaign.runs[-1]
+        if (run.id, run.started) != (run_id, begun):
+            run_id, begun, before, decision = run.id, run.started, 0.0, Decision()
+        if not max(SHORTEST, GROWTH * before) <= run.duration <= LONGEST:
+            continue
+        before = run.duration
+        with suppress(RigError, AnalysisError):
+            # Until all channels have samples, or for a rig that the plan does not describe, the equations tell nothing.
+            alone = replace(campaign, runs=(run,))
+            answer = early_answer(alone, baseline_model(alone))
+            if answer is None:
+                continue
+            known = decision.add(run.duration, answer)
+            yield Equations(
+                run=run.id, seconds=run.duration, residuals=dict(answer.residuals), limit=HOLDS, known=known, text=_text(answer)
+            )
+
+
+def _text(answer: EarlyAnswer) -> str:
+    if answer.kind:
+        return f"{KINDS[cast('Kind', answer.kind)]} ({answer.place})"
+    return "every equation of motion holds" if answer.hold else ""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""The equations of motion of a session that is running: on its page, and to end a run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from isorig.drivers.kinds import kinds
+from isorig.rig.acquire.equations import Equations
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read
+from isorig.rig.view.messages import Standing
+from isorig.rig.view.snapshot import Picture
+from isorig.rig.view.state import Subject, state_of
+
+PLAN = """
+rig = {head_mass = 6.5}
+[instrument]
+kind = "framed"
+port = "virtual"
+sample_rate = 1024.0
+[channels]
+head = {input = 0, sensitivity = 0.2}
+motor = {input = 1, sensitivity = 0.2}
+table = {input = 2, sensitivity = 0.2}
+heatblock = {input = 3, sensitivity = 0.2}
+[[runs]]
+id = "a"
+configuration = "unlocked"
+gain = 70.0
+excitation = "random"
+band = [0.5, 400.0]
+seconds = 300.0
+"""
+
+
+@contextmanager
+def instrument(*arguments: str) -> Iterator[str]:
+    """A simulated instrument in another process; yields its port."""
+    command = [sys.executable, "-P", "-m", "isorig", "virtual", "instrument", "--seconds", "600", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.kill()
+
+
+def test_a_run_ends_when_its_equations_name_a_cause(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Play in the isolation; the run is planned for five minutes, and counts as complete when it ends."""
+    (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
+    output = tmp_path / "c.h5"
+    # As much faster than real time as the equations are computed; the host's clock is not compared.
+    with instrument("--hide", "backlash", "--seed", "3", "--speed", "2") as port:
+        arguments = ["acquire", str(tmp_path / "plan.toml"), "--port", port, "--yes", "--json", "--until-known", "--force"]
+        assert main([*arguments, "-o", str(output)]) == 0
+    events = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    told = [event for event in events if event["event"] == "equations"]
+    (taken,) = (event for event in events if event["event"] == "taken")
+    (run,) = read(output).runs
+    assert told[-1]["known"], [(event["seconds"], event["residuals"], event["text"]) for event in told]
+    assert not any(event["known"] for event in told[:-1])
+    assert "force over deflection (isolation)" in told[-1]["text"]
+    assert told[-1]["seconds"] <= run.duration < 250.0
+    assert taken["verdict"]["good"], taken["verdict"]["advice"]
+
+
+def test_analyzers_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = PLAN[: PLAN.index("[instrument]")] + PLAN[PLAN.index("[[runs]]") :]
+    analyzer = '[instrument]\nkind = "sr785"\nport = "/dev/none"\n' + kinds()["sr785"].example
+    (tmp_path / "plan.toml").write_text(plan + analyzer, encoding="utf-8")
+    assert main(["acquire", str(tmp_path / "plan.toml"), "--until-known", "-o", str(tmp_path / "c.h5")]) == 2
+    assert "--until-known needs an instrument that streams samples" in capsys.readouterr().err
+    assert not (tmp_path / "c.h5").exists()
+
+
+def test_the_page_shows_a_bar_for_each_equation() -> None:
+    told = Equations(run="a", seconds=8.0, residuals={"motor": 40.0, "table": 0.4}, limit=2.0, known=True, text="a cause")
+    state = state_of(Subject(title="c.h5", mode="session"), Picture(), Standing(phase="measures", run="a", equations=told))
+    assert state["equations"] == {
+        "text": "a, from 8 s: a cause, certain", "limit": 2.0,
+        "bars": [{"name": "motor", "residual": 40.0}, {"name": "table", "residual": 0.4}],
+    }  # fmt: skip
+    assert state_of(Subject(title="c.h5", mode="session"), Picture(), Standing())["equations"] is None
