@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.suspects import APART, equations_of
@@ -29,18 +29,21 @@ class EarlyAnswer:
     ----------
     residuals
         Residual of each equation over noise, by name: about one if it holds.
+    complete
+        Whether every equation of the records' configurations has a residual: one with friction needs enough sliding.
     kind, place
         Of the cause that explains the residuals by far best; empty if none does.
     """
 
     residuals: Mapping[str, float]
+    complete: bool = True
     kind: str = ""
     place: str = ""
 
     @property
     def hold(self) -> bool:
         """Whether every equation holds."""
-        return all(value < HOLDS for value in self.residuals.values())
+        return self.complete and all(value < HOLDS for value in self.residuals.values())
 
 
 def early_answer(campaign: Campaign, model: RigModel) -> EarlyAnswer | None:
@@ -57,16 +60,19 @@ def early_answer(campaign: Campaign, model: RigModel) -> EarlyAnswer | None:
     residuals = equations.residuals()
     if not residuals:
         return None
+    present = {run.configuration for run in campaign.runs}
+    answer = EarlyAnswer(
+        residuals=residuals,
+        complete=all(balance.name in residuals for balance in equations.balances if present & set(balance.configurations)),
+    )
     ranked = ranking(equations)
-    if not ranked.broken:
-        return EarlyAnswer(residuals=residuals)
-    best = ranked.explanations[0] if ranked.explanations else None
+    best = ranked.explanations[0] if ranked.broken and ranked.explanations else None
     if best is None or best.score < CLEAR:
-        return EarlyAnswer(residuals=residuals)
+        return answer
     rivals = (e.score for e in ranked.explanations if (e.kind, e.place) != (best.kind, best.place))
     if best.score <= max(rivals, default=0.0) + APART:
-        return EarlyAnswer(residuals=residuals)
-    return EarlyAnswer(residuals=residuals, kind=best.kind, place=best.place)
+        return answer
+    return replace(answer, kind=best.kind, place=best.place)
 
 
 @dataclass

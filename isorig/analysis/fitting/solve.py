@@ -278,8 +278,6 @@ def fit(
             new = cost_of(candidate, trial)
             linear = cost_of(residual + jacobian @ (trial - theta), trial)
             if np.isfinite(new) and new < cost:
-                # Broyden's (1965) update: the derivatives along the step are those that it has shown.
-                jacobian += np.outer(candidate - residual - jacobian @ (trial - theta), _weighed(trial - theta, scale))
                 theta, residual, cost, foretold = trial, candidate, new, linear
                 damping = max(damping / 9.0, 1e-9)
                 break
@@ -294,12 +292,6 @@ def fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
     )  # fmt: skip
-
-
-def _weighed(step: FloatArray, scale: FloatArray) -> FloatArray:
-    # The step, in the weights of the normal matrix, divided by its square size.
-    weighed = scale * step
-    return np.asarray(weighed / max(float(step @ weighed), 1e-300))
 
 
 def _tethered(free: Free, tether: float) -> float:

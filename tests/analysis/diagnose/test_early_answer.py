@@ -57,6 +57,7 @@ def test_no_answer_is_never_certain() -> None:
 def test_an_equation_holds_below_the_limit() -> None:
     assert EarlyAnswer(residuals={"motor": HOLDS - 0.01}).hold
     assert not EarlyAnswer(residuals={"motor": HOLDS}).hold
+    assert not EarlyAnswer(residuals={"table": 0.5}, complete=False).hold
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("hardening_stiffness", ("spring_shape", "isolation")), (None, ("", ""))])

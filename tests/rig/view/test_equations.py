@@ -11,9 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.drivers.kinds import kinds
 from isorig.rig.acquire.equations import Equations
 from isorig.rig.cli import main
+from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read
 from isorig.rig.view.messages import Standing
 from isorig.rig.view.snapshot import Picture
@@ -35,7 +37,7 @@ id = "a"
 configuration = "unlocked"
 gain = 70.0
 excitation = "random"
-band = [0.5, 400.0]
+band = [0.5, 40.0]
 seconds = 300.0
 """
 
@@ -57,7 +59,8 @@ def test_a_run_ends_when_its_equations_name_a_cause(tmp_path: Path, capfd: pytes
     (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
     output = tmp_path / "c.h5"
     # As much faster than real time as the equations are computed; the host's clock is not compared.
-    with instrument("--hide", "backlash", "--seed", "3", "--speed", "2") as port:
+    rig = write_model(tmp_path / "rig.json", wire_bonder({**THESIS, "friction_force": 9.0}))
+    with instrument("--model", str(rig), "--hide", "backlash", "--seed", "5", "--speed", "2") as port:
         arguments = ["acquire", str(tmp_path / "plan.toml"), "--port", port, "--yes", "--json", "--until-known", "--force"]
         assert main([*arguments, "-o", str(output)]) == 0
     events = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
