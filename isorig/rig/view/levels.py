@@ -48,6 +48,7 @@ class Levels:
         self._recent = np.zeros((len(self._names), 0))
         self._lows = self._highs = np.zeros((len(self._names), 0))
         self.seen = 0
+        self._last: tuple[Level, ...] = ()
 
     def add(self, run: Run) -> None:
         """Read the new samples since the last call, up to a whole interval of the trace."""
@@ -60,6 +61,8 @@ class Levels:
 
     def levels(self) -> tuple[Level, ...]:
         """The level of each channel."""
+        if self._last:
+            return self._last
         recent = self._recent if self._recent.shape[1] else np.zeros((len(self._names), 1))
         rms, peak = np.sqrt(np.mean(recent**2, axis=1)), np.abs(recent).max(axis=1)
         return tuple(
@@ -69,6 +72,10 @@ class Levels:
             )
             for k, name in enumerate(self._names)
         )  # fmt: skip
+
+    def close(self) -> None:
+        """Release the samples of the last second; nothing more will be added."""
+        self._last, self._recent = self.levels(), np.zeros((len(self._names), 0))
 
     def recent(self) -> dict[str, FloatArray]:
         """The samples of the last second by channel."""

@@ -133,6 +133,8 @@ class Board:
         for run in reading.campaign.runs:
             track = self._tracks.get(run.id)
             if track is None or track.started != run.started or len(run) < track.n:
+                for earlier in self._tracks.values():
+                    earlier.levels.close()
                 track = self._tracks[run.id] = _Track(run, drive)
             whole = run.id in reading.whole
             for stop in range(track.n + PART, len(run), PART):

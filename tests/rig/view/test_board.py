@@ -309,3 +309,33 @@ def test_the_spectra_of_a_wide_run_take_bounded_memory() -> None:
     assert max(sizes) < MEMORY + (48 << 20)
     assert response.segments == 59
     assert response.spectra() is not None
+
+
+def test_finished_runs_keep_no_samples() -> None:
+    """A session of an hour has thirty runs of two minutes: only the current one needs its last second."""
+    values = np.random.default_rng(1).standard_normal(51200)
+    names = ("head", "motor", "table", "heatblock", "a", "b", "c", "d")
+    runs = tuple(
+        Run(
+            id=f"r{k}", configuration="unlocked", sample_rate=51200.0, gain=1.0, excitation="moves",
+            channels={name: Channel(name=name, samples=values) for name in names},
+        )
+        for k in range(8)
+    )  # fmt: skip
+    board, pictures = Board(judge=False), [Picture()]
+
+    def grown(first: int, last: int) -> int:
+        tracemalloc.start()
+        for k in range(first, last):
+            whole = frozenset(run.id for run in runs[:k])
+            board.see(
+                Reading(campaign=Campaign(runs=runs[: k + 1]), whole=whole), lambda picture: pictures.__setitem__(0, picture)
+            )
+        size = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+        return size
+
+    grown(0, 2)
+    assert grown(2, 8) < 2 * len(names) * values.nbytes
+    first = pictures[0].runs["r0"].levels[0]
+    assert (first.rms, first.held) == (pytest.approx(values.std(), rel=1e-3), np.abs(values).max())
