@@ -187,8 +187,8 @@ def levels_in_words(campaign: Campaign, drive: str) -> list[str]:
         if len(groups) > 1:
             levels = ", ".join(_level(group, drive) for group in groups)
             said.append(
-                f"The runs {state(configuration, gain, campaign.alone)} have the same gain, but the rms of {drive} is {levels}: "
-                "they are not averaged with one another; state the levels as gains when importing."
+                f"The runs {state(configuration, gain, campaign.alone)} differ in level: the rms of {drive} is {levels}; they "
+                "are not averaged with one another, so state the levels as gains when importing."
             )
     return said
 

@@ -143,7 +143,7 @@ def test_what_a_recording_lacks_is_said() -> None:
 def test_runs_of_one_gain_with_several_levels_are_not_averaged_and_that_is_said() -> None:
     campaign = runs([6.0, 15.0, 15.5, 35.0], repeat_of="r0")
     (said,) = missing(campaign, wire_bonder())
-    assert re.search(r"all state gain 1, but the rms of head is 3[45]\.?\d? m/s\^2, 15\.\d m/s\^2, [56]\.?\d* m/s\^2", said)
+    assert re.search(r"at gain 1 differ in level: the rms of head is 3[45]\.?\d? m/s\^2, 15\.\d m/s\^2, [56]\.?\d* m/s\^2", said)
     found = transfer_functions(campaign, responses=["table"], resolution=4.0)
     assert [len(item.runs) for item in found] == [1, 2, 1]
     assert len({item.name for item in found}) == len({item.label for item in found}) == 3

@@ -13,15 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.solve import Fit, Problem, bending, fit
 from isorig.analysis.fitting.trials import Trial
 
 #: Rounds of fits with finer differences, and the relative decrease of the cost that justifies another one.
 ROUNDS, FALL = 4, 1e-5
-#: Largest number of steps with the derivatives of the coarse grid.
-CHORDS = 5
+#: Largest number of steps of a round, and where the model has a curve.
+STEPS, CURVED = 8, 2
 #: Bounds of the relative size of a finite difference.
 FINEST, COARSEST = 1e-6, 1e-3
 #: A value whose full size changes the residual by less than this, in standard deviations of the noise, is not identifiable.
@@ -35,50 +34,21 @@ def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
     differences.
 
     A step of one standard uncertainty changes the cost by one, of as many as there are bins; fits that compare models stop long
-    before. The derivatives come from a coarser grid, because they differ by far less than the residuals.
+    before.
     """
-    coarse = Problem([coarsened(trial) for trial in trials], share=SIMULATION_LIMIT)
-    fine = Problem(trials, share=SIMULATION_LIMIT)
-    # The points of a curve hold each other, and each costs a simulation: one round.
+    problem = Problem(trials, share=SIMULATION_LIMIT)
+    # The points of a curve hold each other, and each costs a simulation: one round of few steps.
     curved = any(free.follows for free in done.free)
     for _ in range(1 if curved else ROUNDS):
         size = {path: abs(value) or 1.0 for path, value in done.values.items()}
         free = tuple(
             replace(f, step=float(np.clip(done.std[f.path] / size[f.path], FINEST, COARSEST))) if f.log else f for f in done.free
         )
-        done = fit(done.model, free, coarse, iterations=1, tolerance=FALL / 10.0)
-        done, settled = _on_grid(done, fine)
-        if settled:
+        before = done.cost
+        done = fit(done.model, free, problem, iterations=CURVED if curved else STEPS, tolerance=FALL / 10.0)
+        if before - done.cost <= FALL * before:
             break
     return done
-
-
-def _on_grid(done: Fit, problem: Problem) -> tuple[Fit, bool]:
-    # The fit moved towards the minimum on another grid with the derivatives that it has, and whether it is there.
-    scale, jacobian, bread = normalised(done)
-    bends, constants = bending(done.model, done.free)
-    theta = np.array([free.encode(done.model.get(free.path)) for free in done.free])
-
-    def at(coordinates: FloatArray) -> tuple[Fit, float]:
-        model = done.model.replace({f.path: f.decode(c) for f, c in zip(done.free, coordinates, strict=True)})
-        residual = problem.residuals([model])[0]
-        bent = bends @ coordinates + constants
-        cost = float(residual @ residual)
-        return replace(done, model=model, residual=residual, cost=cost / problem.size), cost + float(bent @ bent)
-
-    best, least = at(theta)
-    for _ in range(CHORDS):
-        gradient = jacobian.T @ best.residual + bends.T @ (bends @ theta + constants) / scale
-        if gradient @ bread @ gradient <= FALL * least:
-            return best, True
-        theta = np.array([f.encode(f.decode(c)) for f, c in zip(done.free, theta - (bread @ gradient) / scale, strict=True)])
-        moved, cost = at(theta)
-        if not cost < least:
-            return best, False
-        best, least, fell = moved, cost, least - cost
-        if fell <= FALL * cost:
-            return best, True
-    return best, False
 
 
 def untraced(done: Fit) -> frozenset[str]:

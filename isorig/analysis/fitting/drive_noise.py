@@ -34,9 +34,9 @@ PROBE = 1e-3
 DRAWS, FEWEST = 24, 4
 #: Relative uncertainty of the removed bias, for the noise's spectrum is estimated from few bins.
 UNCERTAIN = 0.25
-#: Share of the response's power to the noise whose runs represent all runs. Chosen: what the others change of the bias is well
-#: below `UNCERTAIN`.
-REPRESENTS = 0.75
+#: Share of the response's power to the noise whose runs represent all runs, for a bias up to `SMALL` standard uncertainties.
+#: Chosen: what the others change of such a bias is less than half of one.
+REPRESENTS, SMALL = 0.75, 1.0
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
 
     def gradient(run: int) -> FloatArray:
         # Half the derivative of the squared response to the noise in one run.
-        above, below = (_shaken([used[run]], [draws[run]], sign, moved) for sign in (1.0, -1.0))
+        above, below = (_shaken([used[run]], [draws[run]], sign, moved, among=used) for sign in (1.0, -1.0))
         found = np.zeros(count)
         found[plain] = ((0.5 * (above - below) - odd[run]) / steps[:, None]) @ odd[run]
         return found
@@ -109,9 +109,17 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
     order = np.argsort(-powers)
     covered = np.cumsum(powers[order])
     runs = order[: int(np.searchsorted(covered, REPRESENTS * covered[-1])) + 1]
-    slopes = np.sum([gradient(run) for run in runs], axis=0) * (covered[-1] / max(covered[len(runs) - 1], 1e-300))
-    # J'r is zero at the fitted values and this at the true ones, so the fitted values are off by its negative.
-    bias = -(bread @ (jacobian.T @ even + traced * slopes / np.where(traced, scale, 1.0))) * slope
+
+    def off(slopes: FloatArray) -> FloatArray:
+        # J'r is zero at the fitted values and this at the true ones, so the fitted values are off by its negative.
+        return np.asarray(-(bread @ (jacobian.T @ even + traced * slopes / np.where(traced, scale, 1.0))) * slope)
+
+    loudest = np.sum([gradient(run) for run in runs], axis=0)
+    slopes = loudest * (covered[-1] / max(covered[len(runs) - 1], 1e-300))
+    std = np.maximum(np.array(list(done.std.values())), 1e-300)
+    if np.max(np.abs(off(slopes) - off(np.zeros(count))) / std) > SMALL:
+        slopes = loudest + np.sum([gradient(run) for run in order[len(runs) :]], axis=0)
+    bias = off(slopes)
     # Without friction the response to noise is that of a linear rig, whose frequency bins are independent.
     count_of_draws = max(-(-DRAWS // len(used)), FEWEST) if done.model.contacts else 0
     moves = np.zeros((len(used), count_of_draws, count))
@@ -153,13 +161,16 @@ def _moved(done: Fit, which: IntArray) -> tuple[list[RigModel], FloatArray]:
     return models, np.array([done.free[i].step for i in which])
 
 
-def _shaken(trials: Sequence[Trial], noises: Sequence[FloatArray], sign: float, models: Sequence[RigModel]) -> FloatArray:
+def _shaken(
+    trials: Sequence[Trial], noises: Sequence[FloatArray], sign: float, models: Sequence[RigModel],
+    among: Sequence[Trial] | None = None,
+) -> FloatArray:  # fmt: skip
     # Weighted residuals with noise added to the drive, shape (models, size).
     added = [
         replace(t, excitation=t.excitation.with_drive(t.excitation.recorded + sign * noise))
         for t, noise in zip(trials, noises, strict=True)
     ]
-    return np.nan_to_num(Problem(added, share=SIMULATION_LIMIT).residuals(models))
+    return np.nan_to_num(Problem(added, share=SIMULATION_LIMIT, among=among).residuals(models))
 
 
 def _split(values: FloatArray, sizes: Sequence[int]) -> list[FloatArray]:

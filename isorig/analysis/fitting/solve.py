@@ -27,9 +27,8 @@ SINGULAR, ALONE = 1e-12, 0.01
 QUIET = 1e-4
 #: Maximum change of a curve point in one step, in allowed deviations from its neighbours' mean.
 STRAYS = 20.0
-#: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used again, but in no more
-#: than this number of steps.
-FORETOLD, REUSED = 0.8, 3
+#: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used once more.
+FORETOLD = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,15 +159,19 @@ class Problem:
         The prepared runs.
     share
         Share of a channel's rms that counts as noise in the weights.
+    among
+        The runs whose largest level of a channel bounds its allowed error; `trials` if None.
     """
 
-    def __init__(self, trials: Sequence[Trial], *, share: float = SIGNAL_SHARE) -> None:
+    def __init__(
+        self, trials: Sequence[Trial], *, share: float = SIGNAL_SHARE, among: Sequence[Trial] | None = None
+    ) -> None:  # fmt: skip
         fitted = [trial for trial in trials if trial.fitted > 0]
         if not fitted:
             raise FitError("every run is held out, so there is nothing to fit; mark at least one run for fitting")
         self.trials = tuple(fitted)
         # A body held by friction may have a record without any noise.
-        sizes = np.max([trial.measured.std(axis=1) for trial in trials], axis=0)
+        sizes = np.max([trial.measured.std(axis=1) for trial in among or trials], axis=0)
         least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
         self._gauges = [Waveform(trial, share, least) for trial in self.trials]
         self.sizes = tuple(gauge.size for gauge in self._gauges)
@@ -256,14 +259,13 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
     jacobian = np.zeros((len(residual), len(free)))
-    taken, reused, fresh = 0, 0, True
+    taken, fresh = 0, True
     while taken < iterations or not fresh:
         if fresh:
             jacobian = jacobian_of(problem, build, theta, free, residual)
+            normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
             taken += 1
-        reused = 0 if fresh else reused + 1
-        normal = jacobian.T @ jacobian + ties.T @ ties
         gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
         for _ in range(6 if fresh else 1):
@@ -286,7 +288,7 @@ def fit(
             progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
         if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
-        fresh = reused == REUSED or before - cost < FORETOLD * (before - foretold)
+        fresh = not fresh or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
