@@ -303,7 +303,16 @@ class RunWriter:
                 np.array(rows if start == 0 else [], TIMING),
                 [part[:, k] for k in self._columns],
             )
-            self._file.journal.append(Kind.SAMPLES, self._run, self._take, content)
+            try:
+                self._file.journal.append(Kind.SAMPLES, self._run, self._take, content)
+            except OSError:
+                if start > 0 or len(parts) == 1:
+                    raise
+                # The disk may take some of these blocks.
+                half = len(parts) // 2
+                self._append(first, rows[:half], parts[:half])
+                self._append(first + sum(map(len, parts[:half])), rows[half:], parts[half:])
+                return
             self.tally.stored += len(part)
 
     def _account(self, tick: int) -> None:
