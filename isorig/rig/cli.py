@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -67,6 +68,8 @@ def _app(arguments: list[str]) -> App:
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; an error becomes one sentence on standard error and exit status 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    # Before numpy is imported: its matrices are small, and threads that wait for each other take twice the processor time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with interrupted_between_imports():
             _app(arguments)(arguments)

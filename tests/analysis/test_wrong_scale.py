@@ -208,8 +208,9 @@ def test_friction_as_a_damper() -> None:
     spectrum = spectrum_of(model, recorded("one").runs[0], 1536, {})
     assert spectrum is not None
     rig, values = LinearRig(model, "unlocked"), given_parameters(model)
-    (damper,) = dampers(rig, values, spectrum, [3.0], np.ones(1))
-    v = rig.rubbing(spectrum.omega, dataclasses.replace(values, friction=np.array([damper])))
+    (damper,) = dampers(rig.free_motion(spectrum.omega, values), values, spectrum, [3.0], np.ones(1))
+    x = rig.motion(spectrum.omega, dataclasses.replace(values, friction=np.array([damper])))
+    v = x[:, :1] * 1j * spectrum.omega[:, None, None]
     speed = np.sqrt(np.einsum("gcd,gde,gce->c", v.conj(), spectrum.drives, v).real[0] * spectrum.square)
     assert damper * speed**2 == pytest.approx(3.0 * np.sqrt(2.0 / np.pi) * speed, rel=0.02)
 

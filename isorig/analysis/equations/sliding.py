@@ -330,11 +330,11 @@ class Sliding:
 
     def _deflection(self, block: _Block) -> FloatArray:
         place = block.first + block.used
-        return np.asarray((block.run.deflection + block.run.slow)[place])
+        return np.asarray(block.run.deflection[place] + block.run.slow[place])
 
     def _velocity(self, block: _Block) -> FloatArray:
         place = block.first + block.used
-        return np.asarray((block.run.velocity + block.run.slow_velocity)[place])
+        return np.asarray(block.run.velocity[place] + block.run.slow_velocity[place])
 
     def _reduced(self, block: _Block, columns: Columns, values: FloatArray, damped: bool) -> _Reduced:
         place = block.first + block.used
@@ -348,15 +348,15 @@ class Sliding:
         if self.integrated:
             step = 1e-4 * self.swing
             slope = (columns(d + step, v, block.run, place) - matrix) @ values / step
+            spread = np.arange(count)[:, None], self._first[block.used][:, None] + np.arange(4)
+            value = self._value[block.used]
             basis = np.zeros((count, self.knots))
-            rows, first = np.arange(count), self._first[block.used]
-            for k in range(4):
-                basis[rows, first + k] = slope * self._value[block.used, k] + self.damping * self._slope[block.used, k]
+            basis[spread] = slope[:, None] * value + self.damping * self._slope[block.used]
             gram = basis.T @ basis
             scale = max(abs(self.stiffness), 1e-12) ** 2
             if damped:
                 plain = np.zeros((count, self.knots))
-                plain[rows[:, None], first[:, None] + np.arange(4)] = self._value[block.used]
+                plain[spread] = value
                 gram += DAMPED * scale * (plain.T @ plain)
             gram[np.diag_indices(self.knots)] += 1e-6 * scale
             cross = basis.T @ whole

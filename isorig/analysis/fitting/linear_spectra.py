@@ -115,6 +115,31 @@ def spectrum_of(model: RigModel, run: Run, samples: int, noise: Mapping[str, flo
     )  # fmt: skip
 
 
+@dataclass(frozen=True, kw_only=True)
+class FreeMotion:
+    """The motion of a rig's linear part without dampers in its contacts.
+
+    Parameters
+    ----------
+    x, velocity
+        Displacement of the bodies and velocity in the contacts per unit of each drive's channel, shapes (frequencies, bodies,
+        drives) and (frequencies, contacts, drives).
+    moved, mobility
+        The same per unit of a force in each contact, shapes (frequencies, bodies, contacts) and (frequencies, contacts, contacts).
+    """
+
+    x: ComplexArray
+    velocity: ComplexArray
+    moved: ComplexArray
+    mobility: ComplexArray
+
+    def rubbing(self, dampers: FloatArray) -> ComplexArray:
+        """Velocity in the contacts with dampers in N s/m, shape (contacts,), there (Woodbury's identity)."""
+        if len(dampers) == 1:
+            return np.asarray(self.velocity / (1.0 + self.mobility * dampers))
+        return np.asarray(np.linalg.solve(np.eye(len(dampers)) + self.mobility * dampers, self.velocity))
+
+
 class LinearRig:
     """The frequency response of a rig's linear part in one configuration, as a function of its parameters."""
 
@@ -138,24 +163,36 @@ class LinearRig:
     def _pushes(self) -> FloatArray:
         return np.array([[d.pushes.get(b.name, 0.0) * d.factor for d in self._model.drives] for b in self._model.bodies])
 
-    def motion(self, omega: FloatArray, values: Parameters) -> ComplexArray:
-        """Displacement of all bodies per unit of each drive's channel, shape (frequencies, bodies, drives)."""
-        basis, s = self._basis, np.asarray(1j * omega)[:, None, None]
-        force = self._dynamic(s, values)
-        z = np.zeros((len(omega), basis.shape[1], len(self._model.drives)), dtype=np.complex128)
+    def free_motion(self, omega: FloatArray, values: Parameters) -> FreeMotion:
+        """The motion without dampers in the contacts."""
+        s = np.asarray(1j * omega)[:, None, None]
+        force = self._dynamic(s, replace(values, friction=np.zeros(len(self._rubs))))
+        z = np.zeros((len(s), self._basis.shape[1], len(self._model.drives)), dtype=np.complex128)
         for k, drive in enumerate(self._model.drives):
             if drive.imposes is not None:
                 z[:, self._imposed[drive.imposes], k] = 1.0 / (1j * omega) ** MOTION.get(drive.quantity, 0)
-        side = (basis.T @ self._pushes)[None] - force[:, :, list(self._imposed.values())] @ z[
-            :, list(self._imposed.values())
-        ]  # fmt: skip
-        loose = self._loose
-        z[:, loose] = np.linalg.solve(force[:, loose[:, None], loose[None, :]], side[:, loose])
-        return np.asarray(basis @ z)
+        held, loose = list(self._imposed.values()), self._loose
+        side = (self._basis.T @ self._pushes)[None] - force[:, :, held] @ z[:, held]
+        across = self._rubs @ self._basis
+        pushed = np.broadcast_to(across[:, loose].T, (len(s), len(loose), len(across)))
+        solved = np.linalg.solve(force[:, loose[:, None], loose[None, :]], np.concatenate([side[:, loose], pushed], axis=2))
+        drives = z.shape[2]
+        z[:, loose] = solved[:, :, :drives]
+        moved = np.zeros((len(s), z.shape[1], len(across)), dtype=np.complex128)
+        moved[:, loose] = solved[:, :, drives:]
+        return FreeMotion(x=self._basis @ z, moved=self._basis @ moved, velocity=across @ z * s, mobility=across @ moved * s)
 
-    def responses(self, omega: FloatArray, values: Parameters) -> ComplexArray:
-        """Sensors' records per unit of each drive's channel, shape (frequencies, responses, drives)."""
-        x, s = self.motion(omega, values), np.asarray(1j * omega)[:, None]
+    def motion(self, omega: FloatArray, values: Parameters, free: FreeMotion | None = None) -> ComplexArray:
+        """Displacement of all bodies per unit of each drive's channel, shape (frequencies, bodies, drives)."""
+        free = self.free_motion(omega, values) if free is None else free
+        return np.asarray(free.x - free.moved @ (values.friction[:, None] * free.rubbing(values.friction)))
+
+    def responses(self, omega: FloatArray, values: Parameters, free: FreeMotion | None = None) -> ComplexArray:
+        """Sensors' records per unit of each drive's channel, shape (frequencies, responses, drives).
+
+        `free` is the motion without dampers in the contacts; computed if None.
+        """
+        x, s = self.motion(omega, values, free), np.asarray(1j * omega)[:, None]
         rows = []
         for sensor in self._model.sensors:
             if sensor.force_in is None:
@@ -165,10 +202,6 @@ class LinearRig:
                 row = self._force(sensor.force_in, x, s, values)
             rows.append(row * sensor.chain.gain)
         return np.stack(rows, axis=1)
-
-    def rubbing(self, omega: FloatArray, values: Parameters) -> ComplexArray:
-        """Velocity in each contact per unit of each drive's channel, shape (frequencies, contacts, drives)."""
-        return np.asarray((self._rubs @ self.motion(omega, values)) * 1j * omega[:, None, None])
 
     def _force(self, place: str, x: ComplexArray, s: ComplexArray, values: Parameters) -> ComplexArray:
         kind, name = place.split(".", 1)
@@ -223,15 +256,15 @@ def given_parameters(model: RigModel) -> Parameters:
 
 
 def dampers(
-    rig: LinearRig, values: Parameters, spectrum: Spectrum, forces: Sequence[float], scale: FloatArray,
+    free: FreeMotion, values: Parameters, spectrum: Spectrum, forces: Sequence[float], scale: FloatArray,
     near: FloatArray | None = None,
 ) -> FloatArray:  # fmt: skip
     """Dampers in N s/m with the power of dry friction of these forces in N, shape (contacts,).
 
     Parameters
     ----------
-    rig, values
-        The rig and its other parameters.
+    free, values
+        The rig's motion without them, and its other parameters.
     spectrum
         The run.
     forces
@@ -248,7 +281,7 @@ def dampers(
 
     def wanted(log_damper: FloatArray) -> FloatArray:
         # What the velocities with these dampers require.
-        v = rig.rubbing(spectrum.omega, replace(values, friction=np.exp(log_damper)))
+        v = free.rubbing(np.exp(log_damper))
         mean = np.einsum("gcd,gde,gce->c", v.conj(), driven, v).real * spectrum.square
         new = np.sqrt(2.0 / np.pi) * level / np.sqrt(np.maximum(mean, 1e-300))
         return np.asarray(np.log(np.clip(new, 1e-12, 1e12)))

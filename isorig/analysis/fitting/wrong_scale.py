@@ -53,6 +53,8 @@ INVERTED = -0.5
 RUNS = 2
 #: Factors by which a sample rate is mistaken: the next setting of an instrument, its power of ten, kHz read as Hz.
 RATES = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1e-3, 1e3)
+#: Relative change of cost and parameters below which a fit ends: the differences that decide are a thousand times larger.
+CONVERGED = 1e-4
 #: Number of explanations that are fitted, the most likely ones at the given values.
 FITTED = 4
 
@@ -104,12 +106,14 @@ def wrong_scale(given: RigModel, trials: Sequence[Trial]) -> tuple[WrongScale | 
     least, found = compared.fitted(best)
     unknown = "drive.factor" in given.free
     if least > CLEAR:
-        sound = least
+        sound, before = least, compared.begun(best)
         if unknown:
             best = _Explanation("responses", tuple(range(len(given.sensors))), None)
             least, found = compared.fitted(best)
-            sound = min(sound, least)
-        likely = sorted(_explanations(given), key=lambda each: compared.cost(each, compared.start(each)))
+            sound, before = min(sound, least), min(before, compared.begun(best))
+        begun = {each: compared.begun(each) for each in _explanations(given)}
+        # An explanation that must beat the sound rig by a margin beats it by as much at the given values.
+        likely = [each for each in sorted(begun, key=lambda each: begun[each]) if begun[each] + MARGIN < before]
         for each in likely[:FITTED]:
             cost, here = compared.fitted(each)
             if cost < least and cost + MARGIN < sound and (cost + PRICE < sound or compared.agree(each, cost, here)):
@@ -209,6 +213,10 @@ class _Compared:
         every = np.arange(len(self._given.sensors))
         return np.asarray(np.isin(every, explanation.places if explanation.kind in ("responses", "sensor") else every))
 
+    def begun(self, explanation: _Explanation) -> float:
+        """Cost at the given values."""
+        return self.cost(explanation, self.start(explanation))
+
     def cost(self, explanation: _Explanation, theta: FloatArray) -> float:
         """Negative log likelihood of parameters, relative to a perfect agreement."""
         away = self._away(theta, explanation) / LEVEL
@@ -229,7 +237,10 @@ class _Compared:
 
         loss: Any = logarithm
         begin = self.start(explanation)
-        found = np.asarray(least_squares(residuals, begin, loss=loss, method="trf", max_nfev=25, diff_step=[1e-4]).x)
+        solved = least_squares(
+            residuals, begin, loss=loss, method="trf", max_nfev=25, diff_step=[1e-4], ftol=CONVERGED, xtol=CONVERGED
+        )
+        found = np.asarray(solved.x)
         costs = [(self.cost(explanation, theta), theta) for theta in (begin, found)]
         return min(costs, key=lambda each: each[0])
 
@@ -281,10 +292,11 @@ class _Compared:
         for spectrum in self.spectra:
             rig = self._rigs[spectrum.run.configuration]
             seen = replace(spectrum, omega=spectrum.omega / factor) if explanation.kind == "rate" else spectrum
+            free = rig.free_motion(seen.omega, values)
             rubs = self._rubs[spectrum.run.id] = dampers(
-                rig, values, seen, forces.tolist(), drives, self._rubs.get(spectrum.run.id)
+                free, values, seen, forces.tolist(), drives, self._rubs.get(spectrum.run.id)
             )
-            yield rig.responses(seen.omega, replace(values, friction=rubs)) * drives
+            yield rig.responses(seen.omega, replace(values, friction=rubs), free) * drives
 
 
 def _factor(explanation: _Explanation, theta: FloatArray) -> float:
