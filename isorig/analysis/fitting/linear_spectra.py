@@ -125,7 +125,7 @@ class FreeMotion:
         Displacement of the bodies and velocity in the contacts per unit of each drive's channel, shapes (frequencies, bodies,
         drives) and (frequencies, contacts, drives).
     moved, mobility
-        The same per unit of a force in each contact, shapes (frequencies, bodies, contacts) and (frequencies, contacts, contacts).
+        The same per unit of a force in each contact, shapes (frequencies, bodies, contacts), (frequencies, contacts, contacts).
     """
 
     x: ComplexArray
