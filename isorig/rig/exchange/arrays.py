@@ -44,7 +44,10 @@ def read_npy(path: Path) -> ForeignTable:
     try:
         with path.open("rb") as file:
             values = np.lib.format.read_array(file, allow_pickle=False)
-    except (ValueError, EOFError, TypeError, MemoryError, SyntaxError) as error:
+    except OSError:
+        raise
+    except Exception as error:
+        # The header is parsed as an expression of Python: a damaged one raises many kinds of errors, such as TokenError.
         raise RecordingError(
             f"{path} cannot be read as a .npy file ({reason(error)}); save plain numbers with numpy.save"
         ) from None

@@ -9,6 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import Column
+from isorig.rig.files.recording import VALUE_MOST
 
 #: Seconds per unit of time, as written by programs; lower case.
 TIME_UNITS = {
@@ -108,7 +109,10 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
     """
     index = np.flatnonzero(np.isfinite(time)).astype(np.int64)
     readings = time[index]
-    if len(readings) < 2 or not readings[-1] > readings[0]:
+    low, high = (float(readings.min()) * factor, float(readings.max()) * factor) if len(readings) else (0.0, 0.0)
+    if max(-low, high) > VALUE_MOST:
+        raise RecordingError(f"{here} goes from {low:g} to {high:g} s; correct it, or give sample_rate instead")
+    if len(readings) < 2 or not (readings[-1] - readings[0]) * factor > 1.0 / VALUE_MOST:
         text = f"goes from {readings[0] * factor:g} to {readings[-1] * factor:g} s" if len(readings) else "has no value"
         raise RecordingError(f"{here} {text}; it must ascend, so give sample_rate instead")
     quantum, seconds = _quantum(readings) * factor, (readings - readings[0]) * factor

@@ -16,6 +16,7 @@ from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.text import FILE_MOST, decoded
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
+from isorig.rig.files.recording import VALUE_MOST
 
 #: Names of the time column, and of the comment column.
 X, COMMENT = "X_Value", "Comment"
@@ -83,7 +84,7 @@ def _rate(clock: FloatArray | None, step: float, here: str) -> float | None:
     # The header's interval has six digits; the clock's last reading is more accurate.
     if clock is not None and np.isfinite(clock).sum() > 2:
         return column_rate(X, Column(values=clock), f"{here}: its clock")
-    if not step > 0.0:
+    if not 1.0 / VALUE_MOST < step < VALUE_MOST:
         return None
     half = 10.0 ** (np.floor(np.log10(step)) - 6) / 2.0 if step < 1e-4 else 5e-7
     low, high = 1.0 / (step + half), 1.0 / (step - half) if step > half else np.inf

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.table import ForeignTable
 from isorig.rig.files.inputs import regular
+from isorig.rig.files.recording import VALUE_MOST
 
 #: Reader by file name extension, as module:function; loaded when needed.
 READERS: Mapping[str, str] = {
@@ -44,4 +46,18 @@ def read_foreign(path: Path) -> ForeignTable:
         raise RecordingError(f"{path} cannot be read ({error.strerror or error}); give the path of a file") from None
     if not table.columns and not table.spectra:
         raise RecordingError(f"{path} contains no numeric records; export the time records too")
-    return table
+    return _with_sound_rates(table)
+
+
+def _with_sound_rates(table: ForeignTable) -> ForeignTable:
+    # A file may state a rate of zero, or an interval that is infinite or no number.
+    bad = {
+        name: column for name, column in table.columns.items()
+        if column.sample_rate is not None and not 1.0 / VALUE_MOST < column.sample_rate < VALUE_MOST
+    }  # fmt: skip
+    said = [
+        f"column {name!r} states {column.sample_rate:g} Hz, which is no sample rate, so it is not used"
+        for name, column in bad.items()
+    ]
+    columns = {**table.columns, **{name: replace(column, sample_rate=None) for name, column in bad.items()}}
+    return replace(table, columns=columns, remarks=(*table.remarks, *said))

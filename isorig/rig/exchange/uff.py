@@ -17,6 +17,7 @@ from isorig.rig.exchange.clock import even_rate, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import known_unit
 from isorig.rig.files.output import reason
+from isorig.rig.files.recording import VALUE_MOST
 
 #: Function types of dataset 58 over frequency, and their names in the recording format.
 KINDS = {
@@ -159,7 +160,7 @@ def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float | str:
         except RecordingError as error:
             return f"has an uneven abscissa ({error})"
     step = (float(item.get("abscissa_inc") or 0.0) or float(x[-1] - x[0]) / (len(x) - 1)) * factor
-    if not 0.0 < step < np.inf:
+    if not 1.0 / VALUE_MOST < step < VALUE_MOST:
         return f"has the sample interval {step:g} s"
     # The increment has six digits: an integer rate within its rounding is used.
     whole = round(1.0 / step)

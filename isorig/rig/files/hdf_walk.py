@@ -71,6 +71,8 @@ class Walk:
         links.iterate(names.append)
         for name in names:
             here = where.rstrip("/") + "/" + name.decode("utf-8", "replace")
+            if name.decode("utf-8", "ignore").encode() != name:
+                raise RefusedError(f"the name {here!r} is not UTF-8; write the file again with names in UTF-8")
             kind = links.get_info(name).type
             if kind == h5l.TYPE_EXTERNAL:
                 raise RefusedError(f"{here!r} is a link to another file; copy its target into this one")

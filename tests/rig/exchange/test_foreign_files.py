@@ -136,6 +136,15 @@ def test_a_cut_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "function 1 (head) has" in refused_draft(capsys, cut)
 
 
+def test_an_interval_that_is_no_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = uff(tmp_path / "a.uff", dataset())
+    stated = f"{TIME[1]:13.5e}"
+    content = path.read_text()
+    assert content.count(stated) == 1
+    path.write_text(content.replace(stated, f"{1e-320:13.5e}"))
+    assert "function 1 (head) has the sample interval" in refused_draft(capsys, path)
+
+
 def test_peer_files(shared: Path) -> None:
     """Values, abscissae and units as the package pyuff has them; a file without functions is refused by its name."""
     for name in ("Sample_UFF58_ascii.uff", "Sample_UFF58b_bin.uff"):
