@@ -283,6 +283,8 @@ def fit(
                 theta, residual, cost, foretold = trial, candidate, new, linear
                 damping = max(damping / 9.0, 1e-9)
                 break
+            if cost - linear <= tolerance * cost:  # a shorter step would reduce the cost by even less
+                break
             damping *= 8.0
         if progress is not None:
             progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
