@@ -82,10 +82,19 @@ def test_a_kind_without_a_form_is_named_with_the_closest_form() -> None:
 
 def test_every_catalogued_cause_has_a_phrase_of_its_own_parameters() -> None:
     reported = set(re.findall(r'Reported\(name="(\w+)"', "".join(p.read_text() for p in MECHANISMS.glob("*.py"))))
-    derived = {"place", "play", "clearance_alone", "per_hour"}
+    derived = {"place", "play", "clearance_alone", "per_hour", "shifted"}
     assert {mechanism.cause for mechanism in CATALOGUE} == set(CAUSES)
     used = {name for phrase in CAUSES.values() for name in re.findall(r"\{(\w+)\}", phrase)}
     assert used <= reported | derived
+
+
+def test_a_drive_that_acts_later_is_ahead_of_the_others() -> None:
+    def said(delay: float) -> str:
+        late = {"cause": "channel_delay", "location": "motor", "kind": "sensor", "form": "channel_delay"}
+        return cause_in_words(step(**late, parameters={"delay": {"value": delay, "std": 1e-5, "unit": "s"}}))
+
+    assert said(2e-3) == "the motor channel is late by 2.000 ± 0.010 ms"
+    assert said(-2e-3) == "the motor channel is ahead of the others by 2.000 ± 0.010 ms"
 
 
 def test_a_cause_without_a_phrase_lists_its_parameters() -> None:

@@ -480,11 +480,16 @@ def _shape_starts(
                 begun += [
                     (shape, free, start)
                     for other in free_shapes(entry.fit.model, evidence)
-                    if other.key == shape.key and other.shape == shape.shape and len(other.free) == len(shape.free)
+                    if other.key == shape.key and other.shape == shape.shape and _paths(other) == _paths(shape)
                     for start in other.starts
                 ]
                 break
     return begun
+
+
+def _paths(candidate: Candidate) -> list[str]:
+    # Beside a form that the shape does not replace, its parameters have other places in the rig.
+    return [free.path for free in candidate.free]
 
 
 def contenders(ranked: Running, run: Race, below: float) -> Running:

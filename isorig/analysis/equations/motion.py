@@ -16,6 +16,9 @@ UNDETERMINED = 1e-9
 #: Relative size of the smallest step of a record, in rms values, above which it counts as quantization: then the noise is at
 #: least that of rounding.
 STEPS_PER_SAMPLE = 0.25
+#: Number of values that a record takes below which it is a command with levels, which is exact, and no signal rounded to counts.
+#: Chosen: steps and square waves have two to five levels, and a motion of fewer counts than this shows nothing but rounding.
+LEVELS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,11 +102,14 @@ def low_passed(values: FloatArray, rate: float, high: float) -> FloatArray:
 
 
 def resolution(values: FloatArray) -> float:
-    """Standard deviation of the rounding of a record to counts; 0 if it is not rounded visibly.
+    """Standard deviation of the rounding of a record to counts; 0 if it is not rounded visibly, or has a few levels only.
 
     A step q of the counts rounds with a standard deviation of q / sqrt(12).
     """
-    steps = np.abs(np.diff(values[:: max(1, len(values) // 20_000)]))
+    values = values[:: max(1, len(values) // 20_000)]
+    if len(np.unique(values)) < LEVELS:
+        return 0.0
+    steps = np.abs(np.diff(values))
     used = np.unique(steps[steps > 1e-12 * max(float(np.abs(values).max()), 1e-300)])
     if len(used) == 0 or len(used) > STEPS_PER_SAMPLE * len(steps):
         return 0.0

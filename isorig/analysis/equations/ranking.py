@@ -22,9 +22,10 @@ COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
 RESONATORS, CLOSER, WITHIN = 90, 13, 0.03
 #: Elastic locks: stiffnesses as multiples of mass times the square of the lowest mode, and relaxation times in s.
 LOCK_RATIOS, LOCK_TIMES = np.geomspace(1e2, 5e4, 50), (0.0, 4e-4, 1e-3)
-#: Sensor faults: gains, delays in samples, crosstalk; refinements.
+#: Sensor faults: gains, delays of a sensor and of the drive in samples, crosstalk; refinements.
 GAINS = np.linspace(0.6, 1.6, 41)
 DELAYS = np.linspace(0.1, 6.0, 60)
+LATE = np.linspace(-30.0, 6.0, 73)
 SHARES = np.linspace(-0.4, 0.4, 33)
 FINER, ROUNDS = 9, 2
 #: Powers of a sensor's value in the error of its static curve.
@@ -437,7 +438,10 @@ class Regressions:
         # Gains, delays and crosstalk of a channel.
         orders = self.on.combos.orders
         sources = [c for c in orders if c != channel and c in self.on.model.channels] if channel in orders else []
-        faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", DELAYS / self.on.rate, None)]
+        # A drive acts later than its record tells; with one sensor that is the sensor's delay.
+        late = channel == self.on.model.drive.channel and len(self.on.model.sensors) > 1
+        delays = (LATE if late else DELAYS) / self.on.rate
+        faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", delays, None)]
         if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
             faults = faults[1:]
         faults += [("crosstalk", SHARES, source) for source in sources]

@@ -288,8 +288,9 @@ def _splined(key: bytes, order: int, rate: float, over: int) -> tuple[FloatArray
     from scipy.interpolate import CubicSpline
 
     values = np.frombuffer(key)
-    # Band-limited interpolation treats the signal before the record as zero.
-    fine = values[0] + interpolate(values - values[0], over, AS_IT_IS)
+    # Band-limited interpolation treats the signal outside the record as zero; mirrored at its first and last point it goes on.
+    beyond = np.pad(values, TAPS, mode="reflect", reflect_type="odd")
+    fine = interpolate(beyond, over, AS_IT_IS)[TAPS * over : -TAPS * over]
     time = np.arange(len(fine)) / (rate * over)
     spline = CubicSpline(time, fine)
     if order == 1:

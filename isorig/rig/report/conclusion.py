@@ -32,7 +32,7 @@ CAUSES: Mapping[str, str] = {
     "wrong_mass": "the mass of the {place} is {mass}",
     "imperfect_lock": "a lock that yields, with {lock_stiffness}",
     "stiffness_drift": "a stiffness of the {place} that changes by {per_hour} per hour",
-    "channel_delay": "the {place} channel is late by {delay}",
+    "channel_delay": "the {place} channel is {shifted}",
     "sensor_gain": "the {place} channel reads {factor} of the true value",
     "clipping": "the {place} channel is limited at {limit}",
     "crosstalk": "the {place} channel contains {fraction} of another channel",
@@ -133,6 +133,10 @@ def _derived(values: Mapping[str, Value]) -> dict[str, str]:
         found = {"play": _size(row, 2.0), "clearance_alone": _size(Value(value=row.value, std=None, unit=row.unit))}
     if "drift_rate" in values:
         found["per_hour"] = _size(values["drift_rate"], HOUR, "1")
+    if "delay" in values and (delay := values["delay"]).value is not None:
+        # A drive that acts later than its record tells is ahead of what it moves.
+        size = _size(Value(value=abs(delay.value), std=delay.std, unit=delay.unit))
+        found["shifted"] = f"{'late' if delay.value >= 0.0 else 'ahead of the others'} by {size}"
     return found
 
 

@@ -205,6 +205,12 @@ def test_counts_have_the_noise_of_their_rounding() -> None:
     assert resolution(values) == 0.0
 
 
+@pytest.mark.parametrize(("levels", "rounded"), [(7, False), (8, True)])
+def test_a_command_with_few_levels_is_exact(levels: int, rounded: bool) -> None:
+    held = np.repeat(np.arange(levels, dtype=float), 100)
+    assert (resolution(held) > 0.0) == rounded
+
+
 def test_a_slipping_spring_along_a_ramp_and_back() -> None:
     force = slip_operator(np.array([0.0, 0.5, 1.0, 3.0, 2.5, 1.0]), 1.0)
     assert force.tolist() == [0.0, 0.5, 1.0, 1.0, 0.5, -1.0]

@@ -106,6 +106,19 @@ def test_the_force_that_an_imposed_motion_takes_on_a_damper() -> None:
     assert np.median(np.abs(np.abs(seen["seal"]) - 5.0)) < 1e-2
 
 
+def test_an_imposed_displacement_may_end_anywhere() -> None:
+    # A damper's force is its damping times the speed, up to the last sample, also where the record does not end at zero.
+    omega = 2.0 * np.pi * 2.0
+    x, v = 0.01 * np.sin(omega * TIME + 0.4), 0.01 * omega * np.cos(omega * TIME + 0.4)
+    model = RigModel(
+        name="damper", bodies=(Body(name="rod", mass=1.0),), links=(Link(name="oil", a="rod", damping=300.0),),
+        drive=Drive(channel="x", imposes="rod", quantity="displacement"),
+        sensors=(Sensor(channel="force", force_in="links.oil", quantity="force"),),
+    )  # fmt: skip
+    seen = simulate(model, Excitation.prepare(x, RATE)).channels["force"]
+    assert np.abs(seen - 300.0 * v)[-40:].max() < 0.01 * 300.0 * np.abs(v).max()
+
+
 def two() -> RigModel:
     """Two masses that rub on each other, on a hardening spring."""
     return RigModel(

@@ -1,0 +1,121 @@
+"""Rigs that are moved step by step or by a displacement, as a laboratory records them, simulated by scipy with one hidden cause.
+
+Two carts with encoders behind a force held from sample to sample that acts late, and a damper whose stroke is imposed and whose
+force is the response.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import isorig as iso
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
+from isorig.analysis.model.rig_model import from_tree
+from isorig.rig.cli import main
+from isorig.rig.files.rigtext import description_text
+
+#: Rate of the carts' records in Hz, their encoder's step in m, and the force in N of each run.
+RATE, COUNT, LEVELS = 400.0, 2.27e-5, (4.0, 7.0, 5.5)
+#: Masses in kg, springs in N/m and dampers in N s/m of the carts, from the ground on.
+MASSES, SPRINGS, DAMPERS = (0.8, 0.6), (480.0, 390.0), (2.2, 1.6)
+#: Rate of the damper's records in Hz, its damping in N s/m, and amplitude (m) and frequency (Hz) of each run.
+FAST, OIL, STROKES = 1000.0, 900.0, ((0.01, 1.0), (0.006, 2.0), (0.015, 0.6))
+
+
+def command(time: FloatArray, level: float) -> FloatArray:
+    """Forward, back to zero, backward and zero again, two seconds each, from half a second on."""
+    part = np.floor((time - 0.5) / 2.0).astype(int)
+    return np.where(time < 0.5, 0.0, level * np.array([1.0, 0.0, -1.0, 0.0])[part % 4])
+
+
+def run(name: str, rate: float, level: float, channels: Mapping[str, tuple[Quantity, FloatArray]]) -> Run:
+    """A run of these channels."""
+    made = {key: Channel(name=key, samples=values, quantity=what, unit=SI_UNIT[what]) for key, (what, values) in channels.items()}
+    return Run(id=name, configuration="normal", sample_rate=rate, gain=level, channels=made, excitation="steps")
+
+
+def carts(late: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
+    """Two carts whose drive acts `late` seconds after its command, and their description with springs and dampers off."""
+    draw, time, runs = np.random.default_rng(seed), np.arange(int(8 * RATE)) / RATE, []
+    for k, level in enumerate(LEVELS):
+
+        def slope(t: float, y: FloatArray, level: float = level) -> Sequence[float]:
+            x, v = y[:2], y[2:]
+            push = command(np.array([t - late]), level)[0]
+            first = SPRINGS[0] * x[0] + DAMPERS[0] * v[0]
+            second = SPRINGS[1] * (x[1] - x[0]) + DAMPERS[1] * (v[1] - v[0])
+            return [v[0], v[1], (push - first + second) / MASSES[0], -second / MASSES[1]]
+
+        found = solve_ivp(slope, (0.0, time[-1]), np.zeros(4), t_eval=time, method="LSODA", rtol=1e-7, atol=1e-10, max_step=2e-3)
+        counted = np.round(found.y[:2] / COUNT + draw.normal(0.0, 0.05, (2, len(time)))) * COUNT
+        runs.append(run(f"r{k}", RATE, level, {"motor": ("force", command(time, level)), "x1": ("displacement", counted[0]),
+                                               "x2": ("displacement", counted[1])}))  # fmt: skip
+    off = (1.0 + 0.2 * draw.uniform(-1.0, 1.0, 4)).tolist()
+    tree = {
+        "name": "two carts", "bodies": [{"name": "cart1", "mass": MASSES[0]}, {"name": "cart2", "mass": MASSES[1]}],
+        "links": [
+            {"name": "spring1", "a": "cart1", "b": "ground", "stiffness": SPRINGS[0] * off[0], "damping": DAMPERS[0] * off[1]},
+            {"name": "spring2", "a": "cart2", "b": "cart1", "stiffness": SPRINGS[1] * off[2], "damping": DAMPERS[1] * off[3]},
+        ],
+        "drive": {"channel": "motor", "quantity": "force", "pushes": {"cart1": 1.0}},
+        "sensors": [{"channel": f"x{k}", "body": f"cart{k}", "quantity": "displacement"} for k in (1, 2)],
+        "free": [f"links.spring{k}.{key}" for k in (1, 2) for key in ("stiffness", "damping")],
+    }  # fmt: skip
+    return runs, tree
+
+
+def damper(dry: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
+    """A damper with dry friction whose stroke is imposed."""
+    draw, time, runs = np.random.default_rng(seed), np.arange(int(12 * FAST)) / FAST, []
+    for k, (size, frequency) in enumerate(STROKES):
+        turn = 2.0 * np.pi * frequency
+        x = size * (np.sin(turn * time) + 0.3 * np.sin(2.7 * turn * time)) * np.minimum(time, 1.0)
+        v = np.gradient(x, time)
+        force = OIL * v + dry * np.tanh(v / 1e-3) + draw.normal(0.0, 0.3, len(time))
+        stroke = x + draw.normal(0.0, 2e-6, len(time))
+        runs.append(run(f"r{k}", FAST, size, {"stroke": ("displacement", stroke), "force": ("force", force)}))
+    tree = {
+        "name": "damper", "bodies": [{"name": "rod", "mass": 1.0}],
+        "links": [{"name": "oil", "a": "rod", "b": "ground", "stiffness": 0.0, "damping": 1.2 * OIL}],
+        "drive": {"channel": "stroke", "quantity": "displacement", "imposes": "rod"},
+        "sensors": [{"channel": "force", "force_in": "links.oil", "quantity": "force"}], "free": ["links.oil.damping"],
+    }  # fmt: skip
+    return runs, tree
+
+
+def diagnosed(made: tuple[list[Run], dict[str, Any]], folder: Path) -> dict[str, Any]:
+    """The findings of the command."""
+    runs, tree = made
+    text = description_text(from_tree({**tree, "configurations": {"normal": {}}}), {})
+    iso.write(folder / "a.h5", replace(Campaign(runs=tuple(runs), source="lab"), description=text))
+    assert main(["diagnose", str(folder / "a.h5"), "-o", str(folder / "d")]) == 0
+    return dict(json.loads((folder / "d" / "findings.json").read_text()))
+
+
+@pytest.mark.parametrize("late", [0.02, pytest.param(0.008, marks=pytest.mark.study)])
+def test_a_drive_that_acts_late(late: float, tmp_path: Path) -> None:
+    found = diagnosed(carts(late, 4), tmp_path)
+    (step,) = found["steps"]
+    assert (found["verdict"], step["cause"], step["location"]) == ("explained", "channel_delay", "motor")
+    # A force held from one sample to the next jumps at the sample, half an interval later than between the two.
+    assert step["parameters"]["delay"]["value"] == pytest.approx(-(late + 0.5 / RATE), abs=0.02 / RATE)
+
+
+@pytest.mark.parametrize("dry", [40.0, 0.0])
+def test_a_damper_with_an_imposed_stroke(dry: float, tmp_path: Path) -> None:
+    found = diagnosed(damper(dry, 1), tmp_path)
+    if not dry:
+        assert found["verdict"] == "adequate"
+        return
+    (step,) = found["steps"]
+    assert (found["verdict"], step["kind"], step["location"]) == ("explained", "friction_shape", "oil")
+    row = step["parameters"]["friction_force"]
+    assert row["value"] == pytest.approx(dry, abs=max(3.0 * row["std"], 0.05 * dry))
