@@ -12,6 +12,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.diagnose.mechanisms.base import Evidence
+from isorig.analysis.equations.motion import is_command
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
 from isorig.analysis.simulate import simulate
@@ -155,14 +156,14 @@ def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | No
 
 
 def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
-    """Channels that remain at their largest magnitude, like a clipped record, with that magnitude."""
+    """Channels that remain at their largest magnitude, like a clipped record, with that magnitude; commands are left out."""
     found: dict[str, float] = {}
     for name, peak in peaks.items():
         if peak <= 0.0:
             continue
-        count = sum(
-            int((np.abs(run.read(name)) > (1 - FLAT_SHARE) * peak).sum()) for run in campaign.runs if name in run.channels
-        )
+        records = (run.read(name) for run in campaign.runs if name in run.channels)
+        near = (np.abs(values) > (1 - FLAT_SHARE) * peak for values in records if not is_command(values))
+        count = sum(int(at_peak.sum()) for at_peak in near)
         if count >= FLAT_SAMPLES:
             found[name] = peak * (1 - FLAT_SHARE / 2)
     return found

@@ -26,6 +26,9 @@ class Policy:
         Chosen by the study: 406 campaigns without an effect stayed below it.
     explained
         Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
+    visible
+        Rms excess error, as a share of the signal, above which a model that is not adequate is at most "partly explained".
+        Chosen: a misfit of a third of the signal is what a reader sees first in the records.
     contributes
         Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove
         as much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)
@@ -83,6 +86,7 @@ class Policy:
 
     enough: float = ADEQUATE
     explained: float = 0.8
+    visible: float = 0.3
     contributes: float = 0.5
     main: float = 0.3
     certain: float = 0.95
@@ -281,11 +285,11 @@ def verdict(
     if is_adequate(first, floors, enough, tolerance):
         return "adequate", 0
     counted = next((k - 1 for k in range(1, len(stages)) if not step_counts(stages, k, floors, enough, policy)), len(stages) - 1)
-    if counted and (
-        is_adequate(stages[counted].error, floors, enough, tolerance)
-        or share_removed(first, stages[counted].error, floors) >= policy.explained
-    ):
+    if counted and is_adequate(stages[counted].error, floors, enough, tolerance):
         return "explained", counted
+    if counted and share_removed(first, stages[counted].error, floors) >= policy.explained:
+        remains = excess(stages[counted].error, floors) > policy.visible**2
+        return "partly explained" if remains else "explained", counted
     certain = next((k - 1 for k in range(1, counted + 1) if not stages[k].certain), counted)
     if certain and share_removed(first, stages[certain].error, floors) >= policy.contributes:
         return "partly explained", certain

@@ -101,15 +101,20 @@ def low_passed(values: FloatArray, rate: float, high: float) -> FloatArray:
     return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
 
 
+def is_command(values: FloatArray) -> bool:
+    """Whether a record takes fewer than `LEVELS` values."""
+    some = values[:: max(1, len(values) // 20_000)]
+    return len(np.unique(some)) < LEVELS and len(np.unique(values)) < LEVELS
+
+
 def resolution(values: FloatArray) -> float:
     """Standard deviation of the rounding of a record to counts; 0 if it is not rounded visibly, or has a few levels only.
 
     A step q of the counts rounds with a standard deviation of q / sqrt(12).
     """
-    values = values[:: max(1, len(values) // 20_000)]
-    if len(np.unique(values)) < LEVELS:
+    if is_command(values):
         return 0.0
-    steps = np.abs(np.diff(values))
+    steps = np.abs(np.diff(values[:: max(1, len(values) // 20_000)]))
     used = np.unique(steps[steps > 1e-12 * max(float(np.abs(values).max()), 1e-300)])
     if len(used) == 0 or len(used) > STEPS_PER_SAMPLE * len(steps):
         return 0.0
