@@ -17,13 +17,15 @@ from isorig.rig.virtual.described import described_campaign
 
 #: What the page shows: charts, dots of the shapes from a moment on, readouts of the peaks, width, legends.
 PROBE = """<script>
+// Frames follow the timers: those of a headless browser hardly come while it runs ahead of the clock.
+let frame = 0;
+window.requestAnimationFrame = (drawn) => setTimeout(() => drawn(frame += 16), 16);
 addEventListener("load", () => setTimeout(async () => {
   const root = document.documentElement, charts = [...document.querySelectorAll(".chart")];
   const swings = () => [...document.querySelectorAll("svg.shape circle")]
     .map((dot) => [60 - Number(dot.getAttribute("cy")), Number(dot.dataset.re)]);
-  // The frames' clock has no fixed relation to the timers': wait until every dot has moved.
   const moments = [swings()];
-  for (let k = 0; k < 80 && !moments.at(-1).every(([y], i) => Math.abs(y - moments[0][i][0]) > 1); k++) {
+  for (let k = 0; k < 10; k++) {
     await new Promise((resolve) => setTimeout(resolve, 100));
     moments.push(swings());
   }
@@ -102,13 +104,13 @@ def test_refused_in_one_sentence(
 def test_the_shapes_swing_and_the_poles_are_drawn(recordings: tuple[Path, Path], tmp_path: Path, width: int) -> None:
     assert main(["modes", str(recordings[0]), "--band", "3", "20", "-o", str(tmp_path / "out")]) == 0
     told = told_by((tmp_path / "out" / "modes.html").read_text(), PROBE, width, tmp_path)
-    # Two modes of two points: each swings by its shape, from the phase that the animation has reached.
+    # Two modes of two points at some moments: each swings by its shape, from the phase that the animation has reached.
     moments = np.array(told["moments"]).reshape(-1, 2, 2, 2)
     for moved, shape in moments.transpose(0, 1, 3, 2).reshape(-1, 2, 2):
         phase = moved[0] / (42.0 * shape[0])
         assert abs(phase) < 1.01  # positions are rounded to a tenth of a pixel
         assert moved == pytest.approx(42.0 * phase * shape, abs=6.0)
-    assert np.abs(moments[-1] - moments[0])[..., 0].min() > 1.0
+    assert np.ptp(moments[..., 0], axis=0).min() > 1.0
     assert told["drawn"] == [True, True]
     assert told["wide"] <= told["inner"] == width
     assert told["cut"] == []
