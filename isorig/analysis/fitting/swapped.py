@@ -2,7 +2,8 @@
 
 The ratio of two channels over frequency has a shape that the given rig predicts for the recorded drive. If the recorded ratio has
 the inverse shape, the channels are exchanged. Levels do not matter, so a wrong unit is no exchange; channels with the same motion
-over the drive's band cannot be distinguished.
+over the drive's band cannot be distinguished. Bands in which a response is not coherent with the drive do not count: what is
+recorded there is noise.
 """
 
 from __future__ import annotations
@@ -30,6 +31,9 @@ TURNED = -0.1
 #: An exchange with the drive must reduce the distance of all channels' shapes by this (mean |log|): a wrong drive predicts
 #: another motion, so the regression is less informative. For records without faults there was no reduction at all.
 NEARER = 0.3
+#: Least mean coherence of every response with the drive in a band that counts, and the number of segments it is averaged over.
+#: Chosen: at 0.5 half of a response's power is noise; 16 segments of noise alone have a coherence of 1/16.
+COHERENT, AVERAGES = 0.5, 16
 
 
 def swapped_channels(given: RigModel, trials: Sequence[Trial]) -> dict[tuple[str, str], list[str]]:
@@ -92,6 +96,7 @@ def _shapes(given: RigModel, trial: Trial) -> tuple[FloatArray, FloatArray]:
     rows = [_amplitudes(each, trial.sample_rate, edges) for each in (drive, trial.measured, shown)]
     for each in rows:
         kept &= np.isfinite(each).all(axis=0)
+    kept &= _coherent(drive, trial.measured, trial.sample_rate, edges)
     d, m, e = (each[:, kept] for each in rows)
     return np.vstack([d, m]), np.vstack([d, e])
 
@@ -112,6 +117,22 @@ def _amplitudes(rows: FloatArray, rate: float, edges: FloatArray) -> FloatArray:
             means[:, band] = power[:, place == band].mean(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(0.5 * np.log(means))
+
+
+def _coherent(drive: FloatArray, measured: FloatArray, rate: float, edges: FloatArray) -> NDArray[np.bool_]:
+    # The bands in which every response is coherent with the drive.
+    from scipy.signal import coherence
+
+    frequency, values = coherence(drive, measured, fs=rate, nperseg=max(drive.shape[1] // AVERAGES, 2))
+    centre = np.sqrt(edges[:-1] * edges[1:])
+    place = np.searchsorted(edges, frequency, side="right") - 1
+    counts = np.array([(place == band).any() for band in range(len(centre))])
+    # A band that is narrower than a frequency bin has the value between its neighbours.
+    means = [
+        [each[place == band].mean() if inside else np.interp(centre[band], frequency, each) for band, inside in enumerate(counts)]
+        for each in values
+    ]
+    return np.asarray(np.min(means, axis=0) >= COHERENT)
 
 
 def _turned(recorded: FloatArray, predicted: FloatArray) -> bool:
