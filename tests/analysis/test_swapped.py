@@ -11,7 +11,7 @@ import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.plausible import doubts
-from isorig.analysis.fitting.swapped import swapped_channels
+from isorig.analysis.fitting.swapped import exceeds_noise, swapped_channels
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
@@ -96,6 +96,43 @@ def test_another_rig() -> None:
     assert not swapped_channels(rig, prepare(campaign, rig))
     for pair in combinations(("force", "block", "cap"), 2):
         assert list(swapped_channels(rig, prepare(exchanged(campaign, ["r"], *pair), rig))) == [pair]
+
+
+def test_noise_beyond_the_drive_s_band_is_no_exchange() -> None:
+    """A drive whose band is not stated: above it all records are noise, and their levels tell nothing."""
+    rig = from_tree(
+        {
+            "name": "chain",
+            "bodies": [{"name": "m0", "mass": 1.2}, {"name": "m1", "mass": 0.9}, {"name": "m2", "mass": 0.7}],
+            "links": [
+                {"name": "l0", "a": "m0", "b": "ground", "stiffness": 9e3, "damping": 6.0},
+                {"name": "l1", "a": "m1", "b": "m0", "stiffness": 2.2e4, "damping": 4.0},
+                {"name": "l2", "a": "m2", "b": "m1", "stiffness": 1.2e4, "damping": 3.0},
+            ],
+            "drive": {"channel": "force", "quantity": "force", "factor": 1.0, "pushes": {"m0": 1.0}},
+            "sensors": [{"channel": "a0", "body": "m0"}, {"channel": "a2", "body": "m2"}],
+        }
+    )  # fmt: skip
+    force = random(samples=16384, sample_rate=400.0, rms=25.0, band=(1.0, 20.0), seed=1)
+    motion = simulate(rig, Excitation.prepare(force, 400.0), configuration="unlocked").channels
+    draw, records = np.random.default_rng(3), {"force": force, **motion}
+    levels = {"force": 1e-5, "a0": 1e-3, "a2": 1e-1}
+    noisy = {name: values + draw.normal(0.0, levels[name] * values.std(), len(values)) for name, values in records.items()}
+    channels = {name: Channel(name=name, samples=values) for name, values in noisy.items()}
+    run = Run(id="r", configuration="unlocked", sample_rate=400.0, gain=1.0, channels=channels, excitation="random")
+    campaign = Campaign(runs=(run,))
+    assert not swapped_channels(rig, prepare(campaign, rig))
+    wrong = prepare(exchanged(campaign, ["r"], "a0", "a2"), rig)
+    assert list(swapped_channels(rig, wrong)) == [("a0", "a2")]
+
+
+@pytest.mark.parametrize(("share", "counts"), [(0.8, True), (1.25, False)])
+def test_a_band_counts_if_half_of_its_power_is_no_noise(share: float, counts: bool) -> None:
+    """Noise of a share of the motion's rms, both white."""
+    draw = np.random.default_rng(5)
+    record = draw.normal(size=40_000) + share * draw.normal(size=40_000)
+    heard = exceeds_noise(record[None], np.array([share]), 256.0, np.geomspace(5.0, 100.0, 9))
+    assert set(heard.tolist()) == {counts}
 
 
 def test_no_unit_is_taken_for_an_exchange(session: Campaign) -> None:

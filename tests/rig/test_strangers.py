@@ -1,6 +1,6 @@
 """From a stranger's file to the answer: rigs that scipy simulated, one hidden cause each, described up to a fifth off.
 
-Two rigs are diagnosed by default, all twelve in the study (`pytest -m "study or not study" tests/rig/test_strangers.py`).
+Two rigs are diagnosed by default, all of them in the study (`pytest -m "study or not study" tests/rig/test_strangers.py`).
 """
 
 from __future__ import annotations
@@ -74,6 +74,18 @@ def torsion(law: Mapping[int, Law] | None = None) -> StrangeRig:
     )  # fmt: skip
 
 
+def frame(law: Mapping[int, Law] | None = None) -> StrangeRig:
+    """Seven masses on two springs to the ground, force on the first; three of them have a sensor."""
+    return StrangeRig(
+        masses=(1.2, 0.9, 1.0, 0.8, 1.1, 0.9, 0.7),
+        joints=(
+            (0, -1, 9e3, 6.0), (1, 0, 2.2e4, 4.0), (2, 1, 1.8e4, 4.0), (3, 2, 2.5e4, 5.0), (4, 3, 1.5e4, 3.0), (5, 4, 2e4, 4.0),
+            (6, 5, 1.2e4, 3.0), (4, -1, 6e3, 5.0),
+        ),
+        sensors=(("a0", 0, "acceleration"), ("a3", 3, "acceleration"), ("a6", 6, "acceleration")), laws=law or {},
+    )  # fmt: skip
+
+
 def platform(law: Mapping[int, Law] | None = None) -> StrangeRig:
     """A mass on a moved base."""
     return StrangeRig(
@@ -118,6 +130,10 @@ STRANGERS: Mapping[str, Stranger] = {
     "drag in an isolation": Stranger(
         rig=platform({0: drag(150.0)}), cause="quadratic_damping", place="l0", parameter="quadratic_damping", value=150.0,
         levels=(1.0, 4.0),
+    ),
+    "hardening between bodies without sensors": Stranger(
+        rig=frame({2: cubic(6e9)}), cause="hardening_stiffness", place="l2", parameter="cubic_stiffness", value=6e9,
+        levels=(10.0, 25.0, 40.0), band=(1.0, 38.0),
     ),
     "wrong mass in a chain": Stranger(
         rig=two(), cause="wrong_mass", place="m1", parameter="mass", value=3.0, given={"bodies.m1.mass": 1.15}

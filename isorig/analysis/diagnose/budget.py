@@ -106,7 +106,7 @@ def _powers(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArr
     beyond = whole - noise
     linear, coherent = np.minimum(_transfers(trials, left), beyond)
     linear = np.minimum(linear, coherent)
-    repeats, drifts = _shared(trials, left, noise)
+    repeats, drifts = _shared(trials, left)
     if shaken is not None:
         repeats = np.where(np.isnan(repeats), np.maximum(beyond - shaken, coherent), repeats)
     known = ~np.isnan(repeats)
@@ -168,7 +168,7 @@ def _transfers(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArra
     return found
 
 
-def _shared(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _shared(trials: Sequence[Trial], left: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     # What repeats when the drive is played again (NaN where it was not), and what its transfer functions lost meanwhile.
     shape = len(trials), len(left[0])
     repeats, drifts = np.full(shape, np.nan), np.zeros(shape)

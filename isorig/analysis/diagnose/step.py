@@ -18,6 +18,7 @@ from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
 from isorig.analysis.diagnose.mechanisms.shapes import free_shapes, tabulated
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.pairs import Pair, pairs
+from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
 from isorig.analysis.diagnose.suspects import ALWAYS, Suspects, equations_of, suspects
 from isorig.analysis.equations.system import HOLDS, Equations
@@ -243,18 +244,19 @@ def next_step(
     progress("looking for the equations of motion that do not hold")
     # A rig that is judged by its drive is compared at each moment: there a search costs little, and finds smaller effects.
     by_drive = left < 1.0 and any(trial.motion for trial in trials)
-    found_by = None if by_drive else suspects(equations, further=left < 1.0)
+    places = _possible_places(job, equations)
+    found_by = None if by_drive or places else suspects(equations, further=left < 1.0)
     anywhere = left >= 1.0 or by_drive or not equations.residuals()
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     kinds = UNSEEN if hold and not by_drive else None
-    tries = _suspected(job, found_by) if found_by else _searched(job, kinds) if anywhere else None
+    tries = _suspected(job, found_by) if found_by else _searched(job, kinds, places) if anywhere or places else None
     if tries is None:
         return None
     forms = _entries(tries.run.ranked[:FINALISTS], trials, fine, progress)
     # What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it.
     weak = found_by is not None and not found_by.ranking.broken and not any(adequate(entry.score, floors) for entry in forms)
-    if anywhere and (weak or (equations.hidden and found_by is not None and not _help(forms, now, floors))):
+    if anywhere and (weak or (equations.hidden and (found_by or places) and not _help(forms, now, floors))):
         unseen = _searched(job, kinds)
         if unseen is not None:
             tries, found_by = unseen, None
@@ -331,12 +333,25 @@ class _Tries:
     shapes: Callable[[Sequence[Entry], tuple[Kind, str] | None], Running]
 
 
-def _searched(job: _Job, kinds: Collection[Kind] | None) -> _Tries | None:
-    """All candidates of some kinds (None: all) at all places: the equations of motion show nothing."""
+def _possible_places(job: _Job, equations: Equations) -> Places | None:
+    # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on estimates.
+    places = compared_places(job.current.model, job.trials) if equations.hidden else None
+    if places is None or not places.possible:
+        return None
+    job.progress("the misfit can come from " + ", ".join(sorted(places.possible)))
+    return places
+
+
+def _searched(job: _Job, kinds: Collection[Kind] | None, places: Places | None = None) -> _Tries | None:
+    """All candidates of some kinds (None: all) at some places (None: all): the equations of motion show nothing."""
+
+    def sought(candidate: Candidate) -> bool:
+        return (kinds is None or kind_of(candidate.cause) in kinds) and (places is None or places.includes(candidate.location))
+
     problem = Problem(shortened(job.trials, job.seconds))
     glance = fit(job.current.model, job.current.free, problem, iterations=3, tolerance=CLOSE)
     proposed = (c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, job.evidence))
-    candidates = [c for c in proposed if kinds is None or kind_of(c.cause) in kinds or c.cause in ALWAYS]
+    candidates = [c for c in proposed if sought(c) or c.cause in ALWAYS]
     screened = Screen(glance, problem).ranked(candidates)
     if screened:
         job.progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in screened[:3]))
@@ -353,7 +368,7 @@ def _searched(job: _Job, kinds: Collection[Kind] | None) -> _Tries | None:
 
     def shapes(forms: Sequence[Entry], place: tuple[Kind, str] | None) -> Running:
         starts = _shape_starts(forms, job.current, job.evidence, place)
-        starts = [start for start in starts if kinds is None or kind_of(start[0].cause) in kinds]
+        starts = [start for start in starts if sought(start[0])]
         return race(starts, job.rungs, job.current, job.progress, job.promising).ranked
 
     known = frozenset(item.candidate.key for item in screened)

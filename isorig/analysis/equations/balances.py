@@ -141,7 +141,7 @@ def balances(model: RigModel, combos: Combinations | None = None) -> tuple[Balan
     index = {body.name: k for k, body in enumerate(model.bodies)}
     measured = {part.name: combos.of(part.weights, 0) is not None for part in parts}
     found: list[Balance] = []
-    for bodies in _sets(model, known):
+    for bodies in _sets(known):
         y = np.zeros(len(index))
         y[[index[name] for name in bodies]] = 1.0
         crossing = tuple((part, float(y @ part.weights)) for part in parts if y @ part.weights != 0.0)
@@ -207,7 +207,7 @@ def locks(model: RigModel, found: Sequence[Balance], combos: Combinations | None
     return tuple(listed)
 
 
-def _sets(model: RigModel, known: Sequence[str]) -> list[tuple[str, ...]]:
+def _sets(known: Sequence[str]) -> list[tuple[str, ...]]:
     if len(known) <= ALL_SETS:
         return [chosen for size in range(1, len(known) + 1) for chosen in combinations(known, size)]
     return [(name,) for name in known] + [tuple(known)]

@@ -7,7 +7,7 @@ equation holds. Noise enters all terms: its own matrix is subtracted before coef
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +25,6 @@ ROUNDS, TRUSTED = 3, 2.0
 
 #: A row of an equation: coefficients of signals, each a number or one value per frequency bin.
 Row = Mapping[tuple[str, int], "complex | ComplexArray"]
-#: Maps a row in terms of true signals to one in terms of recorded signals.
-Correction = Callable[[ComplexArray], ComplexArray]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,7 @@
 
 The ratio of two channels over frequency has a shape that the given rig predicts for the recorded drive. If the recorded ratio has
 the inverse shape, the channels are exchanged. Levels do not matter, so a wrong unit is no exchange; channels with the same motion
-over the drive's band cannot be distinguished. Bands in which a response is not coherent with the drive do not count: what is
-recorded there is noise.
+over the drive's band cannot be distinguished. Bands in which a record does not exceed its noise do not count.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from isorig.analysis.campaign import FloatArray, broad
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.trials import Trial, simulated, true_motion
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.noise import noise_level
 
 #: Bands in an octave, the fewest that make a shape, and the lowest frequency of the first if the drive has no band, Hz.
 PER_OCTAVE, FEWEST, LOWEST = 3, 6, 1.0
@@ -31,9 +31,8 @@ TURNED = -0.1
 #: An exchange with the drive must reduce the distance of all channels' shapes by this (mean |log|): a wrong drive predicts
 #: another motion, so the regression is less informative. For records without faults there was no reduction at all.
 NEARER = 0.3
-#: Least mean coherence of every response with the drive in a band that counts, and the number of segments it is averaged over.
-#: Chosen: at 0.5 half of a response's power is noise; 16 segments of noise alone have a coherence of 1/16.
-COHERENT, AVERAGES = 0.5, 16
+#: Power of a record relative to its noise from which a band counts. Chosen: half of it is then motion.
+ABOVE_NOISE = 2.0
 
 
 def swapped_channels(given: RigModel, trials: Sequence[Trial]) -> dict[tuple[str, str], list[str]]:
@@ -58,24 +57,25 @@ def swapped_channels(given: RigModel, trials: Sequence[Trial]) -> dict[tuple[str
 
 def _pair(given: RigModel, trial: Trial) -> tuple[str, str] | None:
     names = (given.drive.channel, *trial.channels)
-    recorded, predicted = _shapes(given, trial)
+    heard = _heard(trial, given.drive.channel)
+    recorded, predicted = _shapes(given, trial, heard)
     if recorded.shape[1] < FEWEST:
         return None
     as_is, best = _distance(recorded, predicted), None
-    for gain, a, b in _nearer(given, trial, recorded, predicted, as_is):
+    for gain, a, b in _nearer(given, trial, recorded, predicted, as_is, heard):
         if best is None or gain > best[0]:
             best = (gain, (names[a], names[b]))
     return None if best is None else best[1]
 
 
 def _nearer(
-    given: RigModel, trial: Trial, recorded: FloatArray, predicted: FloatArray, as_is: float
+    given: RigModel, trial: Trial, recorded: FloatArray, predicted: FloatArray, as_is: float, heard: NDArray[np.bool_]
 ) -> Iterator[tuple[float, int, int]]:
     # Exchanges indicated by the records, and the reduction of the distance by each.
     for a, b in combinations(range(len(recorded)), 2):
         turned = _turned(recorded[a] - recorded[b], predicted[a] - predicted[b])
         if a == 0:
-            gain = as_is - _distance(*_shapes(given, _exchanged(trial, b - 1)))
+            gain = as_is - _distance(*_shapes(given, _exchanged(trial, b - 1), heard))
             if gain > (0.0 if turned else NEARER):
                 yield gain, a, b
         elif turned:
@@ -86,22 +86,47 @@ def _nearer(
                 yield gain, a, b
 
 
-def _shapes(given: RigModel, trial: Trial) -> tuple[FloatArray, FloatArray]:
-    # Logarithms of the amplitudes of drive and responses in bands, as recorded and as predicted by the given rig.
-    low, high = trial.run.band or (LOWEST, trial.sample_rate / 4.0)
-    edges = _edges(max(low, LOWEST), min(high, trial.sample_rate / 2.0))
+def _shapes(given: RigModel, trial: Trial, heard: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    # Logarithms of the amplitudes of drive and responses in the bands that count, as recorded and as predicted by the given rig.
+    edges, kept = _edges(trial), heard.copy()
     drive = trial.excitation.recorded[None, : trial.samples]
-    kept: NDArray[np.bool_] = np.ones(len(edges) - 1, dtype=np.bool_)
     shown = simulated(given, trial, true_motion(given, trial))
     rows = [_amplitudes(each, trial.sample_rate, edges) for each in (drive, trial.measured, shown)]
     for each in rows:
         kept &= np.isfinite(each).all(axis=0)
-    kept &= _coherent(drive, trial.measured, trial.sample_rate, edges)
     d, m, e = (each[:, kept] for each in rows)
     return np.vstack([d, m]), np.vstack([d, e])
 
 
-def _edges(low: float, high: float) -> FloatArray:
+def _heard(trial: Trial, drive: str) -> NDArray[np.bool_]:
+    # The bands in which every response exceeds its noise.
+    noise = np.array([noise_level(trial.run, name, [drive]) or 0.0 for name in trial.channels])
+    return exceeds_noise(trial.measured, noise, trial.sample_rate, _edges(trial))
+
+
+def exceeds_noise(records: FloatArray, noise: FloatArray, rate: float, edges: FloatArray) -> NDArray[np.bool_]:
+    """Whether the power of all records in each band is at least `ABOVE_NOISE` times that of white noise.
+
+    Parameters
+    ----------
+    records
+        Shape (channels, n).
+    noise
+        Its standard deviation in each record, shape (channels,).
+    rate
+        Sample rate, Hz.
+    edges
+        Edges of the bands in Hz, shape (bands + 1,).
+    """
+    window = float(np.sum(np.hanning(records.shape[1]) ** 2))
+    with np.errstate(divide="ignore"):
+        least = np.log(noise * np.sqrt(ABOVE_NOISE * window))
+    return np.asarray(~(_amplitudes(records, rate, edges) < least[:, None]).any(axis=0))
+
+
+def _edges(trial: Trial) -> FloatArray:
+    low, high = trial.run.band or (LOWEST, trial.sample_rate / 4.0)
+    low, high = max(low, LOWEST), min(high, trial.sample_rate / 2.0)
     count = max(int(np.ceil(PER_OCTAVE * np.log2(high / low))), 1) if high > low else 1
     return np.asarray(np.geomspace(low, max(high, low * 1.001), count + 1))
 
@@ -117,22 +142,6 @@ def _amplitudes(rows: FloatArray, rate: float, edges: FloatArray) -> FloatArray:
             means[:, band] = power[:, place == band].mean(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(0.5 * np.log(means))
-
-
-def _coherent(drive: FloatArray, measured: FloatArray, rate: float, edges: FloatArray) -> NDArray[np.bool_]:
-    # The bands in which every response is coherent with the drive.
-    from scipy.signal import coherence
-
-    frequency, values = coherence(drive, measured, fs=rate, nperseg=max(drive.shape[1] // AVERAGES, 2))
-    centre = np.sqrt(edges[:-1] * edges[1:])
-    place = np.searchsorted(edges, frequency, side="right") - 1
-    counts = np.array([(place == band).any() for band in range(len(centre))])
-    # A band that is narrower than a frequency bin has the value between its neighbours.
-    means = [
-        [each[place == band].mean() if inside else np.interp(centre[band], frequency, each) for band, inside in enumerate(counts)]
-        for each in values
-    ]
-    return np.asarray(np.min(means, axis=0) >= COHERENT)
 
 
 def _turned(recorded: FloatArray, predicted: FloatArray) -> bool:

@@ -351,13 +351,6 @@ def collinearity(shape: ComplexArray) -> float:
     return ((xx - yy) ** 2 + 4.0 * xy**2) / max((xx + yy) ** 2, np.finfo(float).tiny)
 
 
-def mac(one: ComplexArray, other: ComplexArray) -> FloatArray:
-    """Modal assurance criterion of shapes (points, modes), shape (modes, modes): 1 if proportional (Allemang 2003)."""
-    cross = np.abs(np.conj(one).T @ other) ** 2
-    sizes = [(np.abs(shapes) ** 2).sum(axis=0) for shapes in (one, other)]
-    return np.asarray(cross / np.maximum(np.outer(*sizes), np.finfo(float).tiny))
-
-
 def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
     said = []
     for k, mode in enumerate(modes):

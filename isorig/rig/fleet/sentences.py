@@ -144,7 +144,7 @@ def bad_campaigns(rig: Rig) -> list[tuple[Campaign, list[str]]]:
     return [(rig.campaigns[k], names) for k, names in sorted(found.items())]
 
 
-def last_change(fleet: Fleet, rig: Rig) -> Incident | None:
+def last_change(rig: Rig) -> Incident | None:
     """The latest change of a rig that later campaigns confirm."""
     return next((incident for incident in reversed(rig.incidents) if borne_out(incident)), None)
 
@@ -157,7 +157,7 @@ def borne_out(incident: Incident) -> bool:
 def state_of(fleet: Fleet, rig: Rig) -> str:
     """A rig in a few words: its last change, whether it is an outlier, whether campaigns wait."""
     parts = []
-    last = last_change(fleet, rig)
+    last = last_change(rig)
     if last is not None:
         parts.append(f"changed {_of(fleet, last, last.first)}")
     odd = odd_parameters(fleet, rig.name)
@@ -182,7 +182,7 @@ def in_order(fleet: Fleet) -> list[Rig]:
     """The rigs in display order: the latest change first, then outliers, then the rest by name."""
 
     def place(rig: Rig) -> tuple[float, bool, str]:
-        last = last_change(fleet, rig)
+        last = last_change(rig)
         alarm = -math.inf if last is None else rig.campaigns[last.alarm].started
         return -alarm, not odd_parameters(fleet, rig.name), rig.name
 

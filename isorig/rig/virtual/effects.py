@@ -282,10 +282,6 @@ def _hum(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
     return Hidden(model=m, wire=hum, parameters={"amplitude": height, "frequency": mains})
 
 
-def _none(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
-    return Hidden(model=m)
-
-
 def _foot(m: RigModel, s: Scale, place: str, size: float, draw: Draw) -> Hidden:
     """The table rubs on the floor."""
     rub = Contact(name="foot", a="table", b=GROUND, law=laws.Coulomb(friction_force=size * draw.uniform(3.0, 10.0)))
