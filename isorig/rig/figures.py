@@ -119,7 +119,8 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {unit_of(first)}")
     magnitude.legend(fontsize=8)
     phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
-    coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz", xlim=band)
+    coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz")
+    coherence.set_xlim(max(band[0], float(first.frequency[first.frequency > 0.0][0])), band[1])
     return _gridded(figure)
 
 

@@ -113,7 +113,7 @@ def compared_isolation(
 
     A run whose gain changed counts as one run for each gain.
     """
-    wrong = faults(campaign)
+    wrong = faults(campaign, reference="head")
     whole = without(campaign, wrong, ("head", "heatblock"))
     played = {"measured": whole} | {m.name: predicted(m.rig, whole, origin=m.origin, as_recorded=True) for m in models}
     campaigns = {name: by_level(each) for name, each in played.items()}

@@ -145,7 +145,8 @@ def transfer_functions(
     hit = {run.id for run in runs if len(drives) == 1 and looks_hit(run, drives[0])}
     seen_through = window_named(window)
     transfers = []
-    for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (k[0] != "unlocked", -k[1])):
+    order = list(dict.fromkeys(run.configuration for run in campaign.runs))
+    for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (order.index(k[0]), -k[1])):
         same = broad(campaign.select(configuration=configuration, gain=gain))
         names = responses or [name for name in same[0].sensors if name not in drives]
         struck = [run for run in same if run.id in hit]

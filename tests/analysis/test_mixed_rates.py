@@ -60,11 +60,11 @@ def test_an_average_over_rates_is_the_mode(other: float) -> None:
 def test_faults_of_rates_side_by_side() -> None:
     """Nothing is wrong with a sound session; in another an exchanged pair is found in a run of another rate."""
     session = mixed(TAKES, {"u70b", "l70"}, 2000.0)
-    assert not faults(session)
+    assert not faults(session, reference="head")
     b = next(run for run in session.runs if run.id == "u70b")
     turned = {**b.channels, "motor": b.channels["heatblock"], "heatblock": b.channels["motor"]}
     wrong = replace(session, runs=tuple(replace(r, channels=turned) if r is b else r for r in session.runs))
-    assert {(fault.run, fault.kind) for fault in faults(wrong)} == {("u70b", "swapped")}
+    assert {(fault.run, fault.kind) for fault in faults(wrong, reference="head")} == {("u70b", "swapped")}
 
 
 def test_ratio_of_rates() -> None:

@@ -49,12 +49,12 @@ def exchanged(campaign: Campaign, run: str, a: str, b: str) -> Campaign:
 
 
 def named(campaign: Campaign) -> set[tuple[str, str, str]]:
-    return {(fault.run, fault.channel, fault.kind) for fault in faults(campaign)}
+    return {(fault.run, fault.channel, fault.kind) for fault in faults(campaign, reference="head")}
 
 
 @pytest.mark.parametrize("friction", [5.0, 12.0, 20.0])
 def test_a_sound_session_has_none(friction: float) -> None:
-    assert not faults(virtual_campaign(wire_bonder({**THESIS, "friction_force": friction}), TAKES, seed=3))
+    assert not faults(virtual_campaign(wire_bonder({**THESIS, "friction_force": friction}), TAKES, seed=3), reference="head")
 
 
 def test_a_plug_that_loses_the_signal(session: Campaign) -> None:
@@ -63,7 +63,7 @@ def test_a_plug_that_loses_the_signal(session: Campaign) -> None:
         out[4000:4040] = out[9000:9200] = 0.0
         return out
 
-    (fault,) = faults(changed(session, "u70b", "table", lost))
+    (fault,) = faults(changed(session, "u70b", "table", lost), reference="head")
     assert (fault.run, fault.channel, fault.kind) == ("u70b", "table", "stuck")
     assert "2 times for up to 0.2 s" in fault.text
 
@@ -122,7 +122,7 @@ def test_too_short(session: Campaign) -> None:
     cut = {n: Channel(name=n, samples=c.read(0, 6000), full_scale=c.full_scale) for n, c in run.channels.items()}
     short = replace(session, runs=(*session.runs[:4], replace(run, channels=cut), session.runs[5]))
     assert named(short) == {("l70", "", "too short")}
-    assert "measure 9 s or longer" in faults(short)[0].text
+    assert "measure 9 s or longer" in faults(short, reference="head")[0].text
 
 
 def test_not_at_rest(session: Campaign) -> None:
@@ -133,14 +133,14 @@ def test_not_at_rest(session: Campaign) -> None:
     assert named(moving) == {("l70", "", "not at rest")}
     names = list(run.channels)
     # An average does not mind, a simulation from rest does.
-    assert "l70" in [r.id for r in without(moving, faults(moving), names).runs]
-    assert "l70" not in [r.id for r in without(moving, faults(moving), names, from_rest=True).runs]
+    assert "l70" in [r.id for r in without(moving, faults(moving, reference="head"), names).runs]
+    assert "l70" not in [r.id for r in without(moving, faults(moving, reference="head"), names, from_rest=True).runs]
 
 
 def test_a_drive_with_a_hole(session: Campaign) -> None:
     stop = signal.butter(8, (100.0, 200.0), "bandstop", fs=1024.0, output="sos")
     hollow = changed(session, "l7", "head", lambda x: np.asarray(signal.sosfiltfilt(stop, x)))
-    (fault,) = (f for f in faults(hollow) if f.kind == "no drive")
+    (fault,) = (f for f in faults(hollow, reference="head") if f.kind == "no drive")
     assert (fault.run, fault.channel) == ("l7", "head")
     low, high = (float(part) for part in fault.text.split("from ")[1].split(" Hz")[0].split(" to "))
     assert 100.0 < low < 135.0
@@ -149,13 +149,13 @@ def test_a_drive_with_a_hole(session: Campaign) -> None:
 
 def test_bad_data_are_left_out_of_averages(session: Campaign) -> None:
     hurt = changed(session, "u70a", "table", lambda x: 0.0 * x)
-    found = faults(hurt)
+    found = faults(hurt, reference="head")
     runs = hurt.select(configuration="unlocked", gain=70.0)
     assert [run.id for run in sound(runs, found, ["head", "table"])] == ["u70b", "u70c"]
     assert len(sound(runs, found, ["head", "motor"])) == 3
     assert [run.id for run in without(hurt, found, ["table"]).runs] == ["u70b", "u70c", "u7", "l70", "l7"]
     alone = changed(changed(session, "l70", "table", lambda x: 0.0 * x), "l7", "table", lambda x: 0.0 * x)
-    assert len(without(alone, faults(alone), ["table"]).runs) == 6
+    assert len(without(alone, faults(alone, reference="head"), ["table"]).runs) == 6
 
 
 @settings(max_examples=60, deadline=None)
@@ -178,7 +178,7 @@ def test_any_data_gets_an_answer(
         for k in range(3)
     )
     campaign = Campaign(runs=runs, known={"heatblock_frequency": 165.0})
-    for fault in faults(campaign):
+    for fault in faults(campaign, reference="head"):
         assert fault.run in fault.text
         assert fault.text.endswith(".")
-    assert without(campaign, faults(campaign), names).runs
+    assert without(campaign, faults(campaign, reference="head"), names).runs

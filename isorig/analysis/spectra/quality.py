@@ -54,7 +54,7 @@ class Fault:
 
 
 @once
-def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
+def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
     """All faults of a campaign's records.
 
     Parameters
@@ -70,12 +70,12 @@ def faults(campaign: Campaign, *, reference: str = "head") -> tuple[Fault, ...]:
     >>> import numpy as np
     >>> import isorig as iso
     >>> campaign = iso.read("campaign.h5")
-    >>> iso.faults(campaign)
+    >>> iso.faults(campaign, reference="head")
     ()
     >>> run = campaign.runs[0]
     >>> dead = replace(run.channels["motor"], samples=np.zeros(len(run)))
-    >>> spoilt = replace(run, channels={**run.channels, "motor": dead})
-    >>> [(fault.run, fault.channel, fault.kind) for fault in iso.faults(iso.Campaign(runs=(spoilt, *campaign.runs[1:])))]
+    >>> spoilt = iso.Campaign(runs=(replace(run, channels={**run.channels, "motor": dead}), *campaign.runs[1:]))
+    >>> [(fault.run, fault.channel, fault.kind) for fault in iso.faults(spoilt, reference="head")]
     [('u70', 'motor', 'dead')]
     """
     found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run), *_short(run))]

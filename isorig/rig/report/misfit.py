@@ -78,10 +78,10 @@ def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]
 
 
 def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
-    """A held-out time interval of each kind of unlocked run: measurement, and free-run simulation of each model."""
+    """A held-out interval of each kind of run in the first run's configuration: measured, and simulated with each model."""
     charts: list[Chart] = []
     alone = _alone(trials)
-    for trial in [t for t in distinct(trials) if t.run.configuration == "unlocked"] or distinct(trials):
+    for trial in (t for t in distinct(trials) if t.run.configuration == trials[0].run.configuration):
         rate = trial.sample_rate
         part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
         seconds = np.arange(trial.samples)[part] / rate

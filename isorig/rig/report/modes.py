@@ -40,7 +40,7 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
         "Collinearity is 1 if all points move in phase or antiphase. Shapes swing as measured, without bodies in between.",
         *found.warnings,
     ]
-    charts = [*([_stabilization(found)] if found.poles else []), *_curves(found, units)]
+    charts = [*([_stabilization(found, units)] if found.poles else []), *_curves(found, units)]
     sections = [
         Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes),
         Section(title="Poles and curves", charts=charts),
@@ -50,7 +50,7 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
     return build_report(Report(title=f"Modes of {name}", verdict=verdict, summary=remarks, sections=sections))
 
 
-def _stabilization(found: ModalModel) -> Chart:
+def _stabilization(found: ModalModel, units: Sequence[str]) -> Chart:
     traces = []
     for status, (label, role) in POLES.items():
         poles = [(pole.frequency, pole.order) for pole in found.poles if pole.status == status]
@@ -69,7 +69,7 @@ def _stabilization(found: ModalModel) -> Chart:
     return Chart(
         name="stabilization",
         caption="Stabilization diagram: poles of models of growing order. A mode's pole stays where it is.",
-        panels=[Panel(label="rms magnitude", log=True), Panel(label="order", height=1.4)],
+        panels=[Panel(label=f"rms magnitude\n{per(*units)}", log=True), Panel(label="order", height=1.4)],
         traces=traces, x_log=False, x_ends=(float(found.frequency[0]), float(found.frequency[-1])), link="modes",
     )  # fmt: skip
 
