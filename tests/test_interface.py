@@ -96,7 +96,7 @@ def test_type_checkers_see_the_names(tmp_path: Path) -> None:
     environment = {**os.environ, "MYPYPATH": str(ROOT)}
     done = subprocess.run(call, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=280, check=False)
     told = [line for line in done.stdout.splitlines() if "typed.py" in line]
-    expected = ("Campaign", "Transfer", "RigModel", "Diagnosis", "incompatible type", "has no attribute")
+    expected = ("Campaign", "Transfer", "RigModel", "Answer", "incompatible type", "has no attribute")
     assert all(word in line for word, line in zip(expected, told, strict=True)), done.stdout
 
 
