@@ -255,6 +255,14 @@ def power_of(frf: Frf) -> int:
 
 def _candidates(poles: Sequence[Pole]) -> FloatArray:
     # Poles that persist over the orders: the median of the later half of each track, the longest tracks first.
+    halves = [track[len(track) // 2 :] for track in persistent(poles)[:CANDIDATES]]
+    return np.array(
+        [(np.median([p.frequency for p in half]), np.median([p.damping for p in half])) for half in halves]
+    ).reshape(-1, 2)  # fmt: skip
+
+
+def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
+    """Tracks of poles that persist over the orders, the longest first."""
     tracks: list[list[Pole]] = []
     for n in sorted({pole.order for pole in poles}):
         fresh = [pole for pole in poles if pole.order == n]
@@ -270,11 +278,7 @@ def _candidates(poles: Sequence[Pole]) -> FloatArray:
                 used.add(i)
                 taken.add(j)
         tracks += [[pole] for j, pole in enumerate(fresh) if j not in taken]
-    lasting = sorted((track for track in tracks if len(track) >= LONG), key=len, reverse=True)[:CANDIDATES]
-    halves = [track[len(track) // 2 :] for track in lasting]
-    return np.array(
-        [(np.median([p.frequency for p in half]), np.median([p.damping for p in half])) for half in halves]
-    ).reshape(-1, 2)  # fmt: skip
+    return sorted((track for track in tracks if len(track) >= LONG), key=len, reverse=True)
 
 
 def _apart(one: Pole, other: Pole) -> float:

@@ -65,7 +65,7 @@ def poles_by_order(
     before: list[tuple[float, float]] = []
     for n in range(1, most + 1):
         now = sorted(_poles(_reduced(blocks, n, references), n, references, frequency))
-        found += [Pole(order=n, frequency=f, damping=zeta, status=_status(f, zeta, before)) for f, zeta in now]
+        found += [Pole(order=n, frequency=f, damping=zeta, status=status_of(f, zeta, before)) for f, zeta in now]
         before = now
     return tuple(found)
 
@@ -116,7 +116,8 @@ def _poles(total: ComplexArray, n: int, references: int, frequency: FloatArray) 
     return [(float(f), float(zeta)) for f, zeta in zip(natural[kept], damping[kept], strict=True)]
 
 
-def _status(f: float, zeta: float, before: Sequence[tuple[float, float]]) -> Status:
+def status_of(f: float, zeta: float, before: Sequence[tuple[float, float]]) -> Status:
+    """What a pole's frequency (Hz) and damping ratio agree with among the poles of the order before."""
     near = [other for other in before if abs(other[0] - f) < SAME_FREQUENCY * f]
     if not near:
         return "new"

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isclose
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from isorig.analysis.spectra.modal import ShapedMode
+    from isorig.analysis.spectra.operating import OperatingMode
 
 
 def modes(
@@ -20,8 +25,12 @@ def modes(
     response: tuple[str, ...] = (),
     resolution: float = 0.25,
     count: int | None = None,
+    operating: bool = False,
 ) -> None:
     """Find the modes in a band that all transfer functions of one set-up share, with their shapes.
+
+    With --operating only the responses are used: for a machine in operation, whose excitation is not measured. Its modes come
+    from the longest run of the set-up by stochastic subspace identification (pip install 'isorig[operating]').
 
     Example: rig modes campaign.h5 --band 140 190 --configuration locked --gain 7 --reference table -o modes
 
@@ -43,21 +52,24 @@ def modes(
         Frequency resolution of the transfer functions, Hz.
     count
         Number of modes to keep, the clearest; by default as many as the errors justify.
+    operating
+        Whether the excitation is unknown.
     """
     import numpy as np
 
     from isorig.analysis.errors import DataError
     from isorig.analysis.spectra.modal import modal_analysis
-    from isorig.analysis.wording import sized
     from isorig.rig.files.output import write_csv, write_json, write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.report.modes import modes_page
-    from isorig.rig.terminal import show_table
     from isorig.rig.transfer import Transfer, transfer_functions
 
     if not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
+    if operating:
+        _operating(campaign, band, output, configuration, gain, response, resolution, count)
+        return
     with open_recording(campaign) as measured:
         found = transfer_functions(
             measured, reference=reference or references_of(measured), responses=response, resolution=resolution
@@ -93,17 +105,77 @@ def modes(
     write_csv(output / "modes.csv", {key: np.array([row[key] for row in rows]) for key in keys})
     page = modes_page(model, f"{campaign.name}, {chosen[0].label}", chosen[0].units, ())
     write_text(output / "modes.html", page)
+    _show(f"{campaign.name}, {chosen[0].label}", model.modes, model.responses, model.warnings)
+    print(output / "modes.html")
+
+
+def _operating(
+    campaign: Path, band: tuple[float, float], output: Path, configuration: str | None, gain: float | None,
+    response: tuple[str, ...], resolution: float, count: int | None,
+) -> None:  # fmt: skip
+    import numpy as np
+
+    from isorig.analysis.campaign import SI_UNIT
+    from isorig.analysis.errors import DataError
+    from isorig.analysis.spectra.operating import operating_modes
+    from isorig.rig.files.output import write_csv, write_json, write_text
+    from isorig.rig.files.recording import open_recording
+    from isorig.rig.files.rigfile import references_of
+    from isorig.rig.report.modes import operating_page
+
+    with open_recording(campaign) as measured:
+        runs = [
+            run
+            for run in measured.runs
+            if (configuration is None or run.configuration == configuration) and (gain is None or isclose(run.gain, gain))
+        ]
+        if not runs:
+            has = "; ".join(f"{run.id}: {run.configuration}, gain {run.gain:g}" for run in measured.runs)
+            raise DataError(f"{campaign.name} has no such run ({has}); give another configuration or gain")
+        run = max(runs, key=lambda run: len(run) / run.sample_rate)
+        drives = references_of(measured)
+        names = response or [name for name in run.sensors if name not in drives]
+        alike = [name for name in names if response or run.channel(name).quantity == run.channel(names[0]).quantity]
+        records = np.stack([run.read(name) for name in alike])
+        unit = SI_UNIT[run.channel(alike[0]).quantity]
+        rate, label = run.sample_rate, f"run {run.id}"
+    found = operating_modes(records, rate, band, responses=alike, resolution=resolution, count=count)
+    rows: list[dict[str, Any]] = [
+        {
+            "frequency_hz": mode.frequency, "frequency_std": mode.frequency_std, "damping": mode.damping,
+            "damping_std": mode.damping_std, "collinearity": mode.collinearity, "envelope_variation": mode.variation,
+            "shape": {name: [part.real, part.imag] for name, part in zip(found.responses, mode.shape.tolist(), strict=True)},
+        }
+        for mode in found.modes
+    ]  # fmt: skip
+    content = {
+        "format": "rig-operating-modes", "format_version": 1, "campaign": campaign.name, "run": run.id,
+        "band_hz": list(band), "responses": list(found.responses), "modes": rows, "warnings": list(found.warnings),
+    }  # fmt: skip
+    write_json(output / "modes.json", content)
+    keys = ("frequency_hz", "frequency_std", "damping", "damping_std", "collinearity", "envelope_variation")
+    write_csv(output / "modes.csv", {key: np.array([row[key] for row in rows]) for key in keys})
+    write_text(output / "modes.html", operating_page(found, f"{campaign.name}, {label}", unit, ()))
+    _show(f"{campaign.name}, {label}, in operation", found.modes, found.responses, found.warnings)
+    print(output / "modes.html")
+
+
+def _show(
+    title: str, modes: Sequence[ShapedMode] | Sequence[OperatingMode], responses: Sequence[str], warnings: Sequence[str]
+) -> None:
+    from isorig.analysis.wording import sized
+    from isorig.rig.terminal import show_table
+
     show_table(
-        f"{campaign.name}, {chosen[0].label}",
+        title,
         ("Hz", "damping ratio", "shape"),
         [
             (
                 sized(mode.frequency, "Hz", mode.frequency_std).removesuffix(" Hz"), sized(mode.damping, "1", mode.damping_std),
-                ", ".join(f"{name} {part:+.2f}" for name, part in zip(model.responses, mode.shape.real, strict=True)),
+                ", ".join(f"{name} {part:+.2f}" for name, part in zip(responses, mode.shape.real, strict=True)),
             )
-            for mode in model.modes
+            for mode in modes
         ],
     )  # fmt: skip
-    for warning in model.warnings:
+    for warning in warnings:
         print(warning)
-    print(output / "modes.html")

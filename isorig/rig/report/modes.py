@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from isorig.analysis.campaign import FloatArray
 from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.operating import OperatingModes
+from isorig.analysis.spectra.poles import Pole
 from isorig.analysis.wording import sized
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Trace
 from isorig.rig.report.page import Report, Section, Shape, Table, build_report
@@ -40,37 +43,82 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
         "Collinearity is 1 if all points move in phase or antiphase. Shapes swing as measured, without bodies in between.",
         *found.warnings,
     ]
-    charts = [*([_stabilization(found, units)] if found.poles else []), *_curves(found, units)]
+    size = np.sqrt(np.mean(np.abs(found.measured) ** 2, axis=(0, 1)))
+    over = Trace(name="rms of all transfer functions", x=found.frequency, y=size)
+    lines = [mode.frequency for mode in found.modes]
+    stabilization = [_stabilization(over, f"rms magnitude\n{per(*units)}", found.poles, lines)] if found.poles else []
+    charts = [*stabilization, *_curves(found, units)]
     sections = [
         Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes),
         Section(title="Poles and curves", charts=charts),
     ]
-    number = f"{len(found.modes)} modes" if len(found.modes) > 1 else "One mode"
-    verdict = f"{number} from {found.frequency[0]:.4g} to {found.frequency[-1]:.4g} Hz"
+    verdict = _counted(len(found.modes), found.frequency)
     return build_report(Report(title=f"Modes of {name}", verdict=verdict, summary=remarks, sections=sections))
 
 
-def _stabilization(found: ModalModel, units: Sequence[str]) -> Chart:
-    traces = []
-    for status, (label, role) in POLES.items():
-        poles = [(pole.frequency, pole.order) for pole in found.poles if pole.status == status]
+def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequence[str]) -> str:
+    """The page of a machine in operation as HTML; `unit` is that of the responses."""
+    rows = [
+        (
+            str(k + 1), sized(mode.frequency, "Hz", mode.frequency_std), sized(mode.damping, "1", mode.damping_std),
+            f"{mode.collinearity:.3f}", f"{mode.variation:.2f}",
+        )
+        for k, mode in enumerate(found.modes)
+    ]  # fmt: skip
+    columns = ("mode", "natural frequency", "damping ratio", "collinearity", "variation of the envelope")
+    shapes = [
+        Shape(
+            amplitudes=dict(zip(found.responses, mode.shape.tolist(), strict=True)),
+            caption=f"Mode {k + 1}: {sized(mode.frequency, 'Hz', digits=4)}, damping {sized(mode.damping, '1')}",
+        )
+        for k, mode in enumerate(found.modes)
+    ]
+    text = [
+        "The excitation is not measured: it is assumed to be broad-band noise. Shapes have no scale.",
+        "The variation of the envelope is 1 for a mode that noise excites, and 0 for a harmonic of a rotating part.",
+        *found.warnings,
+    ]
+    traces = [Trace(name=name, x=found.frequency, y=power) for name, power in zip(found.responses, found.power, strict=True)]
+    densities = Chart(
+        name="densities", caption="Power spectral densities of the responses.",
+        panels=[Panel(label=f"density\n({unit})²/Hz", log=True)], traces=traces, x_log=False, link="modes", peaks=True,
+        x_ends=(float(found.frequency[0]), float(found.frequency[-1])),
+    )  # fmt: skip
+    over = Trace(name="mean density", x=found.frequency, y=np.mean(found.power, axis=0))
+    lines = [mode.frequency for mode in found.modes]
+    sections = [
+        Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes),
+        Section(title="Poles and curves", charts=[_stabilization(over, f"density\n({unit})²/Hz", found.poles, lines), densities]),
+    ]
+    verdict = _counted(len(found.modes), found.frequency)
+    return build_report(Report(title=f"Operating modes of {name}", verdict=verdict, summary=remarks, sections=sections))
+
+
+def _counted(modes: int, frequency: FloatArray) -> str:
+    number = f"{modes} modes" if modes > 1 else "One mode"
+    return f"{number} from {frequency[0]:.4g} to {frequency[-1]:.4g} Hz"
+
+
+def _stabilization(over: Trace, label: str, found: Sequence[Pole], lines: Sequence[float]) -> Chart:
+    # Poles by order below a curve over frequency, with the identified modes as lines.
+    traces = [over]
+    for status, (name, role) in POLES.items():
+        poles = [(pole.frequency, pole.order) for pole in found if pole.status == status]
         if poles:
             frequency, order = (np.array(column, dtype=float) for column in zip(*poles, strict=True))
-            traces.append(Trace(name=label, x=frequency, y=order, role=role, style="markers", panel=1))
-    size = np.sqrt(np.mean(np.abs(found.measured) ** 2, axis=(0, 1)))
-    traces.insert(0, Trace(name="rms of all transfer functions", x=found.frequency, y=size))
+            traces.append(Trace(name=name, x=frequency, y=order, role=role, style="markers", panel=1))
     traces += [
         Trace(
-            name="identified modes", x=np.full(2, mode.frequency), y=np.array([0.0, max(pole.order for pole in found.poles)]),
+            name="identified modes", x=np.full(2, line), y=np.array([0.0, max(pole.order for pole in found)]),
             role="extended", panel=1, style="dot",
         )
-        for mode in found.modes
+        for line in lines
     ]  # fmt: skip
     return Chart(
         name="stabilization",
         caption="Stabilization diagram: poles of models of growing order. A mode's pole stays where it is.",
-        panels=[Panel(label=f"rms magnitude\n{per(*units)}", log=True), Panel(label="order", height=1.4)],
-        traces=traces, x_log=False, x_ends=(float(found.frequency[0]), float(found.frequency[-1])), link="modes",
+        panels=[Panel(label=label, log=True), Panel(label="order", height=1.4)],
+        traces=traces, x_log=False, x_ends=(float(over.x[0]), float(over.x[-1])), link="modes",
     )  # fmt: skip
 
 
