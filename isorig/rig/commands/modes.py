@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -55,11 +55,9 @@ def modes(
     operating
         Whether the excitation is unknown.
     """
-    import numpy as np
-
     from isorig.analysis.errors import DataError
     from isorig.analysis.spectra.modal import modal_analysis
-    from isorig.rig.files.output import write_csv, write_json, write_text
+    from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.report.modes import modes_page
@@ -87,22 +85,12 @@ def modes(
     # One power of i omega for all: responses of another quantity are left out, unless they were asked for.
     chosen = [item for item in chosen if response or item.units == chosen[0].units]
     model = modal_analysis(chosen, band, count=count)
-    rows: list[dict[str, Any]] = [
-        {
-            "frequency_hz": mode.frequency, "frequency_std": mode.frequency_std, "damping": mode.damping,
-            "damping_std": mode.damping_std, "collinearity": mode.collinearity,
-            "shape": {name: [part.real, part.imag] for name, part in zip(model.responses, mode.shape.tolist(), strict=True)},
-        }
-        for mode in model.modes
-    ]  # fmt: skip
     content = {
-        "format": "rig-modes", "format_version": 1, "campaign": campaign.name, "set_up": chosen[0].label,
-        "band_hz": list(band), "responses": list(model.responses), "references": list(model.references), "modes": rows,
-        "misfit": model.misfit, "warnings": list(model.warnings),
+        "format": "rig-modes", "format_version": 1, "campaign": campaign.name, "set_up": chosen[0].label, "band_hz": list(band),
+        "responses": list(model.responses), "references": list(model.references), "misfit": model.misfit,
+        "warnings": list(model.warnings),
     }  # fmt: skip
-    write_json(output / "modes.json", content)
-    keys = ("frequency_hz", "frequency_std", "damping", "damping_std", "collinearity")
-    write_csv(output / "modes.csv", {key: np.array([row[key] for row in rows]) for key in keys})
+    _write(output, content, model.modes, model.responses)
     page = modes_page(model, f"{campaign.name}, {chosen[0].label}", chosen[0].units, ())
     write_text(output / "modes.html", page)
     _show(f"{campaign.name}, {chosen[0].label}", model.modes, model.responses, model.warnings)
@@ -118,7 +106,7 @@ def _operating(
     from isorig.analysis.campaign import SI_UNIT
     from isorig.analysis.errors import DataError
     from isorig.analysis.spectra.operating import operating_modes
-    from isorig.rig.files.output import write_csv, write_json, write_text
+    from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.report.modes import operating_page
@@ -140,29 +128,40 @@ def _operating(
         unit = SI_UNIT[run.channel(alike[0]).quantity]
         rate, label = run.sample_rate, f"run {run.id}"
     found = operating_modes(records, rate, band, responses=alike, resolution=resolution, count=count)
-    rows: list[dict[str, Any]] = [
-        {
-            "frequency_hz": mode.frequency, "frequency_std": mode.frequency_std, "damping": mode.damping,
-            "damping_std": mode.damping_std, "collinearity": mode.collinearity, "envelope_variation": mode.variation,
-            "shape": {name: [part.real, part.imag] for name, part in zip(found.responses, mode.shape.tolist(), strict=True)},
-        }
-        for mode in found.modes
-    ]  # fmt: skip
     content = {
-        "format": "rig-operating-modes", "format_version": 1, "campaign": campaign.name, "run": run.id,
-        "band_hz": list(band), "responses": list(found.responses), "modes": rows, "warnings": list(found.warnings),
+        "format": "rig-operating-modes", "format_version": 1, "campaign": campaign.name, "run": run.id, "band_hz": list(band),
+        "responses": list(found.responses), "warnings": list(found.warnings),
     }  # fmt: skip
-    write_json(output / "modes.json", content)
-    keys = ("frequency_hz", "frequency_std", "damping", "damping_std", "collinearity", "envelope_variation")
-    write_csv(output / "modes.csv", {key: np.array([row[key] for row in rows]) for key in keys})
+    own = [{"envelope_variation": mode.variation} for mode in found.modes]
+    _write(output, content, found.modes, found.responses, own)
     write_text(output / "modes.html", operating_page(found, f"{campaign.name}, {label}", unit, ()))
     _show(f"{campaign.name}, {label}, in operation", found.modes, found.responses, found.warnings)
     print(output / "modes.html")
 
 
-def _show(
-    title: str, modes: Sequence[ShapedMode] | Sequence[OperatingMode], responses: Sequence[str], warnings: Sequence[str]
-) -> None:
+def _write(
+    output: Path, content: Mapping[str, Any], modes: Sequence[ShapedMode | OperatingMode], responses: Sequence[str],
+    own: Sequence[Mapping[str, float]] = (),
+) -> None:  # fmt: skip
+    # modes.json and modes.csv, with further values of each mode's `own`.
+    import numpy as np
+
+    from isorig.rig.files.output import write_csv, write_json
+
+    numbers = [
+        {
+            "frequency_hz": mode.frequency, "frequency_std": mode.frequency_std, "damping": mode.damping,
+            "damping_std": mode.damping_std, "collinearity": mode.collinearity, **(own[k] if own else {}),
+        }
+        for k, mode in enumerate(modes)
+    ]  # fmt: skip
+    shapes = [{name: [part.real, part.imag] for name, part in zip(responses, mode.shape.tolist(), strict=True)} for mode in modes]
+    rows = [{**values, "shape": shape} for values, shape in zip(numbers, shapes, strict=True)]
+    write_json(output / "modes.json", {**content, "modes": rows})
+    write_csv(output / "modes.csv", {key: np.array([row[key] for row in numbers]) for key in numbers[0]})
+
+
+def _show(title: str, modes: Sequence[ShapedMode | OperatingMode], responses: Sequence[str], warnings: Sequence[str]) -> None:
     from isorig.analysis.wording import sized
     from isorig.rig.terminal import show_table
 

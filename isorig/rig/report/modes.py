@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.spectra.modal import ModalModel
-from isorig.analysis.spectra.operating import OperatingModes
+from isorig.analysis.spectra.modal import ModalModel, ShapedMode
+from isorig.analysis.spectra.operating import OperatingMode, OperatingModes
 from isorig.analysis.spectra.poles import Pole
 from isorig.analysis.wording import sized
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Trace
@@ -24,21 +24,6 @@ POLES: Mapping[str, tuple[str, Role]] = {
 
 def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequence[str]) -> str:
     """The page as HTML; `units` are those of response and reference."""
-    rows = [
-        (
-            str(k + 1), sized(mode.frequency, "Hz", mode.frequency_std), sized(mode.damping, "1", mode.damping_std),
-            f"{mode.collinearity:.3f}", f"{mode.lines:.1f}",
-        )
-        for k, mode in enumerate(found.modes)
-    ]  # fmt: skip
-    columns = ("mode", "natural frequency", "damping ratio", "collinearity", "bins in its bandwidth")
-    shapes = [
-        Shape(
-            amplitudes=dict(zip(found.responses, mode.shape.tolist(), strict=True)),
-            caption=f"Mode {k + 1}: {sized(mode.frequency, 'Hz', digits=4)}, damping {sized(mode.damping, '1')}",
-        )
-        for k, mode in enumerate(found.modes)
-    ]
     text = [
         "Collinearity is 1 if all points move in phase or antiphase. Shapes swing as measured, without bodies in between.",
         *found.warnings,
@@ -49,7 +34,7 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
     stabilization = [_stabilization(over, f"rms magnitude\n{per(*units)}", found.poles, lines)] if found.poles else []
     charts = [*stabilization, *_curves(found, units)]
     sections = [
-        Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes),
+        _listed(found, text, "bins in its bandwidth", [f"{mode.lines:.1f}" for mode in found.modes]),
         Section(title="Poles and curves", charts=charts),
     ]
     verdict = _counted(len(found.modes), found.frequency)
@@ -58,21 +43,6 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
 
 def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequence[str]) -> str:
     """The page of a machine in operation as HTML; `unit` is that of the responses."""
-    rows = [
-        (
-            str(k + 1), sized(mode.frequency, "Hz", mode.frequency_std), sized(mode.damping, "1", mode.damping_std),
-            f"{mode.collinearity:.3f}", f"{mode.variation:.2f}",
-        )
-        for k, mode in enumerate(found.modes)
-    ]  # fmt: skip
-    columns = ("mode", "natural frequency", "damping ratio", "collinearity", "variation of the envelope")
-    shapes = [
-        Shape(
-            amplitudes=dict(zip(found.responses, mode.shape.tolist(), strict=True)),
-            caption=f"Mode {k + 1}: {sized(mode.frequency, 'Hz', digits=4)}, damping {sized(mode.damping, '1')}",
-        )
-        for k, mode in enumerate(found.modes)
-    ]
     text = [
         "The excitation is not measured: it is assumed to be broad-band noise. Shapes have no scale.",
         "The variation of the envelope is 1 for a mode that noise excites, and 0 for a harmonic of a rotating part.",
@@ -87,11 +57,32 @@ def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequenc
     over = Trace(name="mean density", x=found.frequency, y=np.mean(found.power, axis=0))
     lines = [mode.frequency for mode in found.modes]
     sections = [
-        Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes),
+        _listed(found, text, "variation of the envelope", [f"{mode.variation:.2f}" for mode in found.modes]),
         Section(title="Poles and curves", charts=[_stabilization(over, f"density\n({unit})²/Hz", found.poles, lines), densities]),
     ]
     verdict = _counted(len(found.modes), found.frequency)
     return build_report(Report(title=f"Operating modes of {name}", verdict=verdict, summary=remarks, sections=sections))
+
+
+def _listed(found: ModalModel | OperatingModes, text: Sequence[str], what: str, values: Sequence[str]) -> Section:
+    # The table of the modes, whose last column has a name and values of its own, and their shapes.
+    modes: Sequence[ShapedMode | OperatingMode] = found.modes
+    rows = [
+        (
+            str(k + 1), sized(mode.frequency, "Hz", mode.frequency_std), sized(mode.damping, "1", mode.damping_std),
+            f"{mode.collinearity:.3f}", value,
+        )
+        for k, (mode, value) in enumerate(zip(modes, values, strict=True))
+    ]  # fmt: skip
+    shapes = [
+        Shape(
+            amplitudes=dict(zip(found.responses, mode.shape.tolist(), strict=True)),
+            caption=f"Mode {k + 1}: {sized(mode.frequency, 'Hz', digits=4)}, damping {sized(mode.damping, '1')}",
+        )
+        for k, mode in enumerate(modes)
+    ]
+    columns = ("mode", "natural frequency", "damping ratio", "collinearity", what)
+    return Section(title="Modes", text=text, tables=[Table(columns=columns, rows=rows)], shapes=shapes)
 
 
 def _counted(modes: int, frequency: FloatArray) -> str:
