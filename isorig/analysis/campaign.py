@@ -310,19 +310,22 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def once(function: Callable[Concatenate[Campaign, P], R]) -> Callable[Concatenate[Campaign, P], R]:
-    """A function of a campaign that is computed once for each campaign and its hashable arguments: records do not change."""
+Recorded = TypeVar("Recorded", bound=Campaign | Run)
+
+
+def once(function: Callable[Concatenate[Recorded, P], R]) -> Callable[Concatenate[Recorded, P], R]:
+    """A function of a campaign or run that is computed once for each and its hashable arguments: records do not change."""
 
     form = signature(function)
 
     @wraps(function)
-    def found(campaign: Campaign, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        results: dict[Hashable, R] = campaign.__dict__.setdefault("_results", {})
-        given = form.bind(campaign, *args, **kwargs)
+    def found(records: Recorded, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        results: dict[Hashable, R] = records.__dict__.setdefault("_results", {})
+        given = form.bind(records, *args, **kwargs)
         given.apply_defaults()
         key = function.__qualname__, *list(given.arguments.values())[1:]
         if key not in results:
-            results[key] = function(campaign, *args, **kwargs)
+            results[key] = function(records, *args, **kwargs)
         return results[key]
 
     return found

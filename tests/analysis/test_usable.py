@@ -103,10 +103,10 @@ def test_noise_is_what_is_not_coherent_with_a_drive_that_reaches_everywhere() ->
     response = np.convolve(force, [0.5, 0.3, -0.1], mode="full")[:N]
     run = run_of(response + draw.normal(0.0, 1e-2, N))
     run = replace(run, channels={**run.channels, "f": Channel(name="f", samples=force + draw.normal(0.0, 1e-4, N))})
-    assert noise_level(run, "a", ["f"]) == pytest.approx(1e-2, rel=0.1)
+    assert noise_level(run, "a", ("f",)) == pytest.approx(1e-2, rel=0.1)
     assert noise_level(run, "a") > 0.1
     campaign = Campaign(runs=(run,))
-    assert noise_levels(campaign, ("f",))["a"] == noise_level(run, "a", ["f"])
+    assert noise_levels(campaign, ("f",))["a"] == noise_level(run, "a", ("f",))
     # A drive's noise is at most what its responses' noise allows to see.
     assert noise_levels(campaign, ("f",))["f"] < 0.05
 

@@ -100,7 +100,7 @@ def _shapes(given: RigModel, trial: Trial, heard: NDArray[np.bool_]) -> tuple[Fl
 
 def _heard(trial: Trial, drive: str) -> NDArray[np.bool_]:
     # The bands in which every response exceeds its noise.
-    noise = np.array([noise_level(trial.run, name, [drive]) or 0.0 for name in trial.channels])
+    noise = np.array([noise_level(trial.run, name, (drive,)) or 0.0 for name in trial.channels])
     return exceeds_noise(trial.measured, noise, trial.sample_rate, _edges(trial))
 
 

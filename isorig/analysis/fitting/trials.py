@@ -201,7 +201,7 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = ()) -> Mapping[st
     levels: dict[str, float] = {}
     for run in campaign.runs:
         for name in run.channels:
-            related = [other for other in run.sensors if (other in drives) != (name in drives)] if drives else []
+            related = tuple(other for other in run.sensors if (other in drives) != (name in drives)) if drives else ()
             level = noise_level(run, name, related)
             if level is not None:
                 levels[name] = min(level, levels.get(name, np.inf))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray, Run
+from isorig.analysis.campaign import ComplexArray, FloatArray, Run, once
 
 #: Parts of the spectrum whose medians are compared, and the largest share of the sample rate: filters fall off close to half.
 PARTS, HIGHEST = 6, 0.475
@@ -24,7 +23,8 @@ TAPS, MOVES = 33, 1e-9
 SEGMENT, AVERAGES = 128, 8
 
 
-def noise_level(run: Run, name: str, related: Sequence[str] = (), longest: int | None = None) -> float | None:
+@once
+def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int | None = None) -> float | None:
     """Standard deviation of a channel's noise in its unit; None if the record is too short.
 
     The noise is assumed white within the usable band. Its level is the lowest of four:
