@@ -116,7 +116,9 @@ def test_refused_in_one_sentence(more: list[str], said: str, tmp_path: Path, cap
 def test_the_command_writes_modes_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recording(tmp_path / "m.h5")
     assert main(["modes", str(path), "--operating", "--band", "1.5", "15", "-o", str(tmp_path / "out")]) == 0
-    assert "in operation" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "in operation" in said.out
+    assert said.err == ""
     found = json.loads((tmp_path / "out" / "modes.json").read_text())
     assert [mode["frequency_hz"] for mode in found["modes"]] == pytest.approx(truth()[0], rel=0.01)
     assert len((tmp_path / "out" / "modes.csv").read_text().splitlines()) == 3

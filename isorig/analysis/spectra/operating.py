@@ -8,7 +8,9 @@ is told apart by its constant amplitude.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -220,7 +222,8 @@ def _identified(values: FloatArray, rate: float, lags: int) -> Any:
     algorithm = SSI(name="modes", method="cov", br=lags, ordmax=order, calc_unc=True, nb=BLOCKS)
     setup = SingleSetup(values.T, fs=rate)
     setup.add_algorithms(algorithm)
-    with np.errstate(all="ignore"):
+    # Its progress bars and warnings of unphysical poles are not ours.
+    with np.errstate(all="ignore"), redirect_stderr(StringIO()):
         setup.run_all()
     return algorithm.result
 

@@ -48,7 +48,10 @@ def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequenc
         "The variation of the envelope is 1 for a mode that noise excites, and 0 for a harmonic of a rotating part.",
         *found.warnings,
     ]
-    traces = [Trace(name=name, x=found.frequency, y=power) for name, power in zip(found.responses, found.power, strict=True)]
+    traces = [
+        Trace(name=name, x=found.frequency, y=power, role=SERIES[k % len(SERIES)])
+        for k, (name, power) in enumerate(zip(found.responses, found.power, strict=True))
+    ]
     densities = Chart(
         name="densities", caption="Power spectral densities of the responses.",
         panels=[Panel(label=f"density\n({unit})²/Hz", log=True)], traces=traces, x_log=False, link="modes", peaks=True,
