@@ -9,8 +9,9 @@ import pytest
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.deviations import given_moves
+from isorig.analysis.fitting.uncertainty import HEAD
 from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.analysis.parameters.joint_fit import HEAD, Characterization, characterize
+from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 

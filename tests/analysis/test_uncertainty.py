@@ -20,13 +20,29 @@ ONE = np.ones(1)
 
 
 def known(
-    *, bins: float, shaken: float = 0.0, runs: float = 0.0, ratio: float = 4.0, step: float = 0.0, bias: float = 0.0
+    *,
+    bins: float,
+    shaken: float = 0.0,
+    runs: float = 0.0,
+    ratio: float = 4.0,
+    step: float = 0.0,
+    bias: float = 0.0,
+    given: float = 0.0,
+    filters: float = 0.0,
 ) -> Known:
     """Of one value, from a thousand bins."""
     moves = np.full((1000, 1), bins / np.sqrt(1000.0))
     square = np.zeros((1, 1))
     return Known(
-        moves=moves, held=square, shaken=square + shaken**2, runs=square + runs**2, ratio=ratio, step=ONE * step, bias=ONE * bias
+        moves=moves,
+        held=square,
+        shaken=square + shaken**2,
+        runs=square + runs**2,
+        ratio=ratio,
+        step=ONE * step,
+        bias=ONE * bias,
+        given=square + given,
+        filters=ONE * filters,
     )
 
 
@@ -40,6 +56,7 @@ def known(
         ({"bins": 2.0, "runs": 4.01}, 4.01),
         ({"bins": 3.0, "step": 4.0}, 5.0),
         ({"bins": 3.0, "bias": 4.0}, 5.0),
+        ({"bins": 3.0, "given": 4.0}, 5.0),
     ],
 )
 def test_the_largest_part_counts(parts: dict[str, float], whole: float) -> None:
@@ -54,7 +71,15 @@ def test_the_largest_part_counts(parts: dict[str, float], whole: float) -> None:
         known=each,
     )
     assert fit.std["bodies.table.mass"] == pytest.approx(whole, rel=2e-3)
-    assert np.sqrt(each.covariance[0, 0]) == pytest.approx(whole, rel=2e-3)
+    # Draws of a fit share the errors of the known values.
+    drawn = whole if "given" not in parts else parts["bins"]
+    assert np.sqrt(each.covariance[0, 0]) == pytest.approx(drawn, rel=2e-3)
+
+
+def test_the_sampling_filter_counts_for_values() -> None:
+    each = known(bins=3.0, filters=4.0)
+    assert each.std == pytest.approx([5.0], rel=2e-3)
+    assert each.deviation(ONE) == pytest.approx(3.0, rel=2e-3)
 
 
 def test_the_page_and_characterize_agree(tmp_path: Path) -> None:

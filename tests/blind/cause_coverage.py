@@ -132,7 +132,7 @@ def rows_of(seed: int, cause: str, family: str, severity: float) -> list[dict[st
             return []
         candidate, rough, true = found
         fine = [refined(trial) for trial in prepare(campaign, rough.model)]
-        final = assessed(rough, fine, drive_noise(campaign, rough.model.drive.channel))
+        final = assessed(rough, fine, drive_noise(campaign, rough.model.drive.channel), campaign.known)
     own, std = {reported.path for reported in candidate.reported}, final.fit.std
     return [
         {

@@ -412,7 +412,7 @@ class _Search:
             self._progress("computing the uncertainties")
             judged = found.division.judged
             floors = None if found.division.beginnings else self.floors(last.fit.model, judged)
-            fit = assessed(last.fit, fits, self._drive_noise, floors).fit
+            fit = assessed(last.fit, fits, self._drive_noise, self._campaign.known, floors).fit
         except (OutOfTimeError, FitError):
             return found
         # The refined values differ by less than their uncertainty, so noise passes through them alike.

@@ -749,6 +749,8 @@ def _unit(reported: Reported, model: RigModel) -> str:
 
 
 def _deviation(reported: Reported, fitted: Fit) -> float:
+    if reported.value is None and reported.path in fitted.values:
+        return fitted.std[reported.path]
     # First-order propagation through the formula of the reported value.
     middle = reported.of(fitted.model)
     slope = np.zeros(len(fitted.free))

@@ -71,6 +71,16 @@ class Free:
 class Spread(Protocol):
     """What determines the uncertainty of fitted values."""
 
+    @property
+    def given(self) -> FloatArray:
+        """Changes of the values with one standard uncertainty of each known value, shape (known values, k)."""
+        ...
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard uncertainties of the values, shape (k,)."""
+        ...
+
     def deviation(self, slope: FloatArray) -> float:
         """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""
         ...
@@ -117,7 +127,9 @@ class Fit:
     @property
     def std(self) -> dict[str, float]:
         """Standard uncertainty by path."""
-        return {free.path: self.deviation(row) for free, row in zip(self.free, np.eye(len(self.free)), strict=True)}
+        rows = np.eye(len(self.free))
+        whole = self.known.std.tolist() if self.known is not None else [self.deviation(row) for row in rows]
+        return dict(zip((free.path for free in self.free), whole, strict=True))
 
     def deviation(self, slope: FloatArray) -> float:
         """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""

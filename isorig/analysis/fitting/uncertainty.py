@@ -3,24 +3,25 @@
 The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`deviations`), and that from
 draws of the noise in drive and responses (`drive_noise`). Where runs ask for values that differ by more than this noise, that of
 the runs takes its place. A smaller time step is added. A model that misfits biases every value; its error relative to the signal
-bounds the bias and is added, too.
+bounds the bias and is added, too. If the recording gives the uncertainty of its sensors' calibration and of the weighed masses
+(`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.deviations import grid_shift, line_moves, normalised, polished
+from isorig.analysis.fitting.deviations import given_moves, grid_shift, line_moves, normalised, polished
 from isorig.analysis.fitting.drive_noise import drive_noise_effect, without_bias
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.related import related
 from isorig.analysis.fitting.repeats import disturbance
 from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
-from isorig.analysis.fitting.solve import Fit, bending, disagreement
+from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.rig_model import RigModel
@@ -30,6 +31,16 @@ from isorig.analysis.model.rig_model import RigModel
 MOST_NOISE = 0.1
 #: Mean excess error, as a share of the signal, from which a misfit is stated and added to every value.
 STATED = 0.01
+#: The drive's factor: the head's mass.
+HEAD = "drive.factor"
+#: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
+CALIBRATION = "calibration_std"
+MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
+#: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
+#: recordings with filters of 0.75 to 2.5 times the length of ours.
+UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
+#: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
+ANY_SIGN = "any sign"
 #: Probability with which differences between runs that are noise count as more.
 CHANCE = 0.01
 
@@ -82,7 +93,41 @@ def floors_of(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> F
     return np.asarray(np.hypot(noise_floor(model, trials, drive_noise), disturbance(model, trials)))
 
 
-def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float, floors: FloatArray | None = None) -> Assessed:
+def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
+    """Standard uncertainties of the values that a recording treats as known, by path in the model.
+
+    Parameters
+    ----------
+    known
+        The known values of the recording.
+    fitted
+        The fit, whose own values are not known.
+    """
+    model = fitted.model
+    there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
+    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}
+    if CALIBRATION in known:
+        paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
+        found |= dict.fromkeys(paths, known[CALIBRATION])
+    return {path: std for path, std in found.items() if std > 0.0}
+
+
+def value_kind(free: Free) -> str:
+    """The kind of a fitted value, by which `UNSEEN` has its uncertainty due to the sampling filter."""
+    last = free.path.rsplit(".", maxsplit=1)[-1]
+    if not free.log:
+        return ANY_SIGN
+    return last if last in UNSEEN else "friction" if free.path.startswith("contacts.") else "damping"
+
+
+def unseen(value: float, kind: str) -> float:
+    """The standard uncertainty of a value of some kind due to the instrument's sampling filter, in its unit."""
+    return UNSEEN.get(kind, UNSEEN["damping"]) * abs(value)
+
+
+def assessed(
+    done: Fit, trials: Sequence[Trial], drive_noise: float, known_values: Mapping[str, float], floors: FloatArray | None = None
+) -> Assessed:  # fmt: skip
     """The fit at its minimum with its uncertainty, and its noise floor.
 
     Parameters
@@ -93,6 +138,8 @@ def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float, floors: Flo
         Its runs, on the grid for judging models.
     drive_noise
         As for `floors_of`.
+    known_values
+        The known values of the recording.
     floors
         The noise floor of the unrefined fit, whose values differ by less than their uncertainty, shape (runs, channels);
         computed if None.
@@ -119,6 +166,8 @@ def assessed(done: Fit, trials: Sequence[Trial], drive_noise: float, floors: Flo
         moves=line_moves(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
         ratio=_by_chance(trials) if explained else 1.0, step=grid_shift(done, trials),
         bias=misfit * np.array([abs(value) for value in done.values.values()]),
+        given=given_moves(done, trials, uncertain_values(known_values, done)),
+        filters=np.array([unseen(done.model.get(free.path), value_kind(free)) for free in done.free]),
     )  # fmt: skip
     return Assessed(
         fit=replace(done, covariance=known.covariance, known=known), score=judged, floors=floors, explained=explained,
@@ -144,6 +193,10 @@ class Known:
         Their changes with half the time step, shape (k,).
     bias
         Bound of the bias by a misfit, shape (k,).
+    given
+        Their changes with one standard uncertainty of each known value, shape (known values, k).
+    filters
+        Their uncertainties due to the instrument's sampling filter, shape (k,).
     """
 
     moves: FloatArray
@@ -153,9 +206,19 @@ class Known:
     ratio: float
     step: FloatArray
     bias: FloatArray
+    given: FloatArray
+    filters: FloatArray
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard uncertainties of the values, shape (k,)."""
+        return np.hypot([self.deviation(row) for row in np.eye(len(self.bias))], self.filters)
 
     def deviation(self, slope: FloatArray) -> float:
         """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""
+        return float(np.hypot(self._of_this_fit(slope), np.linalg.norm(self.given @ slope)))
+
+    def _of_this_fit(self, slope: FloatArray) -> float:
         bins = deviation(self.moves, slope) ** 2 + float(slope @ self.held @ slope)
         variance, runs = max(bins, float(slope @ self.shaken @ slope)), float(slope @ self.runs @ slope)
         variance = runs if runs > self.ratio * variance else variance
@@ -163,10 +226,13 @@ class Known:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the values for draws of them, shape (k, k): by the bins, in the size of their standard uncertainties together."""
+        """Of the values for draws of them, shape (k, k): by the bins, in the size of their standard uncertainties together.
+
+        Without the known values: what follows from the fit shares their errors.
+        """
         bins = self.moves.T @ self.moves + self.held
         plain = np.sqrt(np.maximum(np.diag(bins), 1e-300))
-        whole = np.array([self.deviation(row) for row in np.eye(len(plain))])
+        whole = np.array([self._of_this_fit(row) for row in np.eye(len(plain))])
         stretch = float(np.median(whole / plain)) if len(plain) else 1.0
         return np.asarray(stretch**2 * bins)
 

@@ -10,13 +10,13 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.fitting.deviations import awakened, given_moves, untraced
+from isorig.analysis.fitting.deviations import awakened, untraced
 from isorig.analysis.fitting.ladder import fit_again, fit_baseline
 from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import Trial, drive_noise
-from isorig.analysis.fitting.uncertainty import assessed
+from isorig.analysis.fitting.uncertainty import ANY_SIGN, CALIBRATION, HEAD, assessed, uncertain_values, unseen, value_kind
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
@@ -25,18 +25,8 @@ from isorig.analysis.views import Viewed
 from isorig.analysis.wording import of_signal
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
-#: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
-#: recordings with filters of 0.75 to 2.5 times the length of ours.
-UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
-#: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
-ANY_SIGN = "any sign"
 #: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
 SLOPE, ROUNDING = 1e-4, 1e-9
-#: The drive's factor: the head's mass.
-HEAD = "drive.factor"
-#: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
-CALIBRATION = "calibration_std"
-MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatblock_mass_std": "bodies.heatblock.mass"}
 #: Methods of values that are not fitted: given with the recording or its description, or a law's own number that no fit changes.
 FIXED = ("given", "held")
 WEIGHED, ASSUMED = "weighed", "not in the recording: the thesis's value is assumed"
@@ -109,11 +99,9 @@ def characterize(
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by
-    noise in the recorded drive (`drive_noise`). Standard uncertainties are those of `uncertainty`, and include `UNSEEN`. A
+    noise in the recorded drive (`drive_noise`). Standard uncertainties are those of `uncertainty`, of every command. A
     misfit is an error above the white noise of the sensors that is related to the drive or the motion (`related`), or above
-    `MOST_NOISE`; other errors are noise. If the recording gives the uncertainty of its sensors' calibration and of the weighed
-    masses (`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact. The head's mass is
-    fitted too if the recording does not give it.
+    `MOST_NOISE`; other errors are noise. The head's mass is fitted too if the recording does not give it.
 
     Parameters
     ----------
@@ -151,10 +139,10 @@ def characterize(
     progress(f"fitting {len(fitted or model.free)} parameters to all runs")
     rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
     progress("computing the uncertainties")
-    final = assessed(awakened(rough, fine), fine, drive_noise(campaign, model.drive.channel))
+    final = assessed(awakened(rough, fine), fine, drive_noise(campaign, model.drive.channel), campaign.known)
     done = final.fit
     note = f"the model leaves {of_signal(final.misfit)} unexplained; see rig diagnose" if final.misfit else ""
-    known = _Known(done, fine, note, _uncertain(campaign.known, done))
+    known = _Known(done, fine, note, uncertain_values(campaign.known, done))
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
         table=table, head_mass=_head(known, given) if bonder else None,
@@ -185,7 +173,7 @@ def _table(known: _Known) -> dict[str, Entry]:
     """The parameters of any rig by their paths, and its modes."""
     fitted = known.fitted
     table = {
-        free.path: known.entry({free.path: 1.0}, fitted.model.get(free.path), unit_of(free.path, fitted.model), _kind(free))
+        free.path: known.entry({free.path: 1.0}, fitted.model.get(free.path), unit_of(free.path, fitted.model), value_kind(free))
         for free in fitted.free
     }
     table |= {
@@ -206,13 +194,6 @@ def _table(known: _Known) -> dict[str, Entry]:
 
 def _unfitted(path: str) -> str:
     return "held" if ".law" in path else "given"
-
-
-def _kind(free: Free) -> str:
-    last = free.path.rsplit(".", maxsplit=1)[-1]
-    if not free.log:
-        return ANY_SIGN
-    return last if last in UNSEEN else "friction" if free.path.startswith("contacts.") else "damping"
 
 
 def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
@@ -239,7 +220,7 @@ class _Known:
 
     def __init__(self, fitted: Fit, trials: tuple[Trial, ...], note: str, given: Mapping[str, float]) -> None:
         self.fitted, self.trials, self._note = fitted, trials, note
-        self._given, self._given_moves = given, given_moves(fitted, trials, given)
+        self._given = given
         self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
@@ -250,23 +231,13 @@ class _Known:
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
         # A mass treated as known affects the fitted values, and directly a quantity whose formula contains it.
         own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
-        variance = self.fitted.deviation(slope) ** 2 + float(((self._given_moves @ slope + own) ** 2).sum())
-        whole = float(np.sqrt(variance + (UNSEEN.get(kind, UNSEEN["damping"]) * value) ** 2))
+        moves = np.zeros_like(own) if self.fitted.known is None else self.fitted.known.given @ slope
+        variance = self.fitted.deviation(slope) ** 2 + float(((moves + own) ** 2 - moves**2).sum())
+        whole = float(np.hypot(np.sqrt(variance), unseen(value, kind)))
         if value and whole > 0.5 * abs(value) and kind != ANY_SIGN:
             note = self._note or "the data do not determine it"
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
-
-
-def _uncertain(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
-    # Uncertainties of the values treated as known, by path in the model.
-    model = fitted.model
-    there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
-    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}
-    if CALIBRATION in known:
-        paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
-        found |= dict.fromkeys(paths, known[CALIBRATION])
-    return {path: std for path, std in found.items() if std > 0.0}
 
 
 def _head(known: _Known, given: Mapping[str, float]) -> Entry:

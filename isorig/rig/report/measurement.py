@@ -11,8 +11,9 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.misfit import discrepancies
+from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.model.built_in import THESIS
-from isorig.analysis.parameters.joint_fit import CALIBRATION, WEIGHED, Characterization, Entry
+from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization, Entry
 from isorig.rig.files.parameter_table import ParameterFile
 from isorig.rig.isolation_comparison import isolation_sentences
 from isorig.rig.report.advice import advice

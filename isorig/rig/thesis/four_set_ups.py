@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.four_set_ups import Classic, ErrorSurface, SetUp, classic
-from isorig.analysis.parameters.joint_fit import CALIBRATION, Characterization
+from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.quality import without
 from isorig.analysis.wording import of_signal
