@@ -73,13 +73,14 @@ def compared_places(model: RigModel, trials: Sequence[Trial]) -> Places | None:
     motions = all(sensor.force_in is None for sensor in model.sensors)
     if model.contacts or not motions or len(model.sensors) < 2 or any(trial.motion is not None for trial in trials):
         return None
-    bare, count, left = 0.0, 0, dict.fromkeys(_places(model), 0.0)
+    bare, count = 0.0, 0
+    left: dict[str, float] = {}
     for trial in trials:
         lines, misfit = _misfit(model, trial)
         bare += float(np.sum(np.abs(misfit) ** 2))
         count += misfit.size
         for name, response in _responses(model, trial, lines).items():
-            left[name] += _across(misfit, response)
+            left[name] = left.get(name, 0.0) + _across(misfit, response)
     # One of the records' dimensions is spent at each frequency.
     spent = 1.0 - 1.0 / len(model.sensors)
     return Places(
@@ -96,11 +97,6 @@ def _misfit(model: RigModel, trial: Trial) -> tuple[FloatArray, ComplexArray]:
     kept = (frequency > 0.0) & (frequency <= min(trial.usable, trial.sample_rate / 2.0))
     scaled = spectrum[:, kept].T / (trial.noise * np.sqrt(np.sum(window**2)))
     return np.asarray(2.0 * np.pi * frequency[kept], dtype=np.float64), np.asarray(scaled, dtype=np.complex128)
-
-
-def _places(model: RigModel) -> list[str]:
-    names = [link.name for link in model.links] + [body.name for body in model.bodies if body.name not in model.imposed]
-    return [*names, *(drive.channel for drive in model.drives if drive.imposes is None), *(s.channel for s in model.sensors)]
 
 
 def _responses(model: RigModel, trial: Trial, omega: FloatArray) -> dict[str, ComplexArray]:

@@ -37,6 +37,8 @@ SAME_SHAPE = 0.9
 #: Relative variance of the squared envelope within a mode's bandwidth below which it is a harmonic: 1 for a mode that noise
 #: excites (its envelope has a Rayleigh distribution), 0 for a constant sine. Chosen: the middle.
 HARMONIC = 0.5
+#: Least half width of the band of an envelope, relative to the frequency: a narrower one has too few independent values.
+LEAST_WIDTH = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +145,7 @@ def operating_modes(
             OperatingMode(
                 frequency=pole.frequency, frequency_std=std[pole], damping=pole.damping,
                 damping_std=float(result.Xi_poles_std[row, column]), shape=shape, collinearity=collinearity(shape),
-                variation=envelope_variation(np.conj(shape) @ values, reduced, pole.frequency, max(pole.damping, 0.005)),
+                variation=envelope_variation(np.conj(shape) @ values, reduced, pole.frequency, max(pole.damping, LEAST_WIDTH)),
             )
         )  # fmt: skip
     if not modes:
