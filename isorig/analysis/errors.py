@@ -44,4 +44,4 @@ class FitError(AnalysisError, ArithmeticError):
 
 
 class OutOfTimeError(AnalysisError, TimeoutError):
-    """The caller's time limit has been reached; raised by the caller's own progress callback."""
+    """The caller's time limit has been reached (`analysis/deadline.py`)."""

@@ -83,8 +83,8 @@ def diagnose_file(
     tolerance
         Error, as a share of the signal, that counts as adequate.
     limit
-        Seconds after which the search for causes ends; the answer is then what was found so far, and states this. The time is
-        checked before every fit, so it may take up to one fit longer.
+        Seconds of processor time after which the search for causes ends; the answer is then what was found so far, and states
+        this.
     page
         Whether to write report.html too.
 
@@ -95,26 +95,22 @@ def diagnose_file(
     RigError, AnalysisError
         The recording cannot be used; nothing is written then.
     """
+    from isorig.analysis.deadline import Deadline
     from isorig.analysis.diagnose.diagnosis import diagnose
     from isorig.analysis.errors import OutOfTimeError
     from isorig.rig.baseline import baseline_model
     from isorig.rig.diagnose.answer import write_answer
     from isorig.rig.files.recording import read
 
-    # The processor's time: other work on the computer does not count.
-    end = None if limit is None else time.process_time() + limit
-
-    def stage(text: str) -> None:
-        if end is not None and time.process_time() > end:
-            raise OutOfTimeError(f"{file} took longer than the limit of {limit:g} s")
-        tell(text)
-
-    tell("reading")
-    campaign = read(file)
     try:
-        found = diagnose(campaign, baseline_model(campaign, baseline), tolerance=tolerance, progress=stage)
-    except OutOfTimeError as late:
-        raise TimeLimitError(f"{late}, before the baseline was fitted; increase it with --seconds") from None
+        with Deadline(limit):
+            tell("reading")
+            campaign = read(file)
+            found = diagnose(campaign, baseline_model(campaign, baseline), tolerance=tolerance, progress=tell)
+    except OutOfTimeError:
+        raise TimeLimitError(
+            f"the limit of {limit:g} s ended before the baseline was fitted to {file}; increase it with --seconds"
+        ) from None
     tell("writing the answer")
     origin = {"baseline": baseline, **fingerprint(file)}
     return _outcome(write_answer(folder, found, campaign, origin, limit=limit, page=page))

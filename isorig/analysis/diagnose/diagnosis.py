@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.deadline import ask_time, out_of_time
 from isorig.analysis.diagnose.budget import Budget, budget
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
@@ -153,13 +154,13 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     tolerance
         Error, as a share of the signal, that counts as adequate.
     progress
-        Called with a line for each stage, and before every fit of a candidate; it may raise OutOfTimeError, which ends the search
-        for causes: the answer is then what was found so far, and `cut_short` states this.
+        Called with a line for each stage, and before every fit of a candidate.
 
     Raises
     ------
     OutOfTimeError
-        The time ended before the baseline was fitted.
+        The deadline in force (`isorig.analysis.deadline`) was reached before the baseline was fitted. Later it ends the search
+        for causes: the answer is then what was found so far, and `cut_short` states this.
 
     Examples
     --------
@@ -181,17 +182,14 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     # A search may have led the baseline to a better fit.
     baseline = found.stages[0].fit
     if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
-        search.out_of_time(
-            "the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits"
-        )
+        progress("the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits")
         searched, search.entries = search.entries, []
-        again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
-        if again.verdict == "adequate":
+        with search.until_the_time_ends():
+            again = search.causes(widened(finished(baseline, beginnings(trials).fits)), beginnings)
+            found = found if again.verdict == "adequate" else again
+        if found.verdict == "adequate":
             search.entries = searched  # errors at the beginnings have another shape
-        else:
-            found = again
-    with suppress(OutOfTimeError):
-        progress("gathering the evidence")
+    progress("gathering the evidence")
     found = search.settled(found)
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
@@ -284,18 +282,18 @@ class _Search:
         tries, repeated = 0, False
         while len(stages) <= self._most_steps and not self._adequate(stages[-1].score, _allowed(quiet), enough):
             now, floors = stages[-1], _allowed(quiet)
-            text = f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}"
-            if self.out_of_time(f"{text}; searching for a cause"):
-                break
+            self._progress(
+                f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}; searching for a cause"
+            )
             left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
-            try:
+            found = None
+            with self.until_the_time_ends():
+                ask_time()
                 found = next_step(
                     self._campaign, self._guesses, now.fit, now.score, self._equations_for(stages), trials, judged, floors,
-                    self._stage, left,
+                    self._progress, left,
                     steps=self._most_steps - len(stages) + 1, forms_only=repeated,
                 )  # fmt: skip
-            except OutOfTimeError:
-                break
             if found is None:
                 break
             self.entries.append((now.score, found.entries))
@@ -307,7 +305,9 @@ class _Search:
                 if not found.shown:
                     break  # the form may be merely the closest
                 step, found = without_form(found, share_removed(now.score.error, best.error, floors))
-            stages, moved = self._compared(stages, step, better, division, floors)
+            moved = 0.0
+            with self.until_the_time_ends():
+                stages, moved = self._compared(stages, step, better, division, floors)
             now = stages[-1]
             fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
             if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
@@ -371,24 +371,15 @@ class _Search:
         moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)
         if moved <= POLICY.refitted:
             return now, moved
-        self.out_of_time(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
+        self._progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
         return replace(now, fit=widened(bare), score=plain), moved
 
-    def out_of_time(self, text: str) -> bool:
-        """Report a line; returns whether the time for the search has ended."""
+    @contextmanager
+    def until_the_time_ends(self) -> Iterator[None]:
+        """A part of the search; once the time has ended, what was fitted until then is the answer."""
         with suppress(OutOfTimeError):
-            self._stage(text)
-        return self.cut_short
-
-    def _stage(self, text: str) -> None:
-        # Once the time has ended it stays so: what was fitted until then is the answer.
-        if self.cut_short:
-            raise OutOfTimeError("the time limit has ended the search for causes")
-        try:
-            self._progress(text)
-        except OutOfTimeError:
-            self.cut_short = True
-            raise
+            yield
+        self.cut_short = out_of_time()
 
     def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
         return is_adequate(found.error, floors, enough, self._tolerance)
@@ -441,12 +432,12 @@ class _Search:
         measured = worst(stage.score, floors)
         if not may_be_noise(measured) or any(trial.motion for trial in self._trials):
             return None
-        if self.out_of_time("not far above the noise; determining the error of simulated data of the baseline itself"):
-            return None
+        self._progress("not far above the noise; determining the error of simulated data of the baseline itself")
         draws: list[float] = []
-        while more_draws(measured, draws):
-            draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))
-        return max(draws)
+        with self.until_the_time_ends():
+            while more_draws(measured, draws):
+                draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))
+        return max(draws, default=None)
 
 
 def _stage(before: Score, found: Found) -> _Stage:

@@ -471,11 +471,12 @@ def _entries(
             done = rough if lost else unrolled(rough, trials) if candidate.shape else finished(rough, trials)
         except FitError:  # it fits the first seconds only
             continue
-        entries.append(Entry(candidate=candidate, fit=done, score=score(done.model, fine)))
-        try:
-            progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
         except OutOfTimeError:
-            break
+            if entries:
+                break
+            done = rough
+        entries.append(Entry(candidate=candidate, fit=done, score=score(done.model, fine)))
+        progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
     return entries
 
 

@@ -396,15 +396,15 @@ def race(
 
     running: Running = []
     telling: list[tuple[int, Running]] = []
-    bare = [_bare_cost(current, rungs[0])]
+    bare: list[float] = []
     for place, rung in enumerate(rungs):
         last = rung is rungs[-1]
-        if not last:
-            bare.append(_bare_cost(current, rungs[place + 1]))
-        least = bare[place]
-        if not last and (least < TELLING or (least < BENT and place + 2 < len(rungs) and bare[place + 1] < UNCHANGED * least)):
-            continue
         try:
+            bare += [_bare_cost(current, longer) for longer in rungs[len(bare) : place + 2]]
+            least = bare[place]
+            nearly = least < BENT and place + 2 < len(rungs) and bare[place + 1] < UNCHANGED * least
+            if not last and (least < TELLING or nearly):
+                continue
             climbed = [
                 (c, done) for c, free, start in starts if (done := climb(c, free, start, rung, least)) and c.plausible(done.model)
             ]

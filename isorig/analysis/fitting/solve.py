@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import FitError, ModelError, SimulationError
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_motion
 from isorig.analysis.model.rig_model import RigModel
@@ -190,8 +191,14 @@ class Problem:
         self.size = sum(self.sizes)
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
-        """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged."""
+        """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged.
 
+        Raises
+        ------
+        OutOfTimeError
+            The time limit was reached before; none is simulated.
+        """
+        ask_time()
         out = np.empty((len(models), self.size))
         ends = np.cumsum(self.sizes)
 
@@ -217,7 +224,6 @@ def fit(
     iterations: int = 12,
     tolerance: float = 1e-4,
     tether: float = 0.0,
-    progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit the free parameters by Levenberg-Marquardt.
 
@@ -236,13 +242,13 @@ def fit(
     tether
         Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, relative to residuals of 1:
         so small that it holds only what the data do not determine.
-    progress
-        Called with one line of text for each step.
 
     Raises
     ------
     FitError
         The starting model cannot be simulated.
+    OutOfTimeError
+        The time limit was reached before the fit has ended.
     """
     free = tuple(free)
     theta = np.array([f.encode(model.get(f.path)) for f in free])
@@ -298,8 +304,6 @@ def fit(
             if cost - linear <= tolerance * cost:  # a shorter step would reduce the cost by even less
                 break
             damping *= 8.0
-        if progress is not None:
-            progress(f"step {taken}: misfit {np.sqrt(cost / problem.size):.3g} of its allowance")
         if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
         fresh = not fresh or before - cost < FORETOLD * (before - foretold)

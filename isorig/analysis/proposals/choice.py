@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
@@ -222,12 +224,13 @@ class Comparison:
     def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> Seen:
         """The candidates within the limits by a first simulation, evaluated for the question.
 
-        `progress` is called before each; if it raises OutOfTimeError, the candidates compared so far are the answer.
+        `progress` is called before each; when the deadline in force is over, the candidates compared so far are the answer.
         """
         found: list[tuple[Prospect, Pairs]] = []
         refused: dict[CandidateRun, str] = {}
-        try:
+        with suppress(OutOfTimeError):
             for k, prospect in enumerate(prospects):
+                ask_time()
                 progress(f"comparing candidate {k + 1} of {len(prospects)}")
                 run = prospect.run
                 models = [rival.model for rival in self._question.rivals]
@@ -236,8 +239,6 @@ class Comparison:
                     refused[run] = why
                 else:
                     found.append((prospect, self._moments(prospect)))
-        except OutOfTimeError:
-            pass
         return Seen(pairs=found, refused=refused)
 
     def foreseen(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[Foreseen, ...]:

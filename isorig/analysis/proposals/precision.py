@@ -9,12 +9,14 @@ For all others it is computed from the waveforms. In both cases it is scaled to 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, Channel, ComplexArray, FloatArray, Run
+from isorig.analysis.deadline import Deadline, ask_time
 from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
@@ -209,7 +211,7 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
 
 def design(
     known: Known, prospects: Sequence[Prospect], limits: Limits, kept: Callable[[Prospect], Peaks], *, wish: float,
-    configuration: str, budget: float, most: int, progress: Progress,
+    configuration: str, budget: float, most: int, deadline: Deadline, progress: Progress,
 ) -> Design:  # fmt: skip
     """The cheapest runs that reduce a parameter's relative uncertainty to the required value; or the most precise ones.
 
@@ -229,16 +231,17 @@ def design(
         Maximum seconds of measuring for all runs together.
     most
         Maximum number of runs.
+    deadline
+        When it is over, the candidates compared so far are the answer.
     progress
-        Called before every candidate; if it raises OutOfTimeError, the candidates compared so far are the answer.
+        Called before every candidate.
     """
     candidates: list[tuple[Prospect, FloatArray]] = []
-    try:
+    with deadline, suppress(OutOfTimeError):
         for k, prospect in enumerate(prospects):
+            ask_time()
             progress(f"comparing candidate {k + 1} of {len(prospects)}")
             candidates.append((prospect, known.information(prospect)))
-    except OutOfTimeError:
-        pass
     now = known.now
     runs: list[Precise] = []
     left = list(candidates)

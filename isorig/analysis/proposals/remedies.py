@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import msgspec
 
+from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
@@ -60,18 +62,17 @@ def further(
     peaks
         Peaks of the remaining models in a candidate.
     progress
-        Called before every candidate; if it raises OutOfTimeError there is no answer.
+        Called before every candidate; when the deadline in force is over there is no answer.
     """
-    try:
+    with suppress(OutOfTimeError):
         for factor in RAISED:
             seen = comparison.seen(beyond(factor), Limits(), progress)
             found = [(farther(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
             enough = [Remedy(prospect=one, distance=size, peaks=peaks(one)) for size, one in found if size >= WILL]
             if enough:
                 return min(enough, key=_stroke)
+            ask_time()
             progress("searching beyond the limits")
-    except OutOfTimeError:
-        pass
     return None
 
 
@@ -79,14 +80,13 @@ def another_sensor(comparison: Comparison, seen: Seen, pair: tuple[Key, Key], pr
     """The sensor that would distinguish a pair of causes in an allowed run; None if there is none."""
     ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
     found: list[Remedy] = []
-    try:
+    with suppress(OutOfTimeError):
         for prospect, _ in ranked[:TRIED]:
+            ask_time()
             progress("searching for another sensor")
             for channel, apart in comparison.with_sensors(prospect, watched(prospect.run.configuration), RESOLVES).items():
                 if (size := farther(apart, pair)) >= WILL:
                     found.append(Remedy(prospect=prospect, distance=size, channel=channel))
-    except OutOfTimeError:
-        pass
     return max(found, key=lambda remedy: remedy.distance, default=None)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -11,7 +10,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.deadline import Deadline
 from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
@@ -253,19 +252,13 @@ def propose(
     budget
         Seconds of measuring that the runs may take together.
     work
-        Seconds that the comparison may take.
+        Seconds of processor time that the comparison may take.
     most
         Maximum number of runs, in addition to one at rest.
     tell
         Called with a line per stage.
     """
-    clock = time.monotonic() + work
-
-    def progress(text: str) -> None:
-        if time.monotonic() > clock:
-            raise OutOfTimeError("the time limit for comparing candidates is reached")
-        tell(text)
-
+    deadline = Deadline(work)
     kind: Kind
     lead = _noise_first(now)
     twins, unfitted = twins_of(now.rivals), unfitted_of(now.rivals)
@@ -276,7 +269,9 @@ def propose(
         if one.why == "undecided" and (again := _again(now, budget)) is not None:
             return Proposal(kind="reproducible", runs=(*lead, again), twins=twins, unfitted=unfitted)
         kind = "rivals" if one.why == "indistinguishable" else "undecided"
-        found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), now.menu(), budget, most, progress)
+        found, unreached, cures = _compared(
+            now, Question(truths=variants, rivals=variants), now.menu(), budget, most, deadline, tell
+        )
         runs = (*lead, *_proposed(found))
         return Proposal(
             kind=kind, runs=runs, chosen=found, twins=twins, unfitted=unfitted, unreached=unreached, remedies=cures
@@ -288,9 +283,9 @@ def propose(
     question = Question(truths=supposed, rivals=(now.explains,), supposed=True)
     # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
     broad = tuple(run for run in now.menu() if run.excitation != "sine")
-    found, unreached, _ = _compared(now, question, broad, budget, most, progress)
+    found, unreached, _ = _compared(now, question, broad, budget, most, deadline, tell)
     if not found.choices:
-        found, unreached, _ = _compared(now, question, now.menu(), budget, most, progress)
+        found, unreached, _ = _compared(now, question, now.menu(), budget, most, deadline, tell)
     return Proposal(
         kind="untested", runs=(*lead, *_proposed(found)), chosen=found, twins=twins, unfitted=unfitted, unreached=unreached
     )
@@ -311,14 +306,16 @@ def _proposed(found: Chosen) -> tuple[Proposed, ...]:
 
 
 def _compared(
-    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, progress: Callable[[str], None]
+    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, deadline: Deadline,
+    tell: Callable[[str], None],
 ) -> tuple[Chosen, int, tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...]]:  # fmt: skip
     rate = now.rivals.sample_rate
     prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs]
     # Where the time runs out those that were compared are a fair sample.
     prospects = [prospects[k] for k in np.random.default_rng(2).permutation(len(prospects))]
     comparison = Comparison(question, now.rivals.noise, now.taken)
-    seen = comparison.seen(prospects, now.limits, progress)
+    with deadline:
+        seen = comparison.seen(prospects, now.limits, tell)
     surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
     models = [model for variant in surviving for model in (drawn(variant, KEPT, 5) if variant.free else (variant.model,))]
 
@@ -335,7 +332,8 @@ def _compared(
 
     pairs = []
     for pair in inseparable_pairs(found):
-        cures = further(comparison, pair, beyond, kept, progress), another_sensor(comparison, seen, pair, progress)
+        with deadline:
+            cures = further(comparison, pair, beyond, kept, tell), another_sensor(comparison, seen, pair, tell)
         pairs.append((pair, tuple(cure for cure in cures if cure is not None)))
     return found, unreached, tuple(pairs)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
 
-from isorig.analysis.errors import AnalysisError, OutOfTimeError
+from isorig.analysis.deadline import Deadline
+from isorig.analysis.errors import AnalysisError
 from isorig.analysis.proposals.policy import KEPT, MOST_RUNS
 from isorig.analysis.proposals.precision import Known, Precise, candidate_peaks, design, figure_of
 from isorig.analysis.proposals.prediction import drawn
@@ -54,13 +54,6 @@ def propose_for(
     PlanError
         The rig has no such parameter, or it does not depend on fitted values.
     """
-    clock = time.monotonic() + work
-
-    def progress(text: str) -> None:
-        if time.monotonic() > clock:
-            raise OutOfTimeError("the time limit for comparing candidates is reached")
-        tell(text)
-
     variant, rate = now.explains, now.rivals.sample_rate
     try:
         known = Known(variant, figure_of(variant.model, wanted.name), now.rivals.noise, now.taken)
@@ -71,7 +64,7 @@ def propose_for(
     models = drawn(variant, KEPT, 5)
     found = design(
         known, prospects, now.limits, lambda one: candidate_peaks(models, one), wish=wanted.std, configuration=now.configuration,
-        budget=budget, most=MOST_RUNS, progress=progress,
+        budget=budget, most=MOST_RUNS, deadline=Deadline(work), progress=tell,
     )  # fmt: skip
     how = "the error bars of the transfer functions" if found.linear else "the waveforms"
     sentences = [

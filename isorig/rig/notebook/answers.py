@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from html import escape
@@ -11,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose import diagnosis as analysis
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.errors import OutOfTimeError
@@ -100,17 +100,11 @@ def diagnose(
     >>> found.verdict, found.steps
     ('adequate', ())
     """
-    end = None if seconds is None else time.process_time() + seconds
-
-    def stage(text: str) -> None:
-        if end is not None and time.process_time() > end:
-            raise OutOfTimeError(f"the diagnosis took longer than the limit of {seconds:g} s")
-        progress(text)
-
     try:
-        found = analysis.diagnose(campaign, model or campaign.rig, tolerance=tolerance, progress=stage)
-    except OutOfTimeError as late:
-        raise TimeLimitError(f"{late}, before the baseline was fitted; increase seconds") from None
+        with Deadline(seconds):
+            found = analysis.diagnose(campaign, model or campaign.rig, tolerance=tolerance, progress=progress)
+    except OutOfTimeError:
+        raise TimeLimitError(f"the limit of {seconds:g} s ended before the baseline was fitted; increase seconds") from None
     return Answer(campaign=campaign, **{item.name: getattr(found, item.name) for item in fields(Diagnosis)})
 
 

@@ -8,10 +8,10 @@ from msgspec.structs import replace
 from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
+from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
 from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.equations.system import HOLDS
-from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.model.rig_model import Body, Chain, Drive, Link, RigModel, Sensor
 
 SEED = 20311
@@ -88,11 +88,14 @@ def test_what_a_user_tolerates_is_adequate() -> None:
 
 
 def test_a_search_that_runs_out_of_time_says_so_and_names_nothing() -> None:
+    deadline = Deadline()
+
     def over(text: str) -> None:
         if text.startswith("fitting ") and "(" in text:
-            raise OutOfTimeError("the time is over")
+            deadline.end()
 
-    diagnosis = found(carts(), rubbing(carts(), "wall", 0.8), SEED + 4, progress=over)
+    with deadline:
+        diagnosis = found(carts(), rubbing(carts(), "wall", 0.8), SEED + 4, progress=over)
     assert (diagnosis.cut_short, diagnosis.verdict, diagnosis.steps) == (True, "unexplained", ())
 
 
@@ -100,13 +103,16 @@ def test_a_search_that_runs_out_of_time_says_so_and_names_nothing() -> None:
 def test_what_was_fitted_before_the_time_ended_is_the_answer(last: str) -> None:
     """Without a free shape a form may be merely the closest: the kind is named, which the equations of motion show."""
 
+    deadline = Deadline()
+
     def over(text: str) -> None:
         if text.startswith(last):
-            raise OutOfTimeError("the time is over")
+            deadline.end()
 
     at = np.linspace(-1.5, 1.5, 41)
     law = laws.Curve(over="speed", at=tuple(at), values=tuple(60.0 * at**3))
-    diagnosis = found(chain(), with_law(chain(), "l1", law), SEED + 2, progress=over)
+    with deadline:
+        diagnosis = found(chain(), with_law(chain(), "l1", law), SEED + 2, progress=over)
     assert diagnosis.cut_short
     assert [(step.cause, step.form) for step in diagnosis.steps] == [("damping_shape", None)]
     (drag,) = (c for c in diagnosis.considered if (c.cause, c.location) == ("quadratic_damping", "l1"))

@@ -8,7 +8,8 @@ from scipy.optimize import least_squares
 from small_rivals import DAMPER, DAMPING, FREQUENCY, MASS, RATE, STIFFNESS, one_mass, prospect, variant
 
 from isorig.analysis import laws
-from isorig.analysis.errors import ModelError, OutOfTimeError
+from isorig.analysis.deadline import Deadline
+from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
@@ -220,12 +221,15 @@ def test_candidates_without_time_are_left_out() -> None:
     comparison = Comparison(question, NOISE, [])
     calls: list[str] = []
 
+    deadline = Deadline()
+
     def soon_over(text: str) -> None:
         calls.append(text)
         if len(calls) > 1:
-            raise OutOfTimeError("over")
+            deadline.end()
 
-    seen = comparison.seen([prospect(1.0, seed=k) for k in range(3)], Limits(), soon_over)
+    with deadline:
+        seen = comparison.seen([prospect(1.0, seed=k) for k in range(3)], Limits(), soon_over)
     assert len(seen.pairs) == 1
 
 
@@ -271,7 +275,7 @@ def test_precision_grows_with_the_length_and_the_wish_is_met_at_least_cost() -> 
     runs = [prospect(0.02, seconds=40.0, seed=2), prospect(1.0, seconds=40.0, seed=3)]
     found = design(
         known, runs, Limits(), lambda one: simulated_peaks([fitted.model], one.excitation(whole=True), "unlocked", 0.0),
-        wish=0.6 * now, configuration="unlocked", budget=60.0, most=3, progress=quiet,
+        wish=0.6 * now, configuration="unlocked", budget=60.0, most=3, deadline=Deadline(), progress=quiet,
     )  # fmt: skip
     assert [run.prospect.run.gain for run in found.runs] == [1.0]
     assert found.runs[0].std <= 0.6 * now

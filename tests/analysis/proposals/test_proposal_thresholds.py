@@ -15,7 +15,7 @@ from small_rivals import DAMPER, RATE, STIFFNESS, one_mass, prospect, variant
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import OutOfTimeError
+from isorig.analysis.deadline import Deadline
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import Body, Link, RigModel
@@ -219,7 +219,7 @@ def designed(budget: float, wish: float, in_hand: float = 8.0) -> list[float]:
     runs = [prospect(1.0, seconds=40.0, seed=3)]
     found = design(
         known(prospect(1.0, seconds=in_hand)), runs, Limits(), lambda _: NOTHING, wish=wish, configuration="unlocked",
-        budget=budget, most=3, progress=quiet,
+        budget=budget, most=3, deadline=Deadline(), progress=quiet,
     )  # fmt: skip
     return [run.prospect.run.seconds for run in found.runs]
 
@@ -248,7 +248,7 @@ def test_a_run_that_hardly_helps_is_not_proposed(share: float, taken: bool) -> N
     enough = 1.0 / policy.NO_BETTER**2 - 1.0
     found = design(
         Informed(known(prospect(1.0)), share * enough), [prospect(1.0, seed=2)], Limits(), lambda _: NOTHING, wish=1e-9,
-        configuration="unlocked", budget=60.0, most=1, progress=quiet,
+        configuration="unlocked", budget=60.0, most=1, deadline=Deadline(), progress=quiet,
     )  # fmt: skip
     assert bool(found.runs) == taken
 
@@ -279,10 +279,8 @@ def test_gains_are_raised_step_by_step() -> None:
     assert found.distance >= policy.WILL
     assert further(comparison, pair, lambda _: [prospect(0.01)], peaks, quiet) is None
 
-    def over(text: str) -> None:
-        raise OutOfTimeError("over")
-
-    assert further(comparison, pair, beyond, peaks, over) is None
+    with Deadline(0.0):
+        assert further(comparison, pair, beyond, peaks, quiet) is None
 
 
 def test_another_sensor_is_tried_with_the_best_candidates() -> None:

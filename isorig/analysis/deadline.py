@@ -1,0 +1,59 @@
+"""A limit of processor time, which long computations ask."""
+
+from __future__ import annotations
+
+import time
+from contextvars import ContextVar, Token
+from math import inf
+
+from isorig.analysis.errors import OutOfTimeError
+
+_in_force: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
+
+
+class Deadline:
+    """A limit for what is computed within its `with` block.
+
+    Parameters
+    ----------
+    seconds
+        Processor time of this process from now on; other work on the computer does not count. Without a limit if None.
+    """
+
+    def __init__(self, seconds: float | None = None) -> None:
+        self._end = inf if seconds is None else time.process_time() + seconds
+        self._outer: Token[Deadline | None]
+
+    def __enter__(self) -> Deadline:
+        self._outer = _in_force.set(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _in_force.reset(self._outer)
+
+    @property
+    def over(self) -> bool:
+        """Whether the time has ended."""
+        return time.process_time() > self._end
+
+    def end(self) -> None:
+        """End the time now."""
+        self._end = -inf
+
+
+def out_of_time() -> bool:
+    """Whether the time of the deadline in force, if there is one, has ended."""
+    deadline = _in_force.get()
+    return deadline is not None and deadline.over
+
+
+def ask_time() -> None:
+    """Begin nothing that takes long once the time has ended.
+
+    Raises
+    ------
+    OutOfTimeError
+        It has.
+    """
+    if out_of_time():
+        raise OutOfTimeError("the time limit is reached")
