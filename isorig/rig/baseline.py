@@ -8,7 +8,6 @@ from typing import Literal
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import AnalysisError, ModelError
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import RecordingError, RigError
@@ -50,7 +49,7 @@ def doubts_in(campaign: Campaign) -> tuple[Doubt, ...]:
         model = baseline_model(campaign)
         if not model.sensors:
             return ()
-        return doubts_of_records(model, prepare(campaign, model))
+        return doubts_of_records(model, campaign)
     except (RigError, AnalysisError):
         return ()
 

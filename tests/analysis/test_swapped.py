@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.fitting.linear_spectra import spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import doubts
 from isorig.analysis.fitting.swapped import exceeds_noise, swapped_channels
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.analysis.simulate import Excitation, simulate
@@ -57,7 +57,7 @@ def exchanged(campaign: Campaign, runs: Iterable[str], a: str, b: str) -> Campai
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_sound_session_has_none(session: Campaign, seed: int) -> None:
-    assert not swapped_channels(guessed(seed), prepare(session, wire_bonder()))
+    assert not swapped_channels(guessed(seed), spectra_of(wire_bonder(), session))
 
 
 @pytest.mark.parametrize("pair", list(combinations(("head", "motor", "table", "heatblock"), 2)), ids="/".join)
@@ -66,10 +66,10 @@ def test_every_pair(session: Campaign, pair: tuple[str, str]) -> None:
     shaped = [run for run, pairs in SHAPED.items() if pair in pairs]
     for runs in (*([run] for run in shaped), list(SHAPED)):
         wrong = exchanged(session, runs, *pair)
-        found = swapped_channels(wire_bonder(), prepare(wrong, wire_bonder()))
+        found = swapped_channels(wire_bonder(), spectra_of(wire_bonder(), wrong))
         assert list(found) == [pair]
         assert set(found[pair]) == {run for run in runs if run in shaped}
-    (doubt,) = (d for d in doubts(wire_bonder(), (), prepare(wrong, wire_bonder())) if d.kind == "swapped")
+    (doubt,) = (d for d in doubts(wire_bonder(), (), wrong) if d.kind == "swapped")
     assert f"{pair[0]} and {pair[1]} seem swapped" in doubt.text
 
 
@@ -93,9 +93,9 @@ def test_another_rig() -> None:
     run = Run(id="r", configuration="unlocked", sample_rate=512.0, gain=1.0, channels=channels, excitation="random",
               band=(1.0, 100.0))  # fmt: skip
     campaign = Campaign(runs=(run,))
-    assert not swapped_channels(rig, prepare(campaign, rig))
+    assert not swapped_channels(rig, spectra_of(rig, campaign))
     for pair in combinations(("force", "block", "cap"), 2):
-        assert list(swapped_channels(rig, prepare(exchanged(campaign, ["r"], *pair), rig))) == [pair]
+        assert list(swapped_channels(rig, spectra_of(rig, exchanged(campaign, ["r"], *pair)))) == [pair]
 
 
 def test_noise_beyond_the_drive_s_band_is_no_exchange() -> None:
@@ -121,18 +121,27 @@ def test_noise_beyond_the_drive_s_band_is_no_exchange() -> None:
     channels = {name: Channel(name=name, samples=values) for name, values in noisy.items()}
     run = Run(id="r", configuration="unlocked", sample_rate=400.0, gain=1.0, channels=channels, excitation="random")
     campaign = Campaign(runs=(run,))
-    assert not swapped_channels(rig, prepare(campaign, rig))
-    wrong = prepare(exchanged(campaign, ["r"], "a0", "a2"), rig)
-    assert list(swapped_channels(rig, wrong)) == [("a0", "a2")]
+    assert not swapped_channels(rig, spectra_of(rig, campaign))
+    wrong = exchanged(campaign, ["r"], "a0", "a2")
+    assert list(swapped_channels(rig, spectra_of(rig, wrong))) == [("a0", "a2")]
 
 
 @pytest.mark.parametrize(("share", "counts"), [(0.8, True), (1.25, False)])
 def test_a_band_counts_if_half_of_its_power_is_no_noise(share: float, counts: bool) -> None:
     """Noise of a share of the motion's rms, both white."""
     draw = np.random.default_rng(5)
-    record = draw.normal(size=40_000) + share * draw.normal(size=40_000)
-    heard = exceeds_noise(record[None], np.array([share]), 256.0, np.geomspace(5.0, 100.0, 9))
-    assert set(heard.tolist()) == {counts}
+    drive, record = draw.normal(size=40_000), draw.normal(size=40_000) + share * draw.normal(size=40_000)
+    rig = from_tree(
+        {
+            "name": "one", "bodies": [{"name": "m", "mass": 1.0}], "links": [{"name": "l", "a": "m", "b": "ground"}],
+            "drive": {"channel": "f", "quantity": "force", "pushes": {"m": 1.0}}, "sensors": [{"channel": "a", "body": "m"}],
+        }
+    )  # fmt: skip
+    channels = {name: Channel(name=name, samples=values) for name, values in (("f", drive), ("a", record))}
+    run = Run(id="r", configuration="unlocked", sample_rate=256.0, gain=1.0, channels=channels, band=(5.0, 100.0))
+    spectrum = spectrum_of(rig, run, {"a": share})
+    assert spectrum is not None
+    assert set(exceeds_noise(spectrum).tolist()) == {counts}
 
 
 def test_no_unit_is_taken_for_an_exchange(session: Campaign) -> None:
@@ -143,7 +152,7 @@ def test_no_unit_is_taken_for_an_exchange(session: Campaign) -> None:
         return replace(run, channels={**run.channels, "table": table})
 
     wrong = replace(session, runs=tuple(map(larger, session.runs)))
-    assert not swapped_channels(wire_bonder(), prepare(wrong, wire_bonder()))
+    assert not swapped_channels(wire_bonder(), spectra_of(wire_bonder(), wrong))
 
 
 @pytest.mark.study
@@ -152,4 +161,4 @@ def test_campaigns_of_another_program_have_none(shared: object) -> None:
 
     for path in sorted((Path(str(shared)) / "campaigns").rglob("*.h5")):
         campaign = read(path)
-        assert not swapped_channels(baseline_model(campaign), prepare(campaign, baseline_model(campaign))), path
+        assert not swapped_channels(baseline_model(campaign), spectra_of(baseline_model(campaign), campaign)), path

@@ -11,9 +11,9 @@ from small_rigs import Take, chain, played
 
 from isorig.analysis.campaign import USABLE, Campaign, Channel, FloatArray, Run
 from isorig.analysis.fitting.score import score
-from isorig.analysis.fitting.trials import Trial, expected, noise_levels, prepare, true_motion
+from isorig.analysis.fitting.trials import Trial, expected, prepare, true_motion
 from isorig.analysis.simulate.sampling import FALL, FLAT, TAPS, _lowpass, within
-from isorig.analysis.spectra.noise import noise_level
+from isorig.analysis.spectra.noise import noise_level, noise_levels
 
 RATE, N = 1024.0, 8192
 

@@ -11,9 +11,8 @@ import pytest
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
 from isorig.analysis.campaign import Campaign, Quantity
-from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectrum_of
+from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.fitting.wrong_scale import wrong_scale
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.units import mistaken
@@ -72,7 +71,7 @@ def guessed(rig: StrangeRig, seed: int) -> dict[str, float]:
 
 
 def told(model: RigModel, measured: Campaign) -> tuple[Doubt, ...]:
-    return doubts_of_records(model, prepare(measured, model))
+    return doubts_of_records(model, measured)
 
 
 def drawn(seed: int) -> StrangeRig:
@@ -173,7 +172,7 @@ def test_inverted_sensors_and_wrong_rates() -> None:
     measured = recorded("stage")
     for factor in (2.0, 0.5):
         runs = tuple(dataclasses.replace(run, sample_rate=factor * run.sample_rate, band=None) for run in measured.runs)
-        found, _ = wrong_scale(model, prepare(dataclasses.replace(measured, runs=runs), model))
+        found, _ = wrong_scale(model, spectra_of(model, dataclasses.replace(measured, runs=runs)))
         assert found is not None
         assert (found.kind, found.ratio) == ("rate", factor)
 
@@ -196,8 +195,8 @@ def test_linear_spectra_agree_with_scipy() -> None:
     omega = np.array([1.0, 20.0, 31.0, 77.0, 300.0])
     _, low = freqresp((a, b, np.eye(1, 4), np.zeros((1, 1))), omega)
     _, top = freqresp((a, b, np.eye(1, 4, 1), np.zeros((1, 1))), omega)
-    found = LinearRig(model, "unlocked").responses(omega, given_parameters(model))[:, :, 0]
-    np.testing.assert_allclose(found, np.stack([low, -(omega**2) * top], axis=1), rtol=1e-7)
+    found = LinearRig(model, "unlocked").responses(omega, given_parameters(model))[:, 0, 0]
+    np.testing.assert_allclose(found, np.stack([low, -(omega**2) * top]), rtol=1e-7)
 
 
 def test_friction_as_a_damper() -> None:
@@ -205,13 +204,12 @@ def test_friction_as_a_damper() -> None:
     tree = to_tree(ONE.description())
     tree["contacts"] = [{"name": "rail", "a": "m0", "law": {"law": "coulomb", "friction_force": 3.0}}]
     model = from_tree(tree)
-    spectrum = spectrum_of(model, recorded("one").runs[0], 1536, {})
+    spectrum = spectrum_of(model, recorded("one").runs[0], {})
     assert spectrum is not None
     rig, values = LinearRig(model, "unlocked"), given_parameters(model)
-    (damper,) = dampers(rig.free_motion(spectrum.omega, values), values, spectrum, [3.0], np.ones(1))
-    x = rig.motion(spectrum.omega, dataclasses.replace(values, friction=np.array([damper])))
-    v = x[:, :1] * 1j * spectrum.omega[:, None, None]
-    speed = np.sqrt(np.einsum("gcd,gde,gce->c", v.conj(), spectrum.drives, v).real[0] * spectrum.square)
+    found = dampers(rig.free_motion(spectrum.omega, values), values, spectrum, np.array([[3.0]]), np.ones((1, 1)))
+    v = rig.motion(spectrum.omega, dataclasses.replace(values, friction=found))[0, 0, 0] * 1j * spectrum.omega
+    speed, damper = np.sqrt(np.sum(np.abs(v) ** 2 * spectrum.drives[0, 0].real) * spectrum.square), found[0, 0]
     assert damper * speed**2 == pytest.approx(3.0 * np.sqrt(2.0 / np.pi) * speed, rel=0.02)
 
 

@@ -176,7 +176,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     guess = model.replace(start_values(equations)) if residuals else model
     baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
     # Records in wrong units, or exchanged, have no cause in the rig: they are to be corrected first.
-    contradicted = not explains_as_given(model, baseline) and bool(doubts_of_records(model, trials))
+    contradicted = not explains_as_given(model, baseline) and bool(doubts_of_records(model, campaign))
     search = _Search(campaign, (guess,), equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
     found = search.causes(baseline, ends)
     # A search may have led the baseline to a better fit.
@@ -216,7 +216,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
             _allowed(found.quiet), first.fit.model, trials,
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
-        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, _credible(found), trials),
+        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, _credible(found), campaign),
     )  # fmt: skip
 
 

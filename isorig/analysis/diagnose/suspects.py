@@ -22,8 +22,8 @@ from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.noise import noise_levels
 
 #: Score below which an explanation removes nothing worth mentioning: a tenth of the excess removed has a score of 0.05.
 LEAST_SCORE = 0.05

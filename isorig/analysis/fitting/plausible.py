@@ -10,16 +10,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, inf, log, pi
 from statistics import median
 from typing import Literal
 
-from isorig.analysis.campaign import Quantity
+from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.swapped import swapped_channels
-from isorig.analysis.fitting.trials import Trial, simulated, true_motion
+from isorig.analysis.fitting.trials import prepare, simulated, true_motion
 from isorig.analysis.fitting.wrong_scale import WrongScale, wrong_scale
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -77,7 +78,7 @@ class Doubt:
     text: str
 
 
-def doubts(given: RigModel, fits: Sequence[Fit], trials: Sequence[Trial] = ()) -> tuple[Doubt, ...]:
+def doubts(given: RigModel, fits: Sequence[Fit], campaign: Campaign | None = None) -> tuple[Doubt, ...]:
     """Implausible fitted values and levels of the records, the most significant first.
 
     Parameters
@@ -86,12 +87,12 @@ def doubts(given: RigModel, fits: Sequence[Fit], trials: Sequence[Trial] = ()) -
         The rig with known values and starting values.
     fits
         Fits of it, or of models that extend it; each parameter is reported once.
-    trials
-        The runs: the levels of their channels are compared with those of the given rig with the same drive.
+    campaign
+        The measurement: the levels of its channels are compared with those of the given rig with the same drive.
     """
     # A model that explains the records with values close to the given ones needs no search for a wrong scale.
     settled = any(explains_as_given(given, fitted) for fitted in fits)
-    if not settled and (records := doubts_of_records(given, trials)):
+    if not settled and campaign is not None and (records := doubts_of_records(given, campaign)):
         # What the fits get wrong follows from it.
         return records
     found: dict[str, Doubt] = {}
@@ -124,23 +125,24 @@ def _is_near(value: float, given: float) -> bool:
     return abs(log(ratio)) < log(CLOSE_BY) or (abs(log(ratio)) < log(FAR_BY) and unit_factor(ratio) is None)
 
 
-def doubts_of_records(given: RigModel, trials: Sequence[Trial]) -> tuple[Doubt, ...]:
+def doubts_of_records(given: RigModel, campaign: Campaign) -> tuple[Doubt, ...]:
     """Records, given values or a sample rate that contradict each other, before any fit.
 
     Parameters
     ----------
     given
         The rig with known values and starting values.
-    trials
-        The runs.
+    campaign
+        The measurement.
     """
-    found, together = wrong_scale(given, trials)
+    spectra = spectra_of(given, campaign)
+    found, together = wrong_scale(given, spectra)
     if not together:
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
-        swapped = tuple(_of_swaps(given, trials))
+        swapped = tuple(_of_swaps(given, spectra))
         if swapped:
             return swapped
-    return tuple(_released(given, trials)) if found is None else (_of_scale(given, found),)
+    return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found),)
 
 
 def unit_factor(ratio: float) -> tuple[float, str] | None:
@@ -150,8 +152,8 @@ def unit_factor(ratio: float) -> tuple[float, str] | None:
     return (factor, UNIT_FACTORS[factor]) if abs(log(size / factor)) <= log(1.0 + NEAR) else None
 
 
-def _of_swaps(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
-    for (one, other), runs in swapped_channels(given, trials).items():
+def _of_swaps(given: RigModel, spectra: Sequence[Spectrum]) -> Iterable[Doubt]:
+    for (one, other), runs in swapped_channels(given, spectra).items():
         several = f"runs {', '.join(map(repr, runs))}" if len(runs) > 1 else f"run {runs[0]!r}"
         yield Doubt(
             parameter=f"channels.{one}/{other}", kind="swapped", ratio=1.0,
@@ -236,10 +238,11 @@ def _near(quantity: Quantity, channel: str, ratio: float) -> list[str]:
     return [f"{channel} were in {best}"] if abs(log(ratio / pairs[best])) <= log(ROUGHLY) else []
 
 
-def _released(given: RigModel, trials: Sequence[Trial]) -> Iterable[Doubt]:
+def _released(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
     # A run without a drive starts from a given position: levels in wrong units differ by more than any cause changes them.
     ratios: dict[str, list[float]] = {}
-    for trial in trials:
+    free = tuple(run for run in campaign.runs if not any(run.read(drive.channel).any() for drive in given.drives))
+    for trial in prepare(replace(campaign, runs=free), given) if free else ():
         if trial.motion is None and not trial.excitation.recorded.any():
             with suppress(SimulationError):
                 shown = simulated(given, trial, true_motion(given, trial)).std(axis=1)

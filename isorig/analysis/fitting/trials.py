@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run, once
+from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.simulate import Excitation, record, simulate
@@ -18,7 +18,7 @@ from isorig.analysis.simulate.free_run import excitation_of, true_drives
 from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
 from isorig.analysis.simulate.sampling import FLAT, within
 from isorig.analysis.spectra.hum import hum
-from isorig.analysis.spectra.noise import noise_level
+from isorig.analysis.spectra.noise import noise_levels, rests
 
 #: Share of every run used for fits; the rest is held out.
 FIT_SHARE = 0.6
@@ -27,9 +27,6 @@ FIT_SHARE = 0.6
 ACTS = 1.0
 #: Minimum number of samples of a run before its first gap.
 SHORTEST = 256
-#: A drive whose rms is below this multiple of its channel's noise does not move the rig: such a run is at rest, and shows the
-#: sensors' noise only. Chosen: the level that `noise_levels` determines from half a spectrum is accurate to a few per cent.
-AT_REST = 1.5
 #: Errors below this share of a channel's rms do not justify a parameter: weights add it to the noise.
 SIGNAL_SHARE = 0.01
 #: Number of simulated motions that a trial caches: those of the baseline, the model so far, and a candidate.
@@ -187,27 +184,6 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
     return trial.motion_of(model, trial.samples if samples is None else samples)
 
 
-@once
-def noise_levels(campaign: Campaign, drives: tuple[str, ...] = ()) -> Mapping[str, float]:
-    """Standard deviation of each channel's sensor noise, in the channel's unit: the lowest `noise_level` of any run.
-
-    Parameters
-    ----------
-    campaign
-        The measurement.
-    drives
-        The channels of the drives: what is coherent with them in other channels, or with others in them, is not noise.
-    """
-    levels: dict[str, float] = {}
-    for run in campaign.runs:
-        for name in run.channels:
-            related = tuple(other for other in run.sensors if (other in drives) != (name in drives)) if drives else ()
-            level = noise_level(run, name, related)
-            if level is not None:
-                levels[name] = min(level, levels.get(name, np.inf))
-    return levels
-
-
 def drive_noise(campaign: Campaign, channel: str) -> float:
     """Standard deviation of the drive channel's sensor noise, in its unit.
 
@@ -280,11 +256,6 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
     return tuple(trials)
-
-
-def rests(drive: FloatArray, noise: float) -> bool:
-    """Whether a record of the drive, shape (n,), contains only the noise of its channel: the rig was at rest."""
-    return bool(np.std(drive) <= AT_REST * noise)
 
 
 def onset_of(drive: FloatArray) -> int:

@@ -12,20 +12,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import exp, log
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from isorig.analysis.campaign import BoolArray, ComplexArray, FloatArray
-from isorig.analysis.fitting.linear_spectra import (
-    LinearRig,
-    Spectrum,
-    dampers,
-    given_parameters,
-    spectrum_of,
-)
-from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.units import GIVEN
@@ -51,10 +43,15 @@ LEAST_RATIO, LEAST_UNKNOWN = 3.0, 8.0
 INVERTED = -0.5
 #: Runs compared: those with the largest level of each configuration.
 RUNS = 2
+#: Power relative to the sensor's noise below which a frequency is left out.
+ABOVE_NOISE = 10.0
 #: Factors by which a sample rate is mistaken: the next setting of an instrument, its power of ten, kHz read as Hz.
 RATES = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1e-3, 1e3)
-#: Relative change of cost and parameters below which a fit ends: the differences that decide are a thousand times larger.
-CONVERGED = 1e-4
+#: Relative change of the cost below which a fit ends, the most steps of one, and the difference of its derivatives: the
+#: differences of the cost that decide are a hundred times larger.
+CONVERGED, STEPS, DIFFERENCE = 1e-3, 25, 1e-4
+#: Levenberg-Marquardt dampings that are tried at once, relative to the last one.
+DAMPINGS = np.array([0.1, 1.0, 10.0, 1e3])
 #: Number of explanations that are fitted, the most likely ones at the given values.
 FITTED = 4
 
@@ -88,7 +85,7 @@ class _Explanation:
     factor: float | None = 1.0
 
 
-def wrong_scale(given: RigModel, trials: Sequence[Trial]) -> tuple[WrongScale | None, bool]:
+def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScale | None, bool]:
     """The factor by which a record, a given value or the sample rate is wrong, None if there is none; and whether the phases of
     all records agree with the rig apart from it, so that nothing is exchanged.
 
@@ -96,26 +93,26 @@ def wrong_scale(given: RigModel, trials: Sequence[Trial]) -> tuple[WrongScale | 
     ----------
     given
         The rig with known values and starting values.
-    trials
-        The runs; those without a drive are skipped.
+    spectra
+        Of the driven runs.
     """
-    compared = _Compared(given, trials)
-    if not compared.spectra:
+    if not spectra:
         return None, False
+    compared = _Compared(given, spectra)
     best = _Explanation("sound")
     least, found = compared.fitted(best)
     unknown = "drive.factor" in given.free
     if least > CLEAR:
-        sound, before = least, compared.begun(best)
+        sound, before, settled = least, compared.begun(best), found
         if unknown:
             best = _Explanation("responses", tuple(range(len(given.sensors))), None)
-            least, found = compared.fitted(best)
+            least, found = compared.fitted(best, settled)
             sound, before = min(sound, least), min(before, compared.begun(best))
         begun = {each: compared.begun(each) for each in _explanations(given)}
         # An explanation that must beat the sound rig by a margin beats it by as much at the given values.
         likely = [each for each in sorted(begun, key=lambda each: begun[each]) if begun[each] + MARGIN < before]
         for each in likely[:FITTED]:
-            cost, here = compared.fitted(each)
+            cost, here = compared.fitted(each, settled)
             if cost < least and cost + MARGIN < sound and (cost + PRICE < sound or compared.agree(each, cost, here)):
                 best, least, found = each, cost, here
     ratio = best.factor if best.factor is not None else exp(float(found[-1]))
@@ -168,46 +165,35 @@ def _given(kind: Literal["stiffness", "mass"], places: Sequence[int], units: Seq
 class _Compared:
     # The recorded and the predicted levels of a rig's runs.
 
-    def __init__(self, given: RigModel, trials: Sequence[Trial]) -> None:
+    def __init__(self, given: RigModel, spectra: Sequence[Spectrum]) -> None:
         self._given = given
-        self.spectra = [s for trial in _strongest(trials) if (s := _spectrum(given, trial)) is not None]
-        self._rigs = {s.run.configuration: LinearRig(given, s.run.configuration) for s in self.spectra}
-        self._forces = [_friction(contact.law) for contact in given.contacts]
+        self._spectra = _strongest(spectra)
+        self._rigs = {s.run.configuration: LinearRig(given, s.run.configuration) for s in self._spectra}
+        self._forces = np.array([friction_level(contact.law) for contact in given.contacts])[:, None]
         self._values = given_parameters(given)
         self._rubs: dict[str, FloatArray] = {}
-        self._usual = self._errors()
-        self._recorded = [_levels(s.power, s) for s in self.spectra]
-        count = np.zeros(len(given.sensors))
-        for each in self._recorded:
-            count += np.isfinite(each).sum(axis=0)
-        self._weights = (
-            np.concatenate(
-                [
-                    np.broadcast_to(INDEPENDENT / np.maximum(count, INDEPENDENT), each.shape)[np.isfinite(each)]
-                    for each in self._recorded
-                ]
-            )
-            if self.spectra
-            else np.zeros(0)
-        )
-
-    def _errors(self) -> FloatArray:
         # Usual errors of masses, stiffnesses, dampings and frictions.
-        given = self._given
         mass = [ESTIMATED if f"bodies.{b.name}.mass" in given.free else WEIGHED for b in given.bodies]
         links, contacts = len(given.links), len(given.contacts)
-        return np.array([*mass, *[ESTIMATED] * links, *[LOSSES] * links, *[LOSSES] * contacts])
+        self._usual = np.array([*mass, *[ESTIMATED] * links, *[LOSSES] * links, *[LOSSES] * contacts])
+        self._known = [s.power >= ABOVE_NOISE * s.noise for s in self._spectra]
+        recorded = [_levels(s, known, s.power) for s, known in zip(self._spectra, self._known, strict=True)]
+        self._compared = [np.isfinite(each) for each in recorded]
+        self._recorded = np.concatenate([each[here] for each, here in zip(recorded, self._compared, strict=True)])
+        self._channel = np.concatenate([np.nonzero(here)[0] for here in self._compared])
+        count = np.bincount(self._channel, minlength=len(given.sensors))
+        self._weights = (INDEPENDENT / np.maximum(count, INDEPENDENT))[self._channel]
 
-    def start(self, explanation: _Explanation) -> FloatArray:
-        """The given values, and the median of a fitted factor."""
-        theta = np.zeros(len(self._usual))
+    def _start(self, explanation: _Explanation) -> FloatArray:
+        # The given values, and the median of a fitted factor.
+        return self._with_factor(explanation, np.zeros(len(self._usual)))
+
+    def _with_factor(self, explanation: _Explanation, theta: FloatArray) -> FloatArray:
         if explanation.factor is not None:
             return theta
-        away = self._away(theta, replace(explanation, factor=1.0))
-        rows = np.concatenate(
-            [np.broadcast_to(self._touches(explanation), each.shape)[np.isfinite(each)] for each in self._recorded]
-        )
-        return np.append(theta, np.median(away[rows]) if rows.any() else 0.0)
+        away = self._away(theta[:, None], replace(explanation, factor=1.0))[:, 0]
+        touched = self._touches(explanation)[self._channel]
+        return np.append(theta, np.median(away[touched]) if touched.any() else 0.0)
 
     def _touches(self, explanation: _Explanation) -> BoolArray:
         every = np.arange(len(self._given.sensors))
@@ -215,34 +201,47 @@ class _Compared:
 
     def begun(self, explanation: _Explanation) -> float:
         """Cost at the given values."""
-        return self.cost(explanation, self.start(explanation))
+        return float(self._cost(self._residuals(explanation, self._start(explanation)[:, None]))[0])
 
-    def cost(self, explanation: _Explanation, theta: FloatArray) -> float:
-        """Negative log likelihood of parameters, relative to a perfect agreement."""
-        away = self._away(theta, explanation) / LEVEL
-        usual = theta[: len(self._usual)] / self._usual
-        return float(np.sum(np.log1p(usual**2)) + np.sum(self._weights * np.log1p(away**2))) / 2.0
-
-    def fitted(self, explanation: _Explanation) -> tuple[float, FloatArray]:
-        """Least cost, and its parameters."""
+    def _residuals(self, explanation: _Explanation, thetas: FloatArray) -> FloatArray:
+        # Errors of the given values and of the levels, in usual ones, shape (errors, sets).
         free = len(self._usual)
+        return np.concatenate([thetas[:free] / self._usual[:, None], self._away(thetas, explanation) / LEVEL])
 
-        def residuals(theta: FloatArray) -> FloatArray:
-            return np.concatenate([theta[:free] / self._usual, self._away(theta, explanation) / LEVEL])
+    def _cost(self, residuals: FloatArray) -> FloatArray:
+        # Negative log likelihood of each set, relative to a perfect agreement.
+        weights = np.concatenate([np.ones(len(self._usual)), self._weights])
+        return np.asarray(weights @ np.log1p(residuals**2) / 2.0)
 
-        weights = np.concatenate([np.ones(free), self._weights])
+    def fitted(self, explanation: _Explanation, settled: FloatArray | None = None) -> tuple[float, FloatArray]:
+        """Least cost, and its parameters; from the given values, or from the parameters of the sound rig if these cost less.
 
-        def logarithm(squares: FloatArray) -> FloatArray:
-            return np.asarray(np.stack([np.log1p(squares), 1.0 / (1.0 + squares), -1.0 / (1.0 + squares) ** 2]) * weights)
-
-        loss: Any = logarithm
-        begin = self.start(explanation)
-        solved = least_squares(
-            residuals, begin, loss=loss, method="trf", max_nfev=25, diff_step=[1e-4], ftol=CONVERGED, xtol=CONVERGED
-        )
-        found = np.asarray(solved.x)
-        costs = [(self.cost(explanation, theta), theta) for theta in (begin, found)]
-        return min(costs, key=lambda each: each[0])
+        Levenberg-Marquardt with the weights of the heavy-tailed distributions; the derivatives, and the steps with several
+        dampings, are computed for all sets of parameters at once.
+        """
+        starts = [self._start(explanation)] + ([] if settled is None else [self._with_factor(explanation, settled)])
+        weights = np.concatenate([np.ones(len(self._usual)), self._weights])
+        tried = np.stack(starts, axis=1)
+        away = self._residuals(explanation, tried)
+        best = int(np.argmin(self._cost(away)))
+        theta, residual, cost, damping = tried[:, best], away[:, best], float(self._cost(away)[best]), 1e-2
+        for _ in range(STEPS):
+            moved = self._residuals(explanation, theta[:, None] + DIFFERENCE * np.eye(len(theta)))
+            slopes = (moved - residual[:, None]) / DIFFERENCE
+            pull = weights / (1.0 + residual**2)
+            normal, gradient = slopes.T @ (pull[:, None] * slopes), slopes.T @ (pull * residual)
+            scale = np.diag(np.maximum(np.diag(normal), 1e-12))
+            steps = [np.linalg.solve(normal + damping * each * scale, gradient) for each in DAMPINGS]
+            tried = theta[:, None] - np.stack(steps, axis=1)
+            away = self._residuals(explanation, tried)
+            costs = self._cost(away)
+            best, before = int(np.argmin(costs)), cost
+            if costs[best] < cost:
+                theta, residual, cost = tried[:, best], away[:, best], float(costs[best])
+            damping = min(max(damping * float(DAMPINGS[best]), 1e-6), 1e6)
+            if before - cost < CONVERGED * before:
+                break
+        return cost, theta
 
     def agree(self, explanation: _Explanation, cost: float, theta: FloatArray) -> bool:
         """Whether levels and phases of the records agree with an explanation."""
@@ -251,87 +250,69 @@ class _Compared:
     def correlation(self, explanation: _Explanation, theta: FloatArray) -> FloatArray:
         """Mean over runs and bands of the correlation of each response with its prediction, shape (responses,)."""
         rows = []
-        for spectrum, response in zip(self.spectra, self._responses(theta, explanation), strict=True):
-            known = ~np.isnan(spectrum.power)
-            together = np.einsum("gcd,gdc->gc", response.conj(), spectrum.across).real
-            predicted = np.einsum("gcd,gde,gce->gc", response.conj(), spectrum.drives, response).real
-            sums = [_summed(np.where(known, each, 0.0), spectrum) for each in (together, predicted, spectrum.power)]
+        every = zip(self._spectra, self._known, self._responses(theta[:, None], explanation), strict=True)
+        for spectrum, known, response in every:
+            together = np.einsum("cdg,dcg->cg", response[:, :, 0].conj(), spectrum.across).real
+            predicted = spectrum.predicted(response)[:, 0]
+            sums = [spectrum.in_bands(known * each) for each in (together, predicted, spectrum.power)]
             with np.errstate(divide="ignore", invalid="ignore"):
                 rows.append(sums[0] / np.sqrt(sums[1] * sums[2]))
-        every = np.concatenate(rows)
-        return np.asarray(np.nansum(every, axis=0) / np.maximum(np.isfinite(every).sum(axis=0), 1))
+        all_bands = np.concatenate(rows, axis=1)
+        return np.asarray(np.nansum(all_bands, axis=1) / np.maximum(np.isfinite(all_bands).sum(axis=1), 1))
 
-    def _away(self, theta: FloatArray, explanation: _Explanation) -> FloatArray:
-        # Log of recorded over predicted amplitude in every run, band and channel.
-        sensors = np.zeros(len(self._given.sensors))
+    def _away(self, thetas: FloatArray, explanation: _Explanation) -> FloatArray:
+        # Log of recorded over predicted amplitude in every run, band and channel, shape (levels, sets).
+        every = zip(self._spectra, self._known, self._compared, self._responses(thetas, explanation), strict=True)
+        levels = [
+            _levels(spectrum, known[:, None], spectrum.predicted(response)).swapaxes(1, 2)[compared]
+            for spectrum, known, compared, response in every
+        ]
+        away = self._recorded[:, None] - np.concatenate(levels)
         if explanation.kind == "sensor":
-            sensors[list(explanation.places)] = log(_factor(explanation, theta))
-        rows = []
-        every = zip(self.spectra, self._recorded, self._responses(theta, explanation), strict=True)
-        for spectrum, recorded, response in every:
-            power = np.einsum("gcd,gde,gce->gc", response.conj(), spectrum.drives, response).real
-            away = recorded - _levels(np.where(np.isnan(spectrum.power), np.nan, power), spectrum) - sensors
-            rows.append(away[np.isfinite(recorded)])
-        return np.nan_to_num(np.clip(np.concatenate(rows), -50.0, 50.0), nan=50.0)
+            away -= np.outer(self._touches(explanation)[self._channel], np.log(_factor(explanation, thetas)))
+        return np.asarray(np.nan_to_num(np.clip(away, -50.0, 50.0), nan=50.0))
 
-    def _responses(self, theta: FloatArray, explanation: _Explanation) -> Iterator[ComplexArray]:
+    def _responses(self, thetas: FloatArray, explanation: _Explanation) -> Iterator[ComplexArray]:
         # Of every run, per unit of each drive's recorded value.
-        given, factor, places = self._values, _factor(explanation, theta), list(explanation.places)
+        given, factor, places = self._values, _factor(explanation, thetas), list(explanation.places)
         b, k = len(given.mass), len(given.stiffness)
-        change = np.exp(np.clip(theta, -20.0, 20.0))
+        change = np.exp(np.clip(thetas, -20.0, 20.0))
         mass, stiffness = given.mass * change[:b], given.stiffness * change[b : b + k]
         if explanation.kind in ("mass", "stiffness"):
             (mass if explanation.kind == "mass" else stiffness)[places] /= factor
-        forces = np.array(self._forces) * change[b + 2 * k : b + 2 * k + len(self._forces)]
+        forces = self._forces * change[b + 2 * k : b + 2 * k + len(self._forces)]
         values = replace(given, mass=mass, stiffness=stiffness, damping=given.damping * change[b + k : b + 2 * k])
-        drives = np.ones(len(self._given.drives))
+        drives = np.ones((len(self._given.drives), thetas.shape[1]))
         if explanation.kind == "drive":
             drives[places] /= factor
         elif explanation.kind == "responses":
             drives *= factor
-        for spectrum in self.spectra:
+        for spectrum in self._spectra:
             rig = self._rigs[spectrum.run.configuration]
-            seen = replace(spectrum, omega=spectrum.omega / factor) if explanation.kind == "rate" else spectrum
-            free = rig.free_motion(seen.omega, values)
-            rubs = self._rubs[spectrum.run.id] = dampers(
-                free, values, seen, forces.tolist(), drives, self._rubs.get(spectrum.run.id)
-            )
-            yield rig.responses(seen.omega, replace(values, friction=rubs), free) * drives
+            omega = spectrum.omega / factor[0] if explanation.kind == "rate" else spectrum.omega
+            free = rig.free_motion(omega, values)
+            rubs = dampers(free, values, spectrum, forces, drives, self._rubs.get(spectrum.run.id))
+            # The next ones are similar.
+            self._rubs[spectrum.run.id] = rubs[:, :1]
+            yield rig.responses(omega, replace(values, friction=rubs), free) * drives[:, :, None]
 
 
-def _factor(explanation: _Explanation, theta: FloatArray) -> float:
-    return explanation.factor if explanation.factor is not None else exp(float(np.clip(theta[-1], -50.0, 50.0)))
+def _factor(explanation: _Explanation, thetas: FloatArray) -> FloatArray:
+    # Of each set of parameters.
+    if explanation.factor is not None:
+        return np.full(thetas.shape[1], explanation.factor)
+    return np.asarray(np.exp(np.clip(thetas[-1], -50.0, 50.0)))
 
 
-def _summed(power: FloatArray, spectrum: Spectrum) -> FloatArray:
-    _, band = np.unique(spectrum.band, return_inverse=True)
-    total = np.zeros((int(band.max()) + 1, power.shape[1]))
-    np.add.at(total, band, power)
-    return total
-
-
-def _levels(power: FloatArray, spectrum: Spectrum) -> FloatArray:
-    # Log amplitude in each band, shape (bands, channels); NaN where none is known.
-    total = _summed(np.nan_to_num(power), spectrum)
+def _levels(spectrum: Spectrum, known: BoolArray, power: FloatArray) -> FloatArray:
+    # Log amplitude in each band, shape (channels, ..., bands); NaN where none is known.
+    total = spectrum.in_bands(known * power)
     return np.asarray(0.5 * np.log(np.where(total > 0.0, total, np.nan)))
 
 
-def _strongest(trials: Sequence[Trial]) -> list[Trial]:
+def _strongest(spectra: Sequence[Spectrum]) -> list[Spectrum]:
     # The runs with the largest drive, of every configuration.
-    by: dict[str, list[Trial]] = {}
-    for trial in sorted(trials, key=lambda each: -float(np.std(each.excitation.recorded))):
-        by.setdefault(trial.run.configuration, []).append(trial)
-    return [trial for several in by.values() for trial in several[:RUNS]]
-
-
-def _spectrum(given: RigModel, trial: Trial) -> Spectrum | None:
-    samples = min((gap.first_tick for gap in trial.run.gaps), default=len(trial.run))
-    noise = {} if trial.motion is not None else dict(zip(trial.channels, trial.noise.tolist(), strict=True))
-    return spectrum_of(given, trial.run, samples, noise)
-
-
-def _friction(law: object) -> float:
-    # The level of a friction law, N.
-    found = [getattr(law, key, None) for key in ("friction_force", "forward_force", "backward_force")]
-    levels = [value for value in found if isinstance(value, float)]
-    return float(np.mean(levels)) if levels else 0.0
+    by: dict[str, list[Spectrum]] = {}
+    for spectrum in sorted(spectra, key=lambda each: -each.square * float(each.drives[0, 0].real.sum())):
+        by.setdefault(spectrum.run.configuration, []).append(spectrum)
+    return [spectrum for several in by.values() for spectrum in several[:RUNS]]

@@ -147,7 +147,7 @@ def characterize(
     return Characterization(
         table=table, head_mass=_head(known, given) if bonder else None,
         calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score, floor=final.floor,
-        adequate=final.explained, noise=final.noise, faults=wrong, doubts=doubts(model, (done,), fine),
+        adequate=final.explained, noise=final.noise, faults=wrong, doubts=doubts(model, (done,), campaign),
     )  # fmt: skip
 
 

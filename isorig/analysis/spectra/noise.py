@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from collections.abc import Mapping
+from math import pi, sqrt
+from statistics import NormalDist
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray, Run, once
+from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, once
+from isorig.analysis.spectra.windows import hanning
 
 #: Parts of the spectrum whose medians are compared, and the largest share of the sample rate: filters fall off close to half.
 PARTS, HIGHEST = 6, 0.475
@@ -16,9 +19,12 @@ PASSED, LEVEL_WITHIN = 0.44, 1.3
 #: Friction changes at once where the motion reverses, so its spectrum is broad. Between reversals the upper part of the usable
 #: band, from this share of it on, contains noise only; this share of all moments is far enough from reversals.
 UPPER, CALM = 0.77, 0.25
-#: Length of the filter of the upper band, in samples, and the least share of the largest value that counts: a record that stays
-#: at one count has no noise to measure.
-TAPS, MOVES = 33, 1e-9
+#: Length of the filter of the upper band, in samples, the parameter of its Kaiser window, and the least share of the largest
+#: value that counts: a record that stays at one count has no noise to measure.
+TAPS, KAISER, MOVES = 33, 8.0, 1e-9
+#: A drive whose rms is below this multiple of its channel's noise does not move the rig: such a run is at rest, and shows the
+#: sensors' noise only. Chosen: the level that `noise_levels` determines from half a spectrum is accurate to a few per cent.
+AT_REST = 1.5
 #: Samples of a segment of averaged spectra, and segments for each related channel.
 SEGMENT, AVERAGES = 128, 8
 
@@ -47,29 +53,65 @@ def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int
     longest
         Number of samples that are read; all if None.
     """
-    from scipy.signal import firwin, oaconvolve
-    from scipy.stats import norm
-
     channel = run.channel(name)
     values = channel.read(0, longest)
     n = len(values)
     if n < 2 * SEGMENT:
         return None
     usable = min(run.usable, HIGHEST * run.sample_rate)
-    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(n))) ** 2 / (n * 0.375)
+    power = _squared(np.fft.rfft((values - values.mean()) * hanning(n))) / (n * 0.375)
     squares = [middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]
     squares += _above(power, usable / run.sample_rate)
     others = [run.channel(other).read(0, longest) for other in related if other in run.channels and other != name]
     if others and n >= AVERAGES * len(others) * SEGMENT:
         squares += _middles(_own(values, np.stack(others)), usable / run.sample_rate)
-    taps = firwin(TAPS, [UPPER * usable, usable], pass_zero=False, fs=run.sample_rate, window=("kaiser", 8.0))
-    high = np.abs(oaconvolve(values - values.mean(), taps, mode="valid"))
+    taps = _band(UPPER * usable / run.sample_rate, usable / run.sample_rate)
+    high = np.abs(np.convolve(values - values.mean(), taps, mode="valid"))
     moving = high[high > MOVES * high.max()]
     if len(moving):
-        calm = float(np.quantile(moving, CALM)) / float(norm.ppf(0.5 + 0.5 * CALM))
+        calm = float(np.quantile(moving, CALM)) / NormalDist().inv_cdf(0.5 + 0.5 * CALM)
         squares.append(calm**2 / float(np.sum(taps**2)))
     counted = np.asarray(channel.samples[:1]).dtype.kind in "iu"
     return max(sqrt(min(squares)), abs(channel.scale) / sqrt(12.0) if counted else 0.0)
+
+
+@once
+def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int | None = None) -> Mapping[str, float]:
+    """Standard deviation of each channel's sensor noise, in the channel's unit: the lowest `noise_level` of any run.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    drives
+        The channels of the drives: what is coherent with them in other channels, or with others in them, is not noise.
+    longest
+        Number of samples that are read of each run; all if None.
+    """
+    levels: dict[str, float] = {}
+    for run in campaign.runs:
+        for name in run.channels:
+            related = tuple(other for other in run.sensors if (other in drives) != (name in drives)) if drives else ()
+            level = noise_level(run, name, related, longest)
+            if level is not None:
+                levels[name] = min(level, levels.get(name, np.inf))
+    return levels
+
+
+def rests(drive: FloatArray, noise: float) -> bool:
+    """Whether a record of the drive, shape (n,), contains only the noise of its channel: the rig was at rest."""
+    return bool(np.std(drive) <= AT_REST * noise)
+
+
+def _squared(values: ComplexArray) -> FloatArray:
+    return np.asarray(values.real**2 + values.imag**2)
+
+
+def _band(low: float, high: float) -> FloatArray:
+    # Taps of a band-pass between shares of the sample rate: the windowed ideal one, with gain 1 in the middle of its band.
+    place = np.arange(TAPS) - 0.5 * (TAPS - 1)
+    taps = (2.0 * high * np.sinc(2.0 * high * place) - 2.0 * low * np.sinc(2.0 * low * place)) * np.kaiser(TAPS, KAISER)
+    return np.asarray(taps / float(taps @ np.cos(pi * (low + high) * place)))
 
 
 def _middles(power: FloatArray, share: float) -> list[float]:
@@ -89,7 +131,7 @@ def _above(power: FloatArray, share: float) -> list[float]:
 
 def _own(values: FloatArray, others: FloatArray) -> FloatArray:
     # Power of a record that is not coherent with the others, as the variance of white noise, shape (bins,).
-    window = np.hanning(SEGMENT)
+    window = hanning(SEGMENT)
 
     def segments(rows: FloatArray) -> ComplexArray:
         parts = np.lib.stride_tricks.sliding_window_view(rows, SEGMENT, axis=-1)[..., :: SEGMENT // 2, :]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -102,3 +103,11 @@ def window_named(name: str) -> Window:
     if name not in WINDOWS:
         raise DataError(f"there is no window {name!r}; there are {', '.join(get_args(WindowName))}, so give one of these")
     return WINDOWS[name]
+
+
+@lru_cache(maxsize=4)
+def hanning(length: int) -> FloatArray:
+    """The symmetric Hann window, shape (length,), read-only: the records of a campaign have few lengths."""
+    window = np.hanning(length)
+    window.flags.writeable = False
+    return window

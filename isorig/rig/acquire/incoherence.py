@@ -16,8 +16,8 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.repeats import same_drive
-from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.spectra.detection import Detection
+from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.welch import Spectra, estimate
 

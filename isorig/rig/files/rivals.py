@@ -15,9 +15,9 @@ from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.excess import excess
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.proposals.prediction import Variant
+from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import free_of, free_tree

@@ -11,7 +11,6 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.deadline import Deadline
-from isorig.analysis.fitting.trials import noise_levels
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
@@ -23,6 +22,7 @@ from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn
 from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.inverse import floats
+from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import Rivals

@@ -18,7 +18,8 @@ from rigs import FAMILIES
 
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.score import adequate, noise_floor, score
-from isorig.analysis.fitting.trials import noise_levels, prepare
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.quality import faults
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
