@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +46,31 @@ def test_blocks_are_square_errors_over_noise_and_three_permille_of_the_signal(mo
     assert found.error[0, 0] == pytest.approx(0.01 / size)
     np.testing.assert_allclose(found.blocks, 0.01**2 / (1e-3**2 + (0.003 * size) ** 2))
     np.testing.assert_allclose(found.power, 0.01**2 / size**2)
+
+
+def moved(at: Sequence[float], rest: float = 0.0) -> FloatArray:
+    # Ten seconds at 100 Hz: a position that rings for a second from each of these moments on, and stays `rest` off.
+    time = np.arange(1000) / 100.0
+    return sum((np.where(time < t, 0.0, rest + np.exp(-4.0 * (time - t).clip(0)) * np.sin(30.0 * (time - t))) for t in at),
+               np.zeros(1000))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("at", "low", "high"),
+    [
+        ((0.5, 7.0), 600, 600),  # a move in the last 40 %
+        ((0.5, 2.0, 3.5), 350, 350),  # at rest from then on: the last move is held out
+        ((0.5, 3.0), 300, 300),
+        ((1.0,), 101, 200),  # one move: its end
+    ],
+)
+def test_a_run_that_comes_to_rest_is_divided_between_its_moves(at: tuple[float, ...], low: int, high: int) -> None:
+    assert low <= trials.fit_samples(np.stack([moved(at), moved(at, rest=0.2)])) <= high
+
+
+def test_a_steady_run_is_divided_in_time() -> None:
+    noise = np.random.default_rng(3).normal(0.0, 1.0, (2, 5000))
+    assert trials.fit_samples(noise) == 3000
 
 
 def simulated(scales: list[float]) -> Callable[..., Any]:

@@ -105,8 +105,12 @@ def test_a_drive_that_acts_late(late: float, tmp_path: Path) -> None:
     found = diagnosed(carts(late, 4), tmp_path)
     (step,) = found["steps"]
     assert (found["verdict"], step["cause"], step["location"]) == ("explained", "channel_delay", "motor")
-    # A force held from one sample to the next jumps at the sample, half an interval later than between the two.
-    assert step["parameters"]["delay"]["value"] == pytest.approx(-(late + 0.5 / RATE), abs=0.02 / RATE)
+    assert step["parameters"]["delay"]["value"] == pytest.approx(-late, abs=0.02 / RATE)
+
+
+def test_a_command_that_acts_at_its_samples(tmp_path: Path) -> None:
+    found = diagnosed(carts(0.0, 4), tmp_path)
+    assert (found["verdict"], found["steps"]) == ("adequate", [])
 
 
 @pytest.mark.parametrize("dry", [40.0, 0.0])

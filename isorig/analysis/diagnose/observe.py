@@ -12,9 +12,9 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.diagnose.mechanisms.base import Evidence
-from isorig.analysis.equations.motion import is_command
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
+from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import mains_in
 from isorig.analysis.spectra.motion import motion_of

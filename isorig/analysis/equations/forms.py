@@ -82,6 +82,8 @@ def _sliding_force(
     sliding.restore(equations.slow_parts(sliding, shape))
     columns = equations.columns_with(element, sliding, shape, own)
     first = 3 + law_columns(element)
+    unknown = [path for path, _, _ in equations.unknown_rows(balance)]
+    size *= _scale(dict(zip(unknown, fitted.values[first:].tolist(), strict=False)))
     d, v, t, f, left = [], [], [], [], []
     for block in (sliding.active[k] for k in fitted.sound):
         place = block.first + block.used
@@ -230,7 +232,7 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
 
 
 def _values_of(equations: Equations, balance: Balance, explanation: Explanation | None) -> dict[str, float]:
-    # The values of an equation's parameters by path; the scale of all given masses has none.
+    # The values of an equation's parameters by path.
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]
     found: dict[str, float] = {}
     if balance.name in equations.prepared:
@@ -252,8 +254,17 @@ def _values_of(equations: Equations, balance: Balance, explanation: Explanation 
         if element.contact is not None:
             found[f"contacts.{element.contact.name}.law.friction_force"] = float(values[2]) / size
         found |= zip(unknown, values[3 + law_columns(element) :].tolist(), strict=False)
-    found.pop("", None)
-    return found
+    scale = _scale(found)
+    if found.pop("", None) is None:
+        return found
+    return {path: value / scale for path, value in found.items()} | {"drive.factor": equations.model.drive.factor / scale}
+
+
+def _scale(values: Mapping[str, float]) -> float:
+    # An equation whose drive's factor is unknown is solved for the given factor and the scale of the given masses, which has no
+    # path: its forces are those of the rig times this scale.
+    scale = values.get("", 1.0)
+    return scale if 1.0 / FACTOR < scale < FACTOR else 1.0
 
 
 def _slid(equations: Equations, balance: Balance, element: Element, explanation: Explanation | None) -> SlidingFit:

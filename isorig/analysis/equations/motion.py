@@ -13,12 +13,6 @@ from isorig.analysis.model.rig_model import RigModel, direction
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
 UNDETERMINED = 1e-9
-#: Relative size of the smallest step of a record, in rms values, above which it counts as quantization: then the noise is at
-#: least that of rounding.
-STEPS_PER_SAMPLE = 0.25
-#: Number of values that a record takes below which it is a command with levels, which is exact, and no signal rounded to counts.
-#: Chosen: steps and square waves have two to five levels, and a motion of fewer counts than this shows nothing but rounding.
-LEVELS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,26 +93,6 @@ def low_passed(values: FloatArray, rate: float, high: float) -> FloatArray:
     whole = np.concatenate([values, values[-2:0:-1]])
     gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), high)
     return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
-
-
-def is_command(values: FloatArray) -> bool:
-    """Whether a record takes fewer than `LEVELS` values."""
-    some = values[:: max(1, len(values) // 20_000)]
-    return len(np.unique(some)) < LEVELS and len(np.unique(values)) < LEVELS
-
-
-def resolution(values: FloatArray) -> float:
-    """Standard deviation of the rounding of a record to counts; 0 if it is not rounded visibly, or has a few levels only.
-
-    A step q of the counts rounds with a standard deviation of q / sqrt(12).
-    """
-    if is_command(values):
-        return 0.0
-    steps = np.abs(np.diff(values[:: max(1, len(values) // 20_000)]))
-    used = np.unique(steps[steps > 1e-12 * max(float(np.abs(values).max()), 1e-300)])
-    if len(used) == 0 or len(used) > STEPS_PER_SAMPLE * len(steps):
-        return 0.0
-    return float(used[0] / np.sqrt(12.0))
 
 
 class Combinations:

@@ -17,14 +17,15 @@ from isorig.analysis.equations.motion import (
     derivatives,
     estimate_of,
     low_passed,
-    resolution,
     usable_stop,
 )
 from isorig.analysis.equations.sliding import ROUNDS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.simulate.sampling import as_held
 from isorig.analysis.spectra.motion import signal_edge
 
 #: Periods of the lowest mode in a segment, and its shortest length in samples.
@@ -83,9 +84,7 @@ class Equations:
             for k, run in enumerate(campaign.runs)
             if run.sample_rate == self.rate
         ]  # fmt: skip
-        self.noise = {
-            name: max([noise.get(name, 0.0), *(resolution(r.channels[name]) for r in self.records)]) for name in model.channels
-        }
+        self.noise = {name: noise.get(name, 0.0) for name in model.channels}
         longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
         self.lowest = lowest_frequency(model, longest / self.rate)
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
@@ -540,7 +539,9 @@ class Equations:
 
 
 def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
-    return {name: run.channel(name).read(0, usable_stop(run)) for name in model.channels}
+    held = {drive.channel for drive in model.drives if drive.imposes is None}
+    records = {name: run.channel(name).read(0, usable_stop(run)) for name in model.channels}
+    return {name: as_held(values, 1) if name in held and is_command(values) else values for name, values in records.items()}
 
 
 def lowest_frequency(model: RigModel, longest: float) -> float:

@@ -53,8 +53,8 @@ def ends(trials: Sequence[Trial]) -> Division:
     """Fits use the beginnings of all runs, and are judged by the ends."""
     return Division(
         fits=tuple(trials), judged=tuple(refined(trial) for trial in trials),
-        how="the last 40 % of every run (all of a run marked as held out), held out from the fits; free-run simulation from "
-        "the run's first sample",
+        how="the last 40 % of every run (the last moves of a run that comes to rest, all of a run marked as held out), held out "
+        "from the fits; free-run simulation from the run's first sample",
     )  # fmt: skip
 
 

@@ -22,6 +22,11 @@ from isorig.analysis.spectra.noise import noise_levels, rests
 
 #: Share of every run used for fits; the rest is held out.
 FIT_SHARE = 0.6
+#: Blocks of a run whose motion is compared, and the share of the whole motion that the held-out end must have: half of its share
+#: of the time. A run that has come to rest before has less.
+BLOCKS, STILL_MOVES = 100, 0.5 * (1.0 - FIT_SHARE)
+#: Share of the motion in the fit data of such a run. Chosen: at least half of two equal moves, and not the last of three.
+BETWEEN = (0.4, 0.8)
 #: Share of its rms above which a drive acts. A drive that fades in does not act before: a rig held by friction moves like one
 #: with a stiffer spring, which does not represent the rest of the run.
 ACTS = 1.0
@@ -247,7 +252,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 channels=names,
                 measured=measured,
                 noise=np.array([noise.get(name, 0.0) for name in names]),
-                fitted=0 if run.use == "holdout" else round(stop * FIT_SHARE),
+                fitted=0 if run.use == "holdout" else fit_samples(measured),
                 ceiling=min(run.sample_rate / 2.0, 4.0 * run.band[1] if low and run.band else run.sample_rate / 2.0),
                 onset=onset_of(drive),
                 usable=min(run.usable, FLAT * run.sample_rate),
@@ -256,6 +261,29 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
     return tuple(trials)
+
+
+def fit_samples(measured: FloatArray) -> int:
+    """Number of leading samples of a run for fits: `FIT_SHARE` of it, or, if its end is at rest, some of its moves.
+
+    The fit data of a run that comes to rest end at the calmest moment, so that whole moves are held out.
+
+    Parameters
+    ----------
+    measured
+        The responses, shape (channels, n).
+    """
+    parts = np.array_split(measured, BLOCKS, axis=1)
+    power = np.stack([part.var(axis=1) for part in parts])
+    course = np.cumsum(np.mean(power / np.maximum(power.sum(axis=0), 1e-300), axis=1))
+    if course[-1] - course[round(FIT_SHARE * BLOCKS) - 1] >= STILL_MOVES:
+        return round(FIT_SHARE * int(measured.shape[1]))
+    moving = np.diff(course, prepend=0.0)
+    between = np.flatnonzero((course >= BETWEEN[0]) & (course <= BETWEEN[1]))
+    if not len(between):
+        between = np.flatnonzero(course >= FIT_SHARE)[:1]
+    last = between[moving[between] <= moving[between].min()][-1]
+    return int(sum(part.shape[1] for part in parts[: last + 1]))
 
 
 def onset_of(drive: FloatArray) -> int:

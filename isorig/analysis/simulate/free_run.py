@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 
@@ -12,6 +12,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
+from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.kernel import run
 from isorig.analysis.simulate.sampling import AS_IT_IS, TAPS, Excitation, interpolate, sampled, shift
@@ -92,15 +93,19 @@ def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
 
 
 def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
-    """The recorded drives of a run, up to sample `stop`.
+    """The recorded drives of a run, up to sample `stop`; a command that pushes is held from sample to sample.
 
     Raises
     ------
     DataError
         If the run lacks one of them.
     """
-    first, *others = [run.channel(drive.channel).read(0, stop) for drive in model.drives]
-    return Excitation.prepare(first, run.sample_rate, oversample=oversample, others=others)
+    first, *others = (
+        Excitation.prepare(values, run.sample_rate, oversample=oversample, held=drive.imposes is None and is_command(values))
+        for drive in model.drives
+        for values in [run.channel(drive.channel).read(0, stop)]
+    )
+    return replace(first, others=tuple(others))
 
 
 def simulate(

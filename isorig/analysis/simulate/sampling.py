@@ -46,6 +46,13 @@ def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -
     return y[lead : lead + len(x) * factor]
 
 
+def as_held(x: FloatArray, factor: int) -> FloatArray:
+    """A command held from each sample to the next, shape (n * factor,): each jump is linear, over the two steps around it."""
+    fine = np.repeat(x, factor)
+    fine[factor::factor] = 0.5 * (x[1:] + x[:-1])
+    return fine
+
+
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
     """A drive prepared once for many simulations.
@@ -62,6 +69,8 @@ class Excitation:
         The drive on the fine grid, shape (n * oversample,); with linear interpolation it has the drive's spectrum.
     others
         Further drives of the same rig, in the rig's order.
+    held
+        Whether the record is a command, which a converter holds from each sample to the next. All others are band-limited.
 
     Examples
     --------
@@ -77,6 +86,7 @@ class Excitation:
     oversample: int
     fine: FloatArray
     others: tuple[Excitation, ...] = ()
+    held: bool = False
 
     def __repr__(self) -> str:
         more = f", {len(self.others)} more drives" if self.others else ""
@@ -84,9 +94,9 @@ class Excitation:
 
     @classmethod
     def prepare(
-        cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = ()
+        cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = (), held: bool = False
     ) -> Excitation:
-        """Interpolate a drive with a band-limited filter.
+        """Interpolate a drive with a band-limited filter, or as a command that is held.
 
         Raises
         ------
@@ -100,21 +110,21 @@ class Excitation:
             raise DataError("the drive holds values that are not finite; cut or measure it again")
         if not 0.0 < sample_rate < np.inf:
             raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
-        fine = interpolate(recorded, oversample)
+        fine = as_held(recorded, oversample) if held else interpolate(recorded, oversample)
         further = tuple(cls.prepare(other, sample_rate, oversample=oversample) for other in others)
-        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further)
+        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further, held=held)
 
     def resampled(self, oversample: int) -> Excitation:
         """The same drive on another grid."""
         if oversample == self.oversample:
             return self
-        others = [other.recorded for other in self.others]
-        return Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample, others=others)
+        others = tuple(other.resampled(oversample) for other in self.others)
+        return replace(Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample, held=self.held), others=others)
 
     def with_drive(self, recorded: FloatArray) -> Excitation:
         """Another record of the first drive on the same grid, shape (n,)."""
-        others = [other.recorded for other in self.others]
-        return Excitation.prepare(recorded, self.sample_rate, oversample=self.oversample, others=others)
+        fresh = Excitation.prepare(recorded, self.sample_rate, oversample=self.oversample, held=self.held)
+        return replace(fresh, others=self.others)
 
     def beginning(self, samples: int) -> Excitation:
         """The first samples of the same drive, and the further ones that filters and delays need."""

@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, once
+from isorig.analysis.rounding import rounding
 from isorig.analysis.spectra.windows import hanning
 
 #: Parts of the spectrum whose medians are compared, and the largest share of the sample rate: filters fall off close to half.
@@ -77,7 +78,9 @@ def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int
 
 @once
 def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int | None = None) -> Mapping[str, float]:
-    """Standard deviation of each channel's sensor noise, in the channel's unit: the lowest `noise_level` of any run.
+    """Standard deviation of each channel's sensor noise, in the channel's unit.
+
+    The lowest `noise_level` of any run, and at least that of rounding to counts: a record at rest at one count shows no noise.
 
     Parameters
     ----------
@@ -89,13 +92,15 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
         Number of samples that are read of each run; all if None.
     """
     levels: dict[str, float] = {}
+    counts: dict[str, float] = {}
     for run in campaign.runs:
         for name in run.channels:
             related = tuple(other for other in run.sensors if (other in drives) != (name in drives)) if drives else ()
             level = noise_level(run, name, related, longest)
             if level is not None:
                 levels[name] = min(level, levels.get(name, np.inf))
-    return levels
+                counts[name] = max(rounding(run.channel(name).read(0, longest)), counts.get(name, 0.0))
+    return {name: max(level, counts[name]) for name, level in levels.items()}
 
 
 def rests(drive: FloatArray, noise: float) -> bool:

@@ -25,7 +25,7 @@ from isorig.analysis.equations.balances import balances
 from isorig.analysis.equations.columns import relaxing
 from isorig.analysis.equations.forms import element_force, fitted_form, start_values
 from isorig.analysis.equations.hidden import estimable, estimated
-from isorig.analysis.equations.motion import derivatives, resolution
+from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.ranking import Explanation, ranking
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HOLDS
@@ -33,6 +33,7 @@ from isorig.analysis.fitting.ladder import fit_baseline
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
+from isorig.analysis.rounding import rounding
 from isorig.analysis.simulate.free_run import simulate
 from isorig.analysis.simulate.sampling import Excitation
 
@@ -134,6 +135,26 @@ def test_the_level_of_dry_friction_follows_from_the_equation() -> None:
     assert start_values(equations_of(played(truth, seed=SEED + 3), given))[path] == pytest.approx(4.0, rel=0.05)
 
 
+def test_values_beside_an_unknown_factor_of_the_drive_follow_from_the_given_mass() -> None:
+    truth = rubbing(carts(), "wall", 1.2)
+    free = ("drive.factor", "links.wall.stiffness")
+    given = replace(carts(), free=tuple(path for path in carts().free if path != "bodies.second.mass")).replace(
+        {path: 0.75 * truth.get(path) for path in free}
+    )
+    equations = equations_of(played(truth, seed=SEED + 12), given)
+    best = ranking(equations).explanations[0]
+    assert (best.kind, best.place) == ("friction_shape", "wall")
+    values = start_values(equations, best)
+    assert [values[path] for path in free] == pytest.approx([truth.get(path) for path in free], rel=0.05)
+    force, element = element_force(equations, best), next(e for e in equations.elements() if e.name == "wall")
+    path = "contacts.wall.law.friction_force"
+    own = [Free(path=path, low=0.01, high=50.0), *(Free(path=f"links.wall.{name}") for name in ("stiffness", "damping"))]
+    assert force is not None
+    found = fitted_form(rubbing(given, "wall", 0.1), own, element, force)
+    assert found is not None
+    assert found[0][path] == pytest.approx(1.2, rel=0.15)
+
+
 def test_a_form_is_fitted_to_the_recorded_force() -> None:
     truth = with_law(carts(), "between", laws.Cubic(cubic_stiffness=3e6))
     given = guessed(carts(), SEED + 4)
@@ -201,14 +222,14 @@ def test_derivatives_and_integrals_of_a_sine() -> None:
 
 def test_counts_have_the_noise_of_their_rounding() -> None:
     values = np.random.default_rng(2).normal(0.0, 1.0, 5000)
-    assert resolution(np.round(values / 0.1) * 0.1) == pytest.approx(0.1 / np.sqrt(12.0))
-    assert resolution(values) == 0.0
+    assert rounding(np.round(values / 0.1) * 0.1) == pytest.approx(0.1 / np.sqrt(12.0))
+    assert rounding(values) == 0.0
 
 
 @pytest.mark.parametrize(("levels", "rounded"), [(7, False), (8, True)])
 def test_a_command_with_few_levels_is_exact(levels: int, rounded: bool) -> None:
     held = np.repeat(np.arange(levels, dtype=float), 100)
-    assert (resolution(held) > 0.0) == rounded
+    assert (rounding(held) > 0.0) == rounded
 
 
 def test_a_slipping_spring_along_a_ramp_and_back() -> None:

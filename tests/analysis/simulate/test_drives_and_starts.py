@@ -53,6 +53,19 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+def test_a_command_is_held_from_sample_to_sample() -> None:
+    step, first, omega = 3.0, 200, np.sqrt(K / M)
+    rig = replace(relative(0.0), links=(Link(name="k", a="m", stiffness=K),))
+    known = -M * step / K * (1.0 - np.cos(omega * np.maximum(TIME - first / RATE, 0.0)))
+    command = np.where(np.arange(N) < first, 0.0, step)
+    off = [
+        np.abs(simulate(rig, Excitation.prepare(command, RATE, held=held, oversample=4)).channels["x"] - known)[INSIDE].max()
+        for held in (True, False)
+    ]
+    # Band-limited interpolation puts the step halfway between the two samples.
+    assert off[0] < 2e-4 * np.abs(known).max() < 50.0 * off[0] < off[1]
+
+
 @pytest.mark.parametrize("friction", [0.0, 1.5])
 def test_an_imposed_acceleration_is_the_motion_in_relative_coordinates(friction: float) -> None:
     seen = simulate(base(friction=friction), Excitation.prepare(A, RATE)).channels

@@ -34,7 +34,7 @@ def channels_of(model: RigModel) -> tuple[str, ...]:
 class ChannelDelay:
     """A delayed channel.
 
-    A delay biases the baseline's own fit, so starting values also include a grid of delays for the rig before that fit.
+    A delay biases the fit of the other parameters, so starting values also include a grid of delays with these as before any fit.
     """
 
     cause: ClassVar[str] = "channel_delay"
@@ -42,14 +42,16 @@ class ChannelDelay:
 
     def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
         sample = 1.0 / evidence.sample_rate
+        like = evidence.guess.free == model.free
+        before = model.replace({path: evidence.guess.get(path) for path in model.free}) if like else model
         found = []
         for channel in channels_of(model):
             path = f"{chain_of(model, channel)[1]}.delay"
-            grid = tuple(evidence.guess.replace({path: 0.5 * k * sample}) for k in range(-8, 9) if k)
+            grid = tuple(before.replace({path: 0.5 * k * sample}) for k in range(-8, 9) if k and like)
             found.append(
                 Candidate(
                     cause=self.cause, location=channel, family="delay",
-                    starts=(model, *(grid if evidence.guess.free == model.free else ())),
+                    starts=(model, *grid),
                     free=(Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample),),
                     reported=(Reported(name="delay", path=path, unit="s"),), rank=0,
                 )
