@@ -18,9 +18,9 @@ from isorig.analysis.isolation.ratio import (
     stuck_share,
 )
 from isorig.analysis.model.built_in import THESIS, wire_bonder
+from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.parameters.four_set_ups import classic, error_surface
-from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 

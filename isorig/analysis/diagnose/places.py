@@ -14,8 +14,8 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import RigModel, direction
-from isorig.analysis.simulate.compiled import imposed_coordinates, linear_part
 
 #: Share of the misfit's rms that the best place may leave to tell something. Chosen: half; a sound rig's noise leaves 0.8.
 EXPLAINS = 0.5

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
-from isorig.analysis.simulate.compiled import imposed_coordinates, linear_part
-from isorig.analysis.simulate.inverse import floats
 from isorig.analysis.spectra.noise import noise_levels, rests
 from isorig.analysis.spectra.windows import hanning
 
@@ -31,7 +30,7 @@ LEAST_DAMPING = 1e-3
 #: change in one of them.
 ROUNDS, SETTLED, FARTHEST = 15, 1e-6, 3.0
 #: Samples from which the noise of a record is determined: a few per cent accurate.
-LONGEST_NOISE = 1 << 14
+LONGEST_NOISE = 1 << 13
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,18 +13,19 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import exp, inf, log, pi
 from statistics import median
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
-from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.swapped import swapped_channels
-from isorig.analysis.fitting.trials import prepare, simulated, true_motion
 from isorig.analysis.fitting.wrong_scale import WrongScale, wrong_scale
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.units import GIVEN, mistaken
+
+if TYPE_CHECKING:
+    from isorig.analysis.fitting.solve import Fit, Free
 
 #: A given mass, stiffness or factor that was weighed, read from a data sheet or estimated with care is not wrong by this ratio.
 DECADE = 10.0
@@ -240,6 +241,8 @@ def _near(quantity: Quantity, channel: str, ratio: float) -> list[str]:
 
 def _released(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
     # A run without a drive starts from a given position: levels in wrong units differ by more than any cause changes them.
+    from isorig.analysis.fitting.trials import prepare, simulated, true_motion
+
     ratios: dict[str, list[float]] = {}
     free = tuple(run for run in campaign.runs if not any(run.read(drive.channel).any() for drive in given.drives))
     for trial in prepare(replace(campaign, runs=free), given) if free else ():

@@ -12,10 +12,11 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
+from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import excitation_of, true_drives
-from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, floats, motion_from, required_drive
+from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, motion_from, required_drive
 from isorig.analysis.simulate.sampling import FLAT, within
 from isorig.analysis.spectra.hum import hum
 from isorig.analysis.spectra.noise import noise_levels, rests

@@ -47,9 +47,8 @@ RUNS = 2
 ABOVE_NOISE = 10.0
 #: Factors by which a sample rate is mistaken: the next setting of an instrument, its power of ten, kHz read as Hz.
 RATES = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1e-3, 1e3)
-#: Relative change of the cost below which a fit ends, the most steps of one, and the difference of its derivatives: the
-#: differences of the cost that decide are a hundred times larger.
-CONVERGED, STEPS, DIFFERENCE = 1e-3, 25, 1e-4
+#: Change of the cost below which a fit ends, a hundredth of what decides; the most steps of one; difference of its derivatives.
+CONVERGED, STEPS, DIFFERENCE = 0.01 * MARGIN, 25, 1e-4
 #: Levenberg-Marquardt dampings that are tried at once, relative to the last one.
 DAMPINGS = np.array([0.1, 1.0, 10.0, 1e3])
 #: Number of explanations that are fitted, the most likely ones at the given values.
@@ -239,7 +238,7 @@ class _Compared:
             if costs[best] < cost:
                 theta, residual, cost = tried[:, best], away[:, best], float(costs[best])
             damping = min(max(damping * float(DAMPINGS[best]), 1e-6), 1e6)
-            if before - cost < CONVERGED * before:
+            if before - cost < CONVERGED:
                 break
         return cost, theta
 

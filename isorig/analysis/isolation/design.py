@@ -11,9 +11,9 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
+from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor, direction, matrices
 from isorig.analysis.simulate import Excitation, scan, simulate
-from isorig.analysis.simulate.compiled import constraint_basis
 
 
 @dataclass(frozen=True, kw_only=True)

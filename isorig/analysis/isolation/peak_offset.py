@@ -13,8 +13,8 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, broad
 from isorig.analysis.errors import AnalysisError, DataError
+from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
-from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.spectra.modes import Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 

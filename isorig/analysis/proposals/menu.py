@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.proposals.policy import (
     ABOUT,
@@ -28,7 +29,6 @@ from isorig.analysis.proposals.policy import (
     SHORT,
     WIDE,
 )  # fmt: skip
-from isorig.analysis.simulate.compiled import constraint_basis
 
 Excited = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
 

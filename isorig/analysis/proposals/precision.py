@@ -20,12 +20,12 @@ from isorig.analysis.deadline import Deadline, ask_time
 from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.linear import linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
 from isorig.analysis.proposals.limits import Peaks, simulated_peaks
 from isorig.analysis.proposals.policy import ALIKE, COHERENT, LOCK_PRICE, NO_BETTER, OVERHEAD, RESOLUTION, SHORTEST
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
 from isorig.analysis.simulate import simulate
-from isorig.analysis.simulate.compiled import linear_part
 from isorig.analysis.spectra.welch import estimate
 
 #: Excitations with transfer functions.

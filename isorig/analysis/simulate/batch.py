@@ -15,9 +15,9 @@ from isorig.analysis import laws
 from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.jit import fast_kernel
+from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.parallel import side_by_side
-from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.simulate.exponential import exponentials
 from isorig.analysis.simulate.free_run import Response, simulate
 from isorig.analysis.simulate.sampling import Excitation, sampled

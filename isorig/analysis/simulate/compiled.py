@@ -17,7 +17,8 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.elements import Element, Exit
-from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, matrices
+from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
 from isorig.analysis.simulate.workspace import Rig
@@ -131,58 +132,6 @@ def _systems(moving: _Moving, configuration: str) -> _Systems:
     )
     elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis, loose)
     return _Systems(basis, free, inverse, elements)
-
-
-def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Basis of the coordinates that a configuration leaves free, (bodies, free), and mass, damping and stiffness on all bodies.
-
-    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis.
-
-    Raises
-    ------
-    ModelError
-        If the rig has no such configuration.
-    """
-    if configuration not in model.configurations:
-        raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
-    setup = model.configurations[configuration]
-    mass, damping, stiffness = matrices(model)
-    rigid = [model.link(name) for name in setup.rigid]
-    if setup.lock_stiffness is not None:
-        for link in rigid:
-            w = direction(model, link.a, link.b, {})
-            stiffness = stiffness + setup.lock_stiffness * np.outer(w, w)
-            damping = damping + setup.lock_damping * np.outer(w, w)
-    return constraint_basis(model, rigid if setup.lock_stiffness is None else []), mass, damping, stiffness
-
-
-def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
-    """Index of each imposed body's coordinate in a basis, by body."""
-    rows = {body.name: row for body, row in zip(model.bodies, basis, strict=True)}
-    return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
-
-
-def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
-    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free).
-
-    Raises
-    ------
-    ModelError
-        If a rigid link joins two imposed motions.
-    """
-    basis = np.eye(len(model.bodies))
-    for link in rigid:
-        row = direction(model, link.a, link.b, link.arms) @ basis
-        # An imposed motion stays a coordinate; the body rigidly linked to it is removed.
-        choice = np.abs(row)
-        choice[list(imposed_coordinates(model, basis).values())] = 0.0
-        if model.imposed and not choice.any():
-            raise ModelError(f"link {link.name!r} is rigid between motions that are imposed; leave it free in this configuration")
-        gone = int(np.argmax(choice))
-        step = np.delete(np.eye(basis.shape[1]), gone, axis=1)
-        step[gone] = -np.delete(row, gone) / row[gone]
-        basis = basis @ step
-    return basis
 
 
 def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray, loose: IntArray) -> list[Element]:

@@ -14,14 +14,12 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, matrices, single_drive
+from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
 
 #: Corner frequency of the low-pass as a share of the sample rate, its order, and the decimation factor after it.
 CORNER = 0.08
 ORDER = 4
 DECIMATION = 10
-#: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
-SLACK = 1e-12
 #: Number of decimated samples dropped at each end.
 EDGE = 20
 
@@ -34,21 +32,6 @@ class Motion:
     velocity: Mapping[str, FloatArray]
     acceleration: Mapping[str, FloatArray]
     sample_rate: float
-
-
-def floats(model: RigModel) -> bool:
-    """Whether no spring holds some body, directly or through others: a rigid-body motion exists."""
-    if model.free_free:
-        # Its accelerations are compared in a free run, independent of its drift.
-        return False
-    loose = [k for k, body in enumerate(model.bodies) if body.name not in model.imposed]
-    if not loose:
-        return False
-    stiffness = matrices(model)[2][np.ix_(loose, loose)]
-    size = np.sqrt(np.diag(stiffness))
-    if not size.all():
-        return True
-    return bool(np.linalg.eigvalsh(stiffness / np.outer(size, size))[0] < SLACK)
 
 
 def motion_from(positions: Mapping[str, FloatArray], rate: float) -> Motion:

@@ -8,8 +8,8 @@ from math import pi
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate.compiled import imposed_coordinates, linear_part
 
 #: Ratio to the largest root below which a root counts as a motion that no spring holds.
 HELD = 1e-6

@@ -9,8 +9,8 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.errors import ModelError
+from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import RigModel, direction
-from isorig.analysis.simulate.compiled import imposed_coordinates, linear_part
 from isorig.analysis.views import call, shows
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
-from isorig.analysis.simulate.compiled import Compiled, compile_rig, imposed_coordinates, linear_part
+from isorig.analysis.simulate.compiled import Compiled, compile_rig
 from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import pi, sqrt
 from statistics import NormalDist
 
@@ -54,16 +54,18 @@ def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int
     longest
         Number of samples that are read; all if None.
     """
-    channel = run.channel(name)
-    values = channel.read(0, longest)
-    n = len(values)
+    others = {other: run.channel(other).read(0, longest) for other in related if other in run.channels and other != name}
+    return _level(run, name, run.channel(name).read(0, longest), list(others.values()))
+
+
+def _level(run: Run, name: str, values: FloatArray, others: Sequence[FloatArray]) -> float | None:
+    channel, n = run.channel(name), len(values)
     if n < 2 * SEGMENT:
         return None
     usable = min(run.usable, HIGHEST * run.sample_rate)
     power = _squared(np.fft.rfft((values - values.mean()) * hanning(n))) / (n * 0.375)
     squares = [middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]
     squares += _above(power, usable / run.sample_rate)
-    others = [run.channel(other).read(0, longest) for other in related if other in run.channels and other != name]
     if others and n >= AVERAGES * len(others) * SEGMENT:
         squares += _middles(_own(values, np.stack(others)), usable / run.sample_rate)
     taps = _band(UPPER * usable / run.sample_rate, usable / run.sample_rate)
@@ -94,9 +96,10 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
     levels: dict[str, float] = {}
     counts: dict[str, float] = {}
     for run in campaign.runs:
-        for name in run.channels:
-            related = tuple(other for other in run.sensors if (other in drives) != (name in drives)) if drives else ()
-            level = noise_level(run, name, related, longest)
+        records = {name: run.channel(name).read(0, longest) for name in run.channels}
+        for name, values in records.items():
+            related = [records[other] for other in run.sensors if drives and (other in drives) != (name in drives)]
+            level = _level(run, name, values, related)
             if level is not None:
                 levels[name] = min(level, levels.get(name, np.inf))
                 counts[name] = max(rounding(run.channel(name).read(0, longest)), counts.get(name, 0.0))

@@ -104,7 +104,8 @@ def _rms_and_clipped(channel: Channel, block: int = 1 << 20) -> tuple[str, int]:
     limit = np.inf if channel.full_scale is None else channel.full_scale * (1.0 - 1e-6)
     for start in range(0, len(channel), block):
         values = channel.read(start, start + block)
-        power += float(np.square(values).sum())
-        clipped += int((np.abs(values) >= limit).sum())
+        power += float(values @ values)
+        if max(values.max(), -values.min()) >= limit:
+            clipped += int((np.abs(values) >= limit).sum())
     unit = "" if channel.unit == "m/s^2" else f" {channel.unit}"
     return f"{np.sqrt(power / len(channel)):.3g}{unit}", clipped

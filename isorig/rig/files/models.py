@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.errors import ModelError
-from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json
+
+if TYPE_CHECKING:
+    from isorig.analysis.fitting.solve import Free
 
 
 def write_model(path: str | Path, model: RigModel, *, origin: datetime | None = None, fitted: Sequence[Free] = ()) -> Path:
@@ -42,6 +44,8 @@ def free_of(tree: Mapping[str, Any]) -> Free:
     values = {key: value for key, value in tree.items() if key != "unbounded_below"}
     if tree.get("unbounded_below"):
         values["low"] = -np.inf
+    from isorig.analysis.fitting.solve import Free
+
     return msgspec.convert(values, Free)
 
 

@@ -6,15 +6,18 @@ import tomllib
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import ModelError
-from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.built_in import BUILT_IN, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
 from isorig.rig.files.models import read_fitted
+
+if TYPE_CHECKING:
+    from isorig.analysis.fitting.solve import Free
 
 #: The worked descriptions that come with the package, by the names that commands take.
 SHIPPED = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "descriptions").glob("*.toml"))}

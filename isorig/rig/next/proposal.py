@@ -12,6 +12,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
@@ -21,7 +22,6 @@ from isorig.analysis.proposals.policy import BROAD, CANNOT, KEPT, MOST_RUNS
 from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn
 from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
 from isorig.analysis.simulate import simulate
-from isorig.analysis.simulate.inverse import floats
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError

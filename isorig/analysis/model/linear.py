@@ -1,0 +1,81 @@
+"""The linear part of a rig in a configuration: matrices, the coordinates that locks leave free, whether springs hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.rig_model import Link, RigModel, direction, matrices
+
+#: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
+SLACK = 1e-12
+
+
+def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Basis of the coordinates that a configuration leaves free, (bodies, free), and mass, damping and stiffness on all bodies.
+
+    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis.
+
+    Raises
+    ------
+    ModelError
+        If the rig has no such configuration.
+    """
+    if configuration not in model.configurations:
+        raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
+    setup = model.configurations[configuration]
+    mass, damping, stiffness = matrices(model)
+    rigid = [model.link(name) for name in setup.rigid]
+    if setup.lock_stiffness is not None:
+        for link in rigid:
+            w = direction(model, link.a, link.b, {})
+            stiffness = stiffness + setup.lock_stiffness * np.outer(w, w)
+            damping = damping + setup.lock_damping * np.outer(w, w)
+    return constraint_basis(model, rigid if setup.lock_stiffness is None else []), mass, damping, stiffness
+
+
+def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
+    """Index of each imposed body's coordinate in a basis, by body."""
+    rows = {body.name: row for body, row in zip(model.bodies, basis, strict=True)}
+    return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
+
+
+def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
+    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free).
+
+    Raises
+    ------
+    ModelError
+        If a rigid link joins two imposed motions.
+    """
+    basis = np.eye(len(model.bodies))
+    for link in rigid:
+        row = direction(model, link.a, link.b, link.arms) @ basis
+        # An imposed motion stays a coordinate; the body rigidly linked to it is removed.
+        choice = np.abs(row)
+        choice[list(imposed_coordinates(model, basis).values())] = 0.0
+        if model.imposed and not choice.any():
+            raise ModelError(f"link {link.name!r} is rigid between motions that are imposed; leave it free in this configuration")
+        gone = int(np.argmax(choice))
+        step = np.delete(np.eye(basis.shape[1]), gone, axis=1)
+        step[gone] = -np.delete(row, gone) / row[gone]
+        basis = basis @ step
+    return basis
+
+
+def floats(model: RigModel) -> bool:
+    """Whether no spring holds some body, directly or through others: a rigid-body motion exists."""
+    if model.free_free:
+        # Its accelerations are compared in a free run, independent of its drift.
+        return False
+    loose = [k for k, body in enumerate(model.bodies) if body.name not in model.imposed]
+    if not loose:
+        return False
+    stiffness = matrices(model)[2][np.ix_(loose, loose)]
+    size = np.sqrt(np.diag(stiffness))
+    if not size.all():
+        return True
+    return bool(np.linalg.eigvalsh(stiffness / np.outer(size, size))[0] < SLACK)
