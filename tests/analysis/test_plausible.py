@@ -10,7 +10,6 @@ import pytest
 
 from isorig.analysis.fitting.plausible import DECADE, NEAR, doubts, unit_factor
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.built_in import FREE, FRICTION, THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.virtual.campaign import Take, virtual_campaign
@@ -96,13 +95,12 @@ def test_friction_a_unit_off() -> None:
 def test_levels_of_records() -> None:
     """A sound session has none; a head in g, or one sensor in g, is named."""
     rig, campaign = wire_bonder(), virtual_campaign(wire_bonder(), TAKES, seed=1)
-    trials = prepare(campaign, rig)
-    assert not doubts(rig, (), trials)
-    (doubt,) = doubts(wire_bonder({**THESIS, "head_mass": 6.5 / 9.81, "friction_force": 20.0 / 9.81}), (), trials)
+    assert not doubts(rig, (), campaign)
+    (doubt,) = doubts(wire_bonder({**THESIS, "head_mass": 6.5 / 9.81, "friction_force": 20.0 / 9.81}), (), campaign)
     assert doubt.parameter == "drive.head"
     assert "check the unit of the drive channel head" in doubt.text
     (run,) = campaign.runs
     table = replace(run.channels["table"], scale=run.channels["table"].scale / 9.81)
     read_wrong = replace(campaign, runs=(replace(run, channels={**run.channels, "table": table}),))
-    (doubt,) = doubts(rig, (), prepare(read_wrong, rig))
+    (doubt,) = doubts(rig, (), read_wrong)
     assert "check the unit of table" in doubt.text
