@@ -12,7 +12,7 @@ setup: .venv/ready
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	$(BIN)/python -m isorig.rig.compile_kernels
+	$(BIN)/python -m isorig.rig.virtual.compile_kernels
 	touch $@
 
 demo: setup
@@ -62,12 +62,12 @@ docs: setup
 
 # The pictures of the page on friction: docs/pictures/friction-*.
 friction: setup
-	$(BIN)/python -m isorig.rig.friction docs
+	$(BIN)/python -m thesis.friction docs
 
 # The thesis's figures and tables: docs/thesis.md and docs/pictures/thesis-* from a virtual campaign, and friction-*.
 thesis: setup
-	$(BIN)/python -m isorig.rig.friction docs
-	$(BIN)/python -m isorig.rig.thesis docs
+	$(BIN)/python -m thesis.friction docs
+	$(BIN)/python -m thesis docs
 
 lint: setup
 	$(BIN)/ruff check .

@@ -16,7 +16,7 @@ from envelopes import draw_envelope
 from table import Row, keep, options
 
 from isorig.analysis.diagnose.diagnosis import diagnose
-from isorig.rig.baseline import baseline_model
+from isorig.rig.model.baseline import baseline_model
 
 SEED = 101
 KINDS = ("none", "sensor_gain", "hardening_stiffness", "stribeck_friction", "extra_mode", "outside: hose")

@@ -28,7 +28,7 @@ from made_up import drawn_fleet, write_catalogue
 from recorded import drawn_rig, record
 from table import Row, keep, options
 
-from isorig.rig.diagnose_many import diagnose_file, shared_out
+from isorig.rig.diagnose.many import diagnose_file, shared_out
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.history import followed
 from isorig.rig.fleet.query import asked

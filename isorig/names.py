@@ -17,12 +17,12 @@ from isorig.rig.errors import RigError
 from isorig.rig.exchange.importing import import_campaign
 from isorig.rig.files.recording import open_recording, read, write
 from isorig.rig.files.rigfile import read_rig
+from isorig.rig.frf.transfer import transfer_functions as frf
+from isorig.rig.model.prediction import predicted as predict
 
 # What results show and convert to in a notebook is registered by these.
 from isorig.rig.notebook import pages, plots, tables  # noqa: F401
 from isorig.rig.notebook.answers import characterize, diagnose
-from isorig.rig.prediction import predicted as predict
-from isorig.rig.transfer import transfer_functions as frf
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 __all__ = [

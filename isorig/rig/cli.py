@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from isorig.rig.errors import REFUSALS
-from isorig.rig.interrupts import interrupted_between_imports
-from isorig.rig.terminal import discard_output, terminal_closed
+from isorig.rig.process.interrupts import interrupted_between_imports
+from isorig.rig.process.terminal import discard_output, terminal_closed
 
 if TYPE_CHECKING:
     from cyclopts import App

@@ -16,9 +16,9 @@ from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate import free_run, sampling
-from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 

@@ -17,7 +17,7 @@ from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
-from isorig.rig.baseline import baseline_model
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 RIG = wire_bonder({**THESIS, "friction_force": 9.0})

@@ -12,7 +12,7 @@ from isorig.analysis.fitting.deviations import given_moves
 from isorig.analysis.fitting.uncertainty import HEAD
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
-from isorig.rig.baseline import baseline_model
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 TAKES = (

@@ -17,8 +17,8 @@ from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
-from isorig.rig.baseline import baseline_model
 from isorig.rig.files.recording import read
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 TAKES = (

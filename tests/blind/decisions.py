@@ -20,8 +20,8 @@ import numpy as np
 
 from isorig.analysis.diagnose import diagnosis, policy, step
 from isorig.analysis.diagnose.policy import POLICY, Policy, Stage
-from isorig.rig import diagnose_many
-from isorig.rig.diagnose_many import Outcome
+from isorig.rig.diagnose import many as diagnose_many
+from isorig.rig.diagnose.many import Outcome
 
 FILE = "decisions.json"
 #: Rules by the module that calls them.

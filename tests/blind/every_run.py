@@ -24,7 +24,7 @@ from investigation_study import LIMIT, RUNS, TABLE, allowed, groups, investigate
 from study_table import Job, append, done
 
 from isorig.rig.acquire.plan import RunPlan
-from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.rivals import read_rivals
 from isorig.rig.next.course import RECORDING, Course, diagnosis_folder
 from isorig.rig.next.plan_file import with_runs

@@ -34,7 +34,7 @@ from isorig.analysis.proposals.limits import simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun
 from isorig.analysis.proposals.policy import KEPT
 from isorig.analysis.proposals.prediction import drawn
-from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import REFUSALS
 from isorig.rig.files.output import write_json
 from isorig.rig.files.recording import read, write

@@ -23,7 +23,7 @@ from study_table import append, done
 
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
-from isorig.rig.prediction import predicted
+from isorig.rig.model.prediction import predicted
 
 ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "study" / "results.csv"

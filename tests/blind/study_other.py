@@ -31,7 +31,7 @@ from unlike_bonders import draw_bonder
 
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
-from isorig.rig.prediction import predicted
+from isorig.rig.model.prediction import predicted
 
 STUDY = Path(__file__).parents[2] / "docs" / "study"
 COLUMNS = (

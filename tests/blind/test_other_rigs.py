@@ -9,7 +9,7 @@ import pytest
 from isorig.rig.cli import main
 from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import read
-from isorig.rig.prediction import predicted
+from isorig.rig.model.prediction import predicted
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT.parent / "shared" / "measured"

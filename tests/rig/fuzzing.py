@@ -42,7 +42,7 @@ from scipy.io import savemat, wavfile
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Spectrum
 from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.block import Block, Input
-from isorig.rig import cli, figures, prediction, transfer
+from isorig.rig import cli
 from isorig.rig.acquire import plan_check as sound
 from isorig.rig.acquire import session
 from isorig.rig.acquire import store as keep
@@ -54,6 +54,8 @@ from isorig.rig.exchange import other_formats as more
 from isorig.rig.files import hdf, hdf_walk, rigfile
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read, write
+from isorig.rig.frf import figures, transfer
+from isorig.rig.model import prediction
 
 #: Imported for the processes that are forked, not used here.
 READY = (

@@ -23,13 +23,13 @@ from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate.natural import natural_modes
-from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import SHIPPED, read_rig
+from isorig.rig.model.baseline import baseline_model
+from isorig.rig.model.prediction import predicted
 from isorig.rig.next.proposal import single_driven
-from isorig.rig.prediction import predicted
 from isorig.rig.report.frequency import frf_section
 from isorig.rig.virtual.described import described_campaign
 

@@ -23,10 +23,10 @@ from isorig.rig.files.findings import NamedCause, read_findings
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.prediction import predicted
+from isorig.rig.frf.transfer import transfer_functions
+from isorig.rig.model.prediction import predicted
 from isorig.rig.report.conclusion import CAUSES, cause_in_words, conclude, in_per_cent
 from isorig.rig.report.sections import unbroken
-from isorig.rig.transfer import transfer_functions
 from isorig.rig.virtual.described import described_campaign
 
 MECHANISMS = Path(__file__).resolve().parents[2] / "isorig" / "analysis" / "diagnose" / "mechanisms"

@@ -15,7 +15,7 @@ from small_rigs import with_law
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.laws import Cubic
-from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
 from isorig.rig.report.before_after import (

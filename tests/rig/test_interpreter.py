@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from isorig.rig.demo import virtual_instrument
 from isorig.rig.view.process import SessionScreen
 from isorig.rig.view.requests import Desk
+from isorig.rig.virtual.demo import virtual_instrument
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Modules that a started interpreter imports early: of this program, of others, of the standard library.

@@ -10,7 +10,7 @@ import psutil
 
 from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.rig.cli import main
-from isorig.rig.diagnose_many import diagnose_files
+from isorig.rig.diagnose.many import diagnose_files
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 
@@ -81,7 +81,7 @@ def test_a_computer_that_sleeps_ends_nothing(tmp_path: Path) -> None:
 
 LATE = """
 import logging
-from isorig.rig.diagnose_many import shared_out
+from isorig.rig.diagnose.many import shared_out
 
 def late(job):
     # As Dask does for a heartbeat that is late on a busy host.

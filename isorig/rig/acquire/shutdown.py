@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from isorig.rig.interrupts import deferred
+from isorig.rig.process.interrupts import deferred
 
 #: Signals that end a session: Ctrl-C, termination by the system, a closed terminal.
 SIGNALS = (signal.SIGINT, signal.SIGTERM) if sys.platform == "win32" else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -13,7 +13,7 @@ import msgspec
 from isorig.rig.acquire.equations import Equations
 from isorig.rig.acquire.levels import advice, shares
 from isorig.rig.errors import PlanError
-from isorig.rig.terminal import Unhurried, never_wait_for_terminal
+from isorig.rig.process.terminal import Unhurried, never_wait_for_terminal
 
 if TYPE_CHECKING:
     from rich.console import Console, Group

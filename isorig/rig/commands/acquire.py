@@ -80,7 +80,7 @@ def acquire(
     from isorig.rig.acquire.shutdown import ended_by_signals
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.errors import OutputError, PlanError
-    from isorig.rig.terminal import discard_output
+    from isorig.rig.process.terminal import discard_output
     from isorig.rig.view.equations_watch import equations_watched
     from isorig.rig.view.with_screen import viewed
 

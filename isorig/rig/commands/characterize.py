@@ -39,9 +39,9 @@ def characterize(
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import read_rig
+    from isorig.rig.process.terminal import show_table
     from isorig.rig.report.fits import fits_page
-    from isorig.rig.terminal import show_table
-    from isorig.rig.thesis.four_set_ups import about, write_set_ups
+    from thesis.four_set_ups import about, write_set_ups
 
     measured = read(campaign)
     given = None if model is None else read_rig(model)

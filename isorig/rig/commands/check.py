@@ -29,7 +29,7 @@ def check(*files: Path) -> None:
     from isorig.rig.errors import RecordingError
     from isorig.rig.files.output import displayable
     from isorig.rig.files.recording import open_recording
-    from isorig.rig.terminal import show_table
+    from isorig.rig.process.terminal import show_table
 
     if not files:
         raise RecordingError("no file was given; give at least one recording")
@@ -55,9 +55,9 @@ def check(*files: Path) -> None:
 
 def _remarks(campaign: Campaign) -> list[str]:
     # The file is valid, but some commands cannot use it.
-    from isorig.rig.baseline import doubts_in
     from isorig.rig.errors import PlanError
     from isorig.rig.files.rigfile import rig_of
+    from isorig.rig.model.baseline import doubts_in
 
     try:
         model = rig_of(campaign)

@@ -37,14 +37,14 @@ def demo(
     from isorig.rig.acquire.session import Operator, Taken, acquire
     from isorig.rig.commands.frf import frf
     from isorig.rig.commands.isolation import isolation
-    from isorig.rig.demo import PLAN, Clock, virtual_instrument
-    from isorig.rig.diagnose_many import diagnose_file
+    from isorig.rig.diagnose.many import diagnose_file
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, write_characterization
     from isorig.rig.files.recording import read
+    from isorig.rig.process.terminal import show_table
     from isorig.rig.report.measurement import measurement_page
     from isorig.rig.report.sections import number
-    from isorig.rig.terminal import show_table
+    from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
 
     clock = Clock()
     recording = output / "campaign.h5"

@@ -54,8 +54,8 @@ def design(
     seed
         Random seed of the draws.
     """
+    from isorig.rig.design.parameters import is_parameter_plan
     from isorig.rig.errors import PlanError
-    from isorig.rig.parameter_design import is_parameter_plan
 
     if not 2 <= points <= 100_000 or not 0 <= draws <= 100_000:
         raise PlanError(f"{points} points and {draws} draws are not possible; give 2 to 100000 points and up to 100000 draws")
@@ -72,8 +72,8 @@ def design(
 def _parameters(plan: Path, output: Path, model: str, table: Path | None, *, points: int, draws: int, seed: int) -> None:
     from rich.console import Console
 
+    from isorig.rig.design.parameters import designed_parameters, read_parameter_plan, write_parameter_design
     from isorig.rig.files.rigfile import read_rig
-    from isorig.rig.parameter_design import designed_parameters, read_parameter_plan, write_parameter_design
 
     read = read_parameter_plan(plan)
     with Console(stderr=True).status("simulating designs"):
@@ -90,12 +90,12 @@ def _moves(
 ) -> None:  # fmt: skip
     import numpy as np
 
-    from isorig.rig.design_figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
-    from isorig.rig.design_study import RATE, designed, read_design, rigs_of, with_head
-    from isorig.rig.figures import isolation_figure, save
+    from isorig.rig.design.figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
+    from isorig.rig.design.study import RATE, designed, read_design, rigs_of, with_head
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.parameter_seed import read_seed
-    from isorig.rig.terminal import show_table
+    from isorig.rig.frf.figures import isolation_figure, save
+    from isorig.rig.process.terminal import show_table
 
     plan = read_design(profile)
     table = with_head(read_seed(parameters, method), plan)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from isorig.rig.diagnose_many import Outcome
+    from isorig.rig.diagnose.many import Outcome
 
 
 #: Default time limit for the search for causes in one recording, seconds.
@@ -50,7 +50,7 @@ def diagnose(
     """
     from rich.console import Console
 
-    from isorig.rig.diagnose_many import diagnose_file, diagnose_files, recordings_in, summary, time_limit
+    from isorig.rig.diagnose.many import diagnose_file, diagnose_files, recordings_in, summary, time_limit
     from isorig.rig.errors import RecordingError, RigError
     from isorig.rig.files.output import write_text
 

@@ -91,7 +91,7 @@ def update(
     """
     from rich.console import Console
 
-    from isorig.rig.diagnose_many import time_limit
+    from isorig.rig.diagnose.many import time_limit
     from isorig.rig.errors import RecordingError
     from isorig.rig.files.output import displayable
     from isorig.rig.fleet.catalogue import Catalogue
@@ -209,7 +209,7 @@ def watch(
     stop_after
         Total duration, seconds.
     """
-    from isorig.rig.diagnose_many import time_limit
+    from isorig.rig.diagnose.many import time_limit
     from isorig.rig.errors import RigError
     from isorig.rig.files.output import displayable
     from isorig.rig.fleet.catalogue import Catalogue

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
     from isorig.analysis.spectra.welch import Frf
-    from isorig.rig.transfer import Transfer
+    from isorig.rig.frf.transfer import Transfer
 
     #: Transfer functions, sentences on faulty records, and remarks.
     Found = tuple[list[Transfer], Sequence[str], Sequence[str]]
@@ -87,8 +87,8 @@ def frf(
     from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
+    from isorig.rig.frf.transfer import faults_in, limits_in_words, transfer_functions, unnamed_excitation
     from isorig.rig.report.frequency import frf_page
-    from isorig.rig.transfer import faults_in, limits_in_words, transfer_functions, unnamed_excitation
 
     if band is not None and not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
@@ -148,7 +148,7 @@ def frf(
 
 def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Sequence[str]) -> list[Transfer]:
     from isorig.analysis.errors import DataError
-    from isorig.rig.transfer import imported
+    from isorig.rig.frf.transfer import imported
 
     found = [frf for frf in frfs if (not reference or frf.reference in reference) and (not response or frf.response in response)]
     if not found:
@@ -163,7 +163,7 @@ def _pictures(
     views: Sequence[Literal["bode", "parts", "nyquist"]],
     band: tuple[float, float] | None,
 ) -> None:
-    from isorig.rig.figures import frf_view, periods_figure, save
+    from isorig.rig.frf.figures import frf_view, periods_figure, save
 
     for response, reference in dict.fromkeys((item.response, item.reference) for _, item in found):
         same = {label: item for label, item in found if (item.response, item.reference) == (response, reference)}
@@ -180,8 +180,8 @@ def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str
     import numpy as np
 
     from isorig.rig.files.output import write_csv, write_json
-    from isorig.rig.terminal import show_table
-    from isorig.rig.transfer import about
+    from isorig.rig.frf.transfer import about
+    from isorig.rig.process.terminal import show_table
 
     for item in found:
         value = item.frf

@@ -35,12 +35,12 @@ def import_(
     draft
         Propose a mapping from the files.
     """
-    from isorig.rig.baseline import doubts_in
     from isorig.rig.errors import PlanError
     from isorig.rig.exchange.draft import draft_mapping
     from isorig.rig.exchange.importing import import_campaign, shortcomings
     from isorig.rig.exchange.reading import read_foreign
     from isorig.rig.files.output import write_text
+    from isorig.rig.model.baseline import doubts_in
 
     if draft:
         rig_file = output.with_name(f"{output.stem}-rig.toml")

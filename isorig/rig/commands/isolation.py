@@ -60,11 +60,11 @@ def isolation(
 
     from isorig.analysis.isolation.ratio import friction_bound
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
-    from isorig.rig.figures import isolation_figure, save
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import rig_of
-    from isorig.rig.isolation_comparison import (
+    from isorig.rig.frf.figures import isolation_figure, save
+    from isorig.rig.isolation.comparison import (
         about_isolated,
         about_offset,
         about_peaks,
@@ -72,7 +72,7 @@ def isolation(
         given_models,
         isolation_sentences,
     )
-    from isorig.rig.transmissibility import transmissibility, write_transmissibility
+    from isorig.rig.isolation.transmissibility import transmissibility, write_transmissibility
 
     measured = read(campaign)
     models, notes = given_models(model, parameters, method)

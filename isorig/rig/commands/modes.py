@@ -60,8 +60,8 @@ def modes(
     from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
+    from isorig.rig.frf.transfer import Transfer, transfer_functions
     from isorig.rig.report.modes import modes_page
-    from isorig.rig.transfer import Transfer, transfer_functions
 
     if not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
@@ -163,7 +163,7 @@ def _write(
 
 def _show(title: str, modes: Sequence[ShapedMode | OperatingMode], responses: Sequence[str], warnings: Sequence[str]) -> None:
     from isorig.analysis.wording import sized
-    from isorig.rig.terminal import show_table
+    from isorig.rig.process.terminal import show_table
 
     show_table(
         title,

@@ -33,9 +33,9 @@ def predict(
     from isorig.analysis.model.rig_model import Chain
     from isorig.rig.files.models import read_model
     from isorig.rig.files.recording import read, write
-    from isorig.rig.prediction import errors, predicted
+    from isorig.rig.model.prediction import errors, predicted
+    from isorig.rig.process.terminal import show_table
     from isorig.rig.report.conclusion import in_per_cent
-    from isorig.rig.terminal import show_table
 
     rig, origin = read_model(model)
     measured = read(runs)

@@ -11,7 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.identifiability import Identifiability, identifiability
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.files.rigfile import GivenRig
-from isorig.rig.prediction import predicted
+from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
 
 #: Maximum length of a simulated run, s.

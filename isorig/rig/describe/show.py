@@ -13,7 +13,7 @@ from isorig.rig.describe.identifiable import from_usual_runs, sentences, uncerta
 from isorig.rig.describe.tree import drawn
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import SHIPPED, read_rig
-from isorig.rig.terminal import show_table
+from isorig.rig.process.terminal import show_table
 
 #: Share of a mode's largest motion below which a body is omitted.
 STILL = 0.02

@@ -6,7 +6,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
-from isorig.rig.transfer import levels_in_words
+from isorig.rig.frf.transfer import levels_in_words
 
 #: Shortest run, in periods of the slowest mode. Chosen: of the 40 % of it that is held out, twenty periods remain.
 PERIODS = 50.0

@@ -21,7 +21,7 @@ from isorig.rig.files.findings import Findings
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import cell, replaced
 from isorig.rig.files.recording import GAIN
-from isorig.rig.transfer import Transfer
+from isorig.rig.frf.transfer import Transfer
 
 #: Dataset 58: ordinate data types by SI unit (SDRC universal file; 8 displacement, 11 velocity, 12 acceleration, 13 force).
 ORDINATES = {"m": 8, "m/s": 11, "m/s^2": 12, "N": 13}

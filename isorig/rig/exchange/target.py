@@ -12,7 +12,7 @@ from isorig.rig.errors import PlanError
 from isorig.rig.exchange import exporting
 from isorig.rig.files.recording import open_recording
 from isorig.rig.files.rigfile import references_of
-from isorig.rig.transfer import transfer_functions
+from isorig.rig.frf.transfer import transfer_functions
 
 ENDINGS = (".mat", ".uff", ".csv", ".parquet")
 

@@ -15,13 +15,13 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
-from isorig.rig.baseline import baseline_model, recorded_in
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import cell, write_json, write_text
 from isorig.rig.files.rigfile import GivenRig
-from isorig.rig.prediction import seconds_from
+from isorig.rig.model.baseline import baseline_model, recorded_in
+from isorig.rig.model.prediction import seconds_from
 
 #: Bodies with a separate evaluation of their peak.
 READ_OFF = ("table", "heatblock", "motor")

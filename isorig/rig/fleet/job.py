@@ -12,11 +12,11 @@ from pathlib import Path
 import msgspec
 
 from isorig.analysis.diagnose.kinds import FORMS
-from isorig.rig.baseline import Baseline
-from isorig.rig.diagnose_many import answered, diagnose_file, program_version
+from isorig.rig.diagnose.many import answered, diagnose_file, program_version
 from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError, TimeLimitError
 from isorig.rig.files.findings import NamedCause, Value, read_findings
 from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Answer, Catalogue, Parameter
+from isorig.rig.model.baseline import Baseline
 
 #: Errors for missing disk space or quota.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -9,8 +9,8 @@ import numpy as np
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Rig, Track
 from isorig.rig.fleet.sentences import change_words, day, difference_words, in_order, odd_parameters, parameter_words, state_of
+from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
-from isorig.rig.terminal import show_table
 
 
 def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:

@@ -12,12 +12,12 @@ from typing import Any
 
 import msgspec
 
-from isorig.rig.baseline import Baseline
-from isorig.rig.diagnose_many import program_version, shared_out
+from isorig.rig.diagnose.many import program_version, shared_out
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Answer, Catalogue, Parameter, key_of
 from isorig.rig.fleet.job import Job, JobResult, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
+from isorig.rig.model.baseline import Baseline
 
 #: Seconds between checks of a recording that another process works on.
 PATIENCE = 0.5

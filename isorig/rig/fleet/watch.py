@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from isorig.rig.baseline import Baseline
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.change_causes import search_causes
 from isorig.rig.fleet.recordings import Recording, recordings_under
 from isorig.rig.fleet.sentences import answer_words
 from isorig.rig.fleet.update import update, work_of
+from isorig.rig.model.baseline import Baseline
 
 #: Seconds between readings of the folders.
 EVERY = 10.0

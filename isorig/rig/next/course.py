@@ -17,12 +17,12 @@ from isorig.analysis.proposals.policy import SHORTEST
 from isorig.analysis.proposals.precision import named_figures, std_of
 from isorig.analysis.wording import capitalized
 from isorig.rig.acquire.plan import Plan, RunPlan
-from isorig.rig.baseline import Baseline
-from isorig.rig.diagnose_many import diagnose_file
+from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
+from isorig.rig.model.baseline import Baseline
 from isorig.rig.next.page import Picture, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of, unfitted_of

@@ -9,14 +9,14 @@ from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import Operator, Taken
-from isorig.rig.demo import PLAN, Clock, virtual_instrument
 from isorig.rig.errors import OutputError
 from isorig.rig.next.course import PAGE, STATE, Course, Terms, described_rig, investigate
 from isorig.rig.next.limits_file import limits_of
 from isorig.rig.next.measuring import measuring
 from isorig.rig.next.plan_file import with_runs
+from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import words
-from isorig.rig.terminal import show_table
+from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
 from isorig.rig.virtual.effects import hidden_in
 
 #: The hidden effect, and its size.

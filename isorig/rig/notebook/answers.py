@@ -19,10 +19,10 @@ from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
 from isorig.rig.diagnose.answer import findings_of, write_answer
 from isorig.rig.errors import RigError, TimeLimitError
-from isorig.rig.figures import Figure
 from isorig.rig.files.findings import Findings
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.rigfile import GivenRig
+from isorig.rig.frf.figures import Figure
 from isorig.rig.notebook.plots import second_figure
 from isorig.rig.report.before_after import BASELINE, EXTENDED, worst_second
 from isorig.rig.report.conclusion import Conclusion, conclude

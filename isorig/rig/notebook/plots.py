@@ -16,11 +16,11 @@ from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.spectra.modal import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
-from isorig.rig.figures import Figure, View, frf_view, ratio_figure
+from isorig.rig.frf.figures import Figure, View, frf_view, ratio_figure
+from isorig.rig.frf.transfer import Transfer
 from isorig.rig.report.before_after import Record
 from isorig.rig.report.sections import unit
 from isorig.rig.report.sketch import picture
-from isorig.rig.transfer import Transfer
 
 #: Symbols of poles by what the order before them agrees with.
 MARKS: Mapping[str, str] = {"new": ".", "frequency": "x", "stable": "o"}

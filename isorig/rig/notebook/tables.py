@@ -17,9 +17,9 @@ from isorig.analysis.simulate.state_space import StateSpace
 from isorig.analysis.spectra.modal import ModalModel
 from isorig.analysis.spectra.welch import FRF_ROWS, Frf
 from isorig.analysis.views import shows
-from isorig.rig.baseline import baseline_model
 from isorig.rig.errors import RigError
-from isorig.rig.transfer import Transfer
+from isorig.rig.frf.transfer import Transfer
+from isorig.rig.model.baseline import baseline_model
 
 if TYPE_CHECKING:
     import control

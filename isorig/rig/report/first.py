@@ -10,8 +10,8 @@ from isorig.analysis.isolation.moves import move_within, on_move
 from isorig.analysis.isolation.ratio import Isolated
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.wording import of_signal, state
-from isorig.rig.design_study import BOND
-from isorig.rig.isolation_comparison import Compared
+from isorig.rig.design.study import BOND
+from isorig.rig.isolation.comparison import Compared
 from isorig.rig.report.advice import NOTHING
 from isorig.rig.report.before_after import second_chart
 from isorig.rig.report.charts import Role

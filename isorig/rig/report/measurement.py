@@ -15,7 +15,7 @@ from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.model.built_in import THESIS
 from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization, Entry
 from isorig.rig.files.parameter_table import ParameterFile
-from isorig.rig.isolation_comparison import isolation_sentences
+from isorig.rig.isolation.comparison import isolation_sentences
 from isorig.rig.report.advice import advice
 from isorig.rig.report.charts import Role
 from isorig.rig.report.first import first_screen

@@ -25,8 +25,8 @@ from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.errors import AnalysisError
 from isorig.rig.acquire.equations import Equations
-from isorig.rig.baseline import baseline_model
 from isorig.rig.errors import RigError
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.conclusion import KINDS
 from isorig.rig.view.sources import watched
 

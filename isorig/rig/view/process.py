@@ -17,7 +17,7 @@ from types import TracebackType
 import msgspec
 
 from isorig.rig.errors import OutputError
-from isorig.rig.interpreter import python
+from isorig.rig.process.interpreter import python
 from isorig.rig.view.messages import Asked, Begin, Standing
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import Planned

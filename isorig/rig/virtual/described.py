@@ -11,7 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
-from isorig.rig.prediction import predicted
+from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.campaign import BEGIN
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
 

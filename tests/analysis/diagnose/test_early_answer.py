@@ -10,7 +10,7 @@ from isorig.analysis.diagnose.early_answer import CLEAR, CONFIRMED, LEAST_SECOND
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.model.built_in import wire_bonder
-from isorig.rig.baseline import baseline_model
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take
 from isorig.rig.virtual.effects import hidden_in, played
 

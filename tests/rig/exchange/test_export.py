@@ -15,7 +15,7 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.rig.cli import main
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.files.recording import write
-from isorig.rig.transfer import transfer_functions
+from isorig.rig.frf.transfer import transfer_functions
 
 
 def test_samples_as_mat(recording: Path, campaign: Campaign, tmp_path: Path) -> None:

@@ -14,10 +14,10 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
 from isorig.analysis.campaign import Campaign, Channel
-from isorig.rig.baseline import baseline_model
 from isorig.rig.cli import main
 from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.recording import read, write
+from isorig.rig.model.baseline import baseline_model
 
 ROOT = Path(__file__).resolve().parents[3]
 N, RATE = 600, 512.0

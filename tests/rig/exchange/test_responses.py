@@ -13,7 +13,7 @@ from isorig.rig.cli import main
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.responses import read_responses
 from isorig.rig.files.recording import open_recording
-from isorig.rig.transfer import transfer_functions
+from isorig.rig.frf.transfer import transfer_functions
 
 F = np.arange(1, 66) * 4.0
 H = 1.0 / (100.0**2 - F**2 + 2j * 0.02 * 100.0 * F)

@@ -23,7 +23,7 @@ import pytest
 from some_findings import findings, named, value
 
 from isorig.rig.cli import main
-from isorig.rig.diagnose_many import program_version
+from isorig.rig.diagnose.many import program_version
 from isorig.rig.files import inputs
 from isorig.rig.files.findings import write_findings
 from isorig.rig.fleet import job as answering
@@ -287,7 +287,7 @@ def test_a_search_cut_short_is_reported_and_repeated(
     # A clock that goes on by a second whenever it is read: at 1.5 s the baseline is fitted and no cause was looked for yet.
     ticks = itertools.count()
     monkeypatch.setattr(
-        "isorig.rig.diagnose_many.time", SimpleNamespace(process_time=lambda: float(next(ticks)), monotonic=lambda: 0.0)
+        "isorig.rig.diagnose.many.time", SimpleNamespace(process_time=lambda: float(next(ticks)), monotonic=lambda: 0.0)
     )
     told = "rig-a w1: unexplained; the time limit of {} s ended the search for causes before all were tried"
     assert fleet("update", "-c", store, "--baseline", "linear", "--seconds", 1.5) == 0

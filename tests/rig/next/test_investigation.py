@@ -18,7 +18,7 @@ from isorig.analysis.proposals.menu import CandidateRun
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
-from isorig.rig.diagnose_many import Outcome
+from isorig.rig.diagnose.many import Outcome
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import course as course_module

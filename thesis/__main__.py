@@ -1,14 +1,14 @@
-"""python -m isorig.rig.thesis FOLDER: writes thesis.md and pictures/thesis-*.png into a folder."""
+"""python -m thesis FOLDER: writes thesis.md and pictures/thesis-*.png into a folder."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-from isorig.rig.figures import save
 from isorig.rig.files.output import write_text
-from isorig.rig.thesis.page import PREFACE, steps
-from isorig.rig.thesis.step import markdown
+from isorig.rig.frf.figures import save
+from thesis.page import PREFACE, steps
+from thesis.step import markdown
 
 
 def main() -> None:

@@ -14,9 +14,9 @@ from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.quality import without
 from isorig.analysis.wording import of_signal
-from isorig.rig.baseline import baseline_model
-from isorig.rig.figures import save, set_ups_figure, surface_figure
 from isorig.rig.files.output import write_text
+from isorig.rig.frf.figures import save, set_ups_figure, surface_figure
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report

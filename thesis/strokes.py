@@ -11,12 +11,12 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.isolation.design import frictionless, rocking, stroke_study
 from isorig.analysis.isolation.flexure import SPRING_STEEL, thinnest
 from isorig.analysis.model.built_in import THESIS
-from isorig.rig.design_figures import history_figure, offset_figure, stroke_figure
-from isorig.rig.design_study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
-from isorig.rig.figures import isolation_figure
+from isorig.rig.design.figures import history_figure, offset_figure, stroke_figure
+from isorig.rig.design.study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
 from isorig.rig.files.parameter_seed import OF_THESIS
-from isorig.rig.thesis.published_values import above, printed
-from isorig.rig.thesis.step import Step, judged, plain
+from isorig.rig.frf.figures import isolation_figure
+from thesis.published_values import above, printed
+from thesis.step import Step, judged, plain
 
 #: The thesis's answer, Hz, and its curves.
 SOFT = 0.6

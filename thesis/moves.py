@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 from isorig.analysis.isolation.design import frictionless
 from isorig.analysis.isolation.moves import MoveIsolation, MoveResponse, isolation_by_level, level_for, move_within, on_move
 from isorig.analysis.model.built_in import wire_bonder
-from isorig.rig.design_figures import bond_figure, level_figure
-from isorig.rig.design_study import BOND, BondPlan
-from isorig.rig.thesis.campaign import Played
-from isorig.rig.thesis.published_values import Stated, below
-from isorig.rig.thesis.step import Row, Step, judged
+from isorig.rig.design.figures import bond_figure, level_figure
+from isorig.rig.design.study import BOND, BondPlan
+from thesis.campaign import Played
+from thesis.published_values import Stated, below
+from thesis.step import Row, Step, judged
 
 DISTANCE = 4e-3
 #: Levels of the picture, m/s^2, those of the rows, and the thesis's 17 g.

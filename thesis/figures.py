@@ -18,10 +18,10 @@ from isorig.analysis.parameters.four_set_ups import Classic, SetUp
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.spectra.half_power import peaks
 from isorig.analysis.spectra.welch import Frf, estimate
-from isorig.rig.prediction import predicted
-from isorig.rig.thesis.campaign import HIGH, LOW, Played
-from isorig.rig.thesis.figure_readings import HALF_POWER, read, resolutions
-from isorig.rig.thesis.published_values import Stated, above, below, printed
+from isorig.rig.model.prediction import predicted
+from thesis.campaign import HIGH, LOW, Played
+from thesis.figure_readings import HALF_POWER, read, resolutions
+from thesis.published_values import Stated, above, below, printed
 
 #: The slow pull of the force gauge: its length, s, its end, N, and the speed from which on the motor has broken away, m/s.
 PULL_SECONDS, PULL_RATE, MOST_PULL, MOVING = 2.0, 2048.0, 40.0, 1e-5

@@ -12,12 +12,12 @@ from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.wording import by_factor
 from isorig.rig.errors import PlanError
-from isorig.rig.figures import ratio_figure, save
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import rig_of
-from isorig.rig.isolation_comparison import Model
-from isorig.rig.prediction import predicted
-from isorig.rig.transfer import Transfer, transfer_functions
+from isorig.rig.frf.figures import ratio_figure, save
+from isorig.rig.frf.transfer import Transfer, transfer_functions
+from isorig.rig.isolation.comparison import Model
+from isorig.rig.model.prediction import predicted
 
 #: Factor by which the Hann window's correlation of neighbouring frequency bins increases the variance of a mean over bins.
 CORRELATED = 2.0

@@ -1,4 +1,4 @@
-"""python -m isorig.rig.friction FOLDER: writes the figures of the page on friction, pictures/friction-*.png, to a folder."""
+"""python -m thesis.friction FOLDER: writes the figures of the page on friction, pictures/friction-*.png, to a folder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel
 from isorig.analysis.simulate import Excitation, Trace, trace
 from isorig.analysis.simulate.excitation import half_sine
 from isorig.analysis.simulate.literal import LiteralRun, literal_run
-from isorig.rig.figures import save
+from isorig.rig.frf.figures import save
 
 #: The thesis's half sine in N. Its duration is not given: at 0.05 s a mass held by 200 N stays at its largest displacement, as in
 #: Fig. 7; after pulses longer than about 0.07 s the spring pulls it back.

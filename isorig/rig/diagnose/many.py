@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from isorig.analysis.parallel import cores
-from isorig.rig.baseline import Baseline
 from isorig.rig.errors import REFUSALS, PlanError, RigError, TimeLimitError
 from isorig.rig.files.output import cell
+from isorig.rig.model.baseline import Baseline
 
 if TYPE_CHECKING:
     from isorig.rig.files.findings import Findings
@@ -98,9 +98,9 @@ def diagnose_file(
     from isorig.analysis.deadline import Deadline
     from isorig.analysis.diagnose.diagnosis import diagnose
     from isorig.analysis.errors import OutOfTimeError
-    from isorig.rig.baseline import baseline_model
     from isorig.rig.diagnose.answer import write_answer
     from isorig.rig.files.recording import read
+    from isorig.rig.model.baseline import baseline_model
 
     try:
         with Deadline(limit):

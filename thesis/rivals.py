@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from isorig.rig.thesis.campaign import Played, candidates, played
-from isorig.rig.thesis.figures import Seen, distance, figures, seen, values
-from isorig.rig.thesis.published_values import MOST
-from isorig.rig.thesis.step import Step
+from thesis.campaign import Played, candidates, played
+from thesis.figures import Seen, distance, figures, seen, values
+from thesis.published_values import MOST
+from thesis.step import Step
 
 #: Smaller differences in distance do not distinguish two candidates: one figure more or less has the same effect.
 NEAR = 0.2

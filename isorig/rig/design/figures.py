@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator
 
 from isorig.analysis.isolation.moves import MoveIsolation, move_within, on_move
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.design_study import RATE, BondPlan, Designed
+from isorig.rig.design.study import RATE, BondPlan, Designed
 
 #: Milliseconds of the bond's move that are shown, from its start.
 SHOWN = 120.0

@@ -29,11 +29,11 @@ from isorig.analysis.parameters.four_set_ups import as_read, classic
 from isorig.analysis.spectra.gain_levels import by_level, changes
 from isorig.analysis.spectra.quality import Fault, faults, without
 from isorig.analysis.wording import by_factor
-from isorig.rig.baseline import baseline_model
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
 from isorig.rig.files.parameter_seed import CALLED, Method, read_seed
-from isorig.rig.prediction import predicted
+from isorig.rig.model.baseline import baseline_model
+from isorig.rig.model.prediction import predicted
 
 
 @dataclass(frozen=True, kw_only=True)

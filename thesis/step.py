@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
-from isorig.rig.thesis.published_values import Stated, Verdict
+from thesis.published_values import Stated, Verdict
 
 HEADS = ("what", "thesis (tolerance)", "here", "verdict")
 

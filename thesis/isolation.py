@@ -13,12 +13,12 @@ from isorig.analysis.isolation.design import linear_ratio, rocking
 from isorig.analysis.isolation.peak_offset import PeakOffset, loaded_frequencies, peak_offset
 from isorig.analysis.isolation.ratio import isolation_ratio, stuck_share
 from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.rig.figures import isolation_figure
-from isorig.rig.isolation_comparison import Model, compared_isolation
-from isorig.rig.thesis.campaign import BANDS, HIGH, LOW, Played, play, take
-from isorig.rig.thesis.figures import AROUND_PEAK, RATIO_BANDS, apart, middle, motion
-from isorig.rig.thesis.published_values import Stated, above, printed
-from isorig.rig.thesis.step import Row, Step, judged, plain
+from isorig.rig.frf.figures import isolation_figure
+from isorig.rig.isolation.comparison import Model, compared_isolation
+from thesis.campaign import BANDS, HIGH, LOW, Played, play, take
+from thesis.figures import AROUND_PEAK, RATIO_BANDS, apart, middle, motion
+from thesis.published_values import Stated, above, printed
+from thesis.step import Row, Step, judged, plain
 
 #: Gains at which the heatblock's peak is looked at, had the system taken them up to 400 Hz.
 GAINS = (7.0, 20.0, 40.0, 70.0, 200.0)

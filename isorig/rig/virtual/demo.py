@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from isorig.drivers.errors import ConnectionLostError
-from isorig.rig.interpreter import python
+from isorig.rig.process.interpreter import python
 
 #: The plan that comes with the program.
-PLAN = Path(__file__).parent / "acquire" / "demo.toml"
+PLAN = Path(__file__).parents[1] / "acquire" / "demo.toml"
 SECONDS = 600.0
 
 

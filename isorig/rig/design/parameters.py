@@ -31,17 +31,17 @@ from isorig.analysis.model.rig_model import RigModel, Usual
 from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
-from isorig.rig.design_study import RATE, MovePlan
+from isorig.rig.design.study import RATE, MovePlan
 from isorig.rig.errors import PlanError
-from isorig.rig.figures import ratio_figure, save
 from isorig.rig.files.output import write_csv, write_json, write_text
 from isorig.rig.files.parameter_table import read_parameters
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.files.tomlfile import read_toml
-from isorig.rig.isolation_comparison import Model
-from isorig.rig.prediction import predicted
-from isorig.rig.transmissibility import transmissibility
+from isorig.rig.frf.figures import ratio_figure, save
+from isorig.rig.isolation.comparison import Model
+from isorig.rig.isolation.transmissibility import transmissibility
+from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.campaign import BEGIN
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
 

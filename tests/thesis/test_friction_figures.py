@@ -9,7 +9,7 @@ from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.simulate.literal import literal_run
-from isorig.rig.friction import LITERAL_PULSE, PICTURES, PULSE, START, literal, reversals, struck
+from thesis.friction import LITERAL_PULSE, PICTURES, PULSE, START, literal, reversals, struck
 
 
 def test_with_200_newton_the_mass_stays_where_it_went() -> None:

@@ -7,17 +7,17 @@ from math import isfinite
 from isorig.analysis.isolation.design import frictionless
 from isorig.analysis.isolation.moves import isolation_by_level, level_for
 from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.rig.design_study import BOND
-from isorig.rig.thesis.campaign import HARDER, HIGH, SLIDING
-from isorig.rig.thesis.early import LEVELS as EARLY_LEVELS
-from isorig.rig.thesis.early import too_small
-from isorig.rig.thesis.figure_readings import HALF_POWER
-from isorig.rig.thesis.figures import distance, middle
-from isorig.rig.thesis.isolation import MASSES, PLACE, place
-from isorig.rig.thesis.moves import DISTANCE, HARDEST, LEVELS, MEASURED
-from isorig.rig.thesis.rivals import NEAR, Compared, base
-from isorig.rig.thesis.step import Step
-from isorig.rig.thesis.strokes import REPEATS, SOFT, lowest
+from isorig.rig.design.study import BOND
+from thesis.campaign import HARDER, HIGH, SLIDING
+from thesis.early import LEVELS as EARLY_LEVELS
+from thesis.early import too_small
+from thesis.figure_readings import HALF_POWER
+from thesis.figures import distance, middle
+from thesis.isolation import MASSES, PLACE, place
+from thesis.moves import DISTANCE, HARDEST, LEVELS, MEASURED
+from thesis.rivals import NEAR, Compared, base
+from thesis.step import Step
+from thesis.strokes import REPEATS, SOFT, lowest
 
 PLAN = "[plans/two-gains.toml](plans/two-gains.toml)"
 

@@ -11,25 +11,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import isorig.rig.thesis.campaign as campaigns
+import thesis.campaign as campaigns
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.model.built_in import THESIS, three_mass, two_mass
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.baseline import baseline_model
-from isorig.rig.friction import literal, reversals
-from isorig.rig.thesis.campaign import HIGH, LOW, Candidate, Played, candidates, play, played, stribeck_rig
-from isorig.rig.thesis.early import FOUR, LEVELS, early, stays, too_small
-from isorig.rig.thesis.figure_readings import RESOLUTIONS, apparent, read, resolutions
-from isorig.rig.thesis.figures import COMPARED, breakaway, distance, figures, heavy_peak, over_measured, seen
-from isorig.rig.thesis.isolation import PLACE, offsets, place, ratio
-from isorig.rig.thesis.moves import moves
-from isorig.rig.thesis.published_values import MOST, Stated, above, below, printed
-from isorig.rig.thesis.questions import questions
-from isorig.rig.thesis.rivals import Compared, base, compared, rivals
-from isorig.rig.thesis.step import Row, Step, judged, markdown
-from isorig.rig.thesis.strokes import lowest
+from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take
+from thesis.campaign import HIGH, LOW, Candidate, Played, candidates, play, played, stribeck_rig
+from thesis.early import FOUR, LEVELS, early, stays, too_small
+from thesis.figure_readings import RESOLUTIONS, apparent, read, resolutions
+from thesis.figures import COMPARED, breakaway, distance, figures, heavy_peak, over_measured, seen
+from thesis.friction import literal, reversals
+from thesis.isolation import PLACE, offsets, place, ratio
+from thesis.moves import moves
+from thesis.published_values import MOST, Stated, above, below, printed
+from thesis.questions import questions
+from thesis.rivals import Compared, base, compared, rivals
+from thesis.step import Row, Step, judged, markdown
+from thesis.strokes import lowest
 
 SHARE = 0.4
 PLAN = Path(__file__).parents[2] / "docs" / "plans" / "two-gains.toml"

@@ -11,11 +11,11 @@ from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.parameters.four_set_ups import Classic, SetUp, classic
 from isorig.analysis.spectra.half_power import half_power
 from isorig.analysis.spectra.welch import estimate
-from isorig.rig.baseline import baseline_model
-from isorig.rig.figures import set_ups_figure
-from isorig.rig.thesis.campaign import BANDS, LOW, NONE, SECONDS, Played, play, take
-from isorig.rig.thesis.published_values import printed
-from isorig.rig.thesis.step import Step, judged
+from isorig.rig.frf.figures import set_ups_figure
+from isorig.rig.model.baseline import baseline_model
+from thesis.campaign import BANDS, LOW, NONE, SECONDS, Played, play, take
+from thesis.published_values import printed
+from thesis.step import Step, judged
 
 PLACES = {
     "heatblock": ("Table 1 (Fig. 14-15)", "table to heatblock"),

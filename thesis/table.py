@@ -13,13 +13,13 @@ from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.four_set_ups import Classic
 from isorig.analysis.parameters.joint_fit import Characterization, Entry
-from isorig.rig.figures import surface_figure
-from isorig.rig.prediction import predicted
-from isorig.rig.thesis.campaign import CALIBRATION, Played
-from isorig.rig.thesis.figure_readings import HALF_POWER
-from isorig.rig.thesis.figures import ACTUAL, COMPARED, SEEN, Seen, heavy_peak, response
-from isorig.rig.thesis.published_values import above, below, printed
-from isorig.rig.thesis.step import Row, Step, judged, plain
+from isorig.rig.frf.figures import surface_figure
+from isorig.rig.model.prediction import predicted
+from thesis.campaign import CALIBRATION, Played
+from thesis.figure_readings import HALF_POWER
+from thesis.figures import ACTUAL, COMPARED, SEEN, Seen, heavy_peak, response
+from thesis.published_values import above, below, printed
+from thesis.step import Row, Step, judged, plain
 
 #: Frequency resolution of the overlay, and its displayed band, Hz.
 OVERLAID, SHOWN = 0.125, (1.0, 20.0)

@@ -11,11 +11,11 @@ from isorig.analysis.isolation.moves import on_move
 from isorig.analysis.model.built_in import THESIS, one_mass, three_mass, two_mass
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate.move_profile import Move
-from isorig.rig.friction import START, literal, reversals, struck
-from isorig.rig.thesis.campaign import Candidate
-from isorig.rig.thesis.figures import breakaway
-from isorig.rig.thesis.published_values import Stated, above, below, printed
-from isorig.rig.thesis.step import Row, Step, judged, plain
+from thesis.campaign import Candidate
+from thesis.figures import breakaway
+from thesis.friction import START, literal, reversals, struck
+from thesis.published_values import Stated, above, below, printed
+from thesis.step import Row, Step, judged, plain
 
 #: The moves that the early rig and the identified one are compared on: distance, m, and levels, m/s^2.
 DISTANCE, LEVELS = 3e-3, (12.5, 30.0, 166.7)

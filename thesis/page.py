@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from isorig.rig.files.parameter_table import characterize_campaign
-from isorig.rig.thesis.campaign import CALIBRATION, LOW, SECONDS
-from isorig.rig.thesis.early import early
-from isorig.rig.thesis.figure_readings import half_power_explained, read, tables
-from isorig.rig.thesis.isolation import moved, offsets, ratio
-from isorig.rig.thesis.moves import moves
-from isorig.rig.thesis.questions import questions
-from isorig.rig.thesis.rivals import base, compared, rivals
-from isorig.rig.thesis.step import Step
-from isorig.rig.thesis.strokes import strokes
-from isorig.rig.thesis.table import joint, simulated_over_measured, surface
+from thesis.campaign import CALIBRATION, LOW, SECONDS
+from thesis.early import early
+from thesis.figure_readings import half_power_explained, read, tables
+from thesis.isolation import moved, offsets, ratio
+from thesis.moves import moves
+from thesis.questions import questions
+from thesis.rivals import base, compared, rivals
+from thesis.step import Step
+from thesis.strokes import strokes
+from thesis.table import joint, simulated_over_measured, surface
 
 PREFACE = (
     "`make thesis` recomputes this page: virtual rigs are measured as in the thesis, at gain 70 from 0.5 to 20 Hz and at gain 7 "

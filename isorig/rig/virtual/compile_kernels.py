@@ -1,4 +1,4 @@
-"""`python -m isorig.rig.compile_kernels` compiles and caches the kernels, so that the first command does not wait for it."""
+"""Compiles and caches the kernels, so that the first command does not wait: `python -m isorig.rig.virtual.compile_kernels`."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""`rig design`: parameters that may vary, and the moves of the wire bonder."""

@@ -1,0 +1,1 @@
+"""Transfer functions of a whole recording, and their figures."""

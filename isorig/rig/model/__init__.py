@@ -1,0 +1,1 @@
+"""The model of a recording: its baseline, and what it predicts."""

@@ -1,0 +1,1 @@
+"""The process of a command: its terminal, its interrupts, its interpreter."""
