@@ -7,9 +7,9 @@ import time
 import numpy as np
 from table import Row, keep, options
 
-from isorig.analysis.isolation.design import frictionless, stroke_study
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.stroke import frictionless, stroke_study
 
 RATE = 2048.0
 

@@ -20,7 +20,6 @@ from table import Row, keep, options
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate import Excitation, scan, simulate_many
@@ -28,6 +27,7 @@ from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.simulate.free_run import run_rig
 from isorig.analysis.simulate.literal import literal_run
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "analysis"))
 RATE, RMS, FRICTION = 2048.0, 60.0, 20.0

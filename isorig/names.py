@@ -4,7 +4,6 @@ from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.isolation.ratio import isolated_share, isolation_ratio
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel as Rig
 from isorig.analysis.simulate.free_run import simulate
 from isorig.analysis.simulate.sampling import Excitation
@@ -24,6 +23,7 @@ from isorig.rig.model.prediction import predicted as predict
 from isorig.rig.notebook import pages, plots, tables  # noqa: F401
 from isorig.rig.notebook.answers import characterize, diagnose
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import wire_bonder
 
 __all__ = [
     "AnalysisError",

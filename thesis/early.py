@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
-from isorig.analysis.isolation.design import frictionless
-from isorig.analysis.isolation.moves import on_move
-from isorig.analysis.model.built_in import THESIS, one_mass, three_mass, two_mass
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate.move_profile import Move
+from isorig.rig.wire_bonder.description import THESIS, one_mass, three_mass, two_mass
+from isorig.rig.wire_bonder.move_isolation import on_move
+from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import Candidate
 from thesis.figures import breakaway
 from thesis.friction import START, literal, reversals, struck

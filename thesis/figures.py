@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, broad
-from isorig.analysis.isolation.design import frictionless, histories
 from isorig.analysis.isolation.ratio import IsolationRatio
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Drive, RigModel, Sensor
-from isorig.analysis.parameters.four_set_ups import Classic, SetUp
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.spectra.half_power import peaks
 from isorig.analysis.spectra.welch import Frf, estimate
 from isorig.rig.model.prediction import predicted
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.four_set_ups import Classic, SetUp
+from isorig.rig.wire_bonder.stroke import frictionless, histories
 from thesis.campaign import HIGH, LOW, Played
 from thesis.figure_readings import HALF_POWER, read, resolutions
 from thesis.published_values import Stated, above, below, printed

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.model.built_in import one_mass, three_mass, two_mass
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, Trace, trace
 from isorig.analysis.simulate.excitation import half_sine
 from isorig.analysis.simulate.literal import LiteralRun, literal_run
 from isorig.rig.frf.figures import save
+from isorig.rig.wire_bonder.description import one_mass, three_mass, two_mass
 
 #: The thesis's half sine in N. Its duration is not given: at 0.05 s a mass held by 200 N stays at its largest displacement, as in
 #: Fig. 7; after pulses longer than about 0.07 s the spring pulls it back.

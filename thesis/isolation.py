@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.isolation.design import linear_ratio, rocking
-from isorig.analysis.isolation.peak_offset import PeakOffset, loaded_frequencies, peak_offset
 from isorig.analysis.isolation.ratio import isolation_ratio, stuck_share
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.rig.frf.figures import isolation_figure
-from isorig.rig.isolation.comparison import Model, compared_isolation
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.isolation import Model, compared_isolation
+from isorig.rig.wire_bonder.peak_offset import PeakOffset, loaded_frequencies, peak_offset
+from isorig.rig.wire_bonder.stroke import linear_ratio, rocking
 from thesis.campaign import BANDS, HIGH, LOW, Played, play, take
 from thesis.figures import AROUND_PEAK, RATIO_BANDS, apart, middle, motion
 from thesis.published_values import Stated, above, printed

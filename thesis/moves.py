@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from isorig.analysis.isolation.design import frictionless
-from isorig.analysis.isolation.moves import MoveIsolation, MoveResponse, isolation_by_level, level_for, move_within, on_move
-from isorig.analysis.model.built_in import wire_bonder
-from isorig.rig.design.figures import bond_figure, level_figure
-from isorig.rig.design.study import BOND, BondPlan
+from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.design_figures import bond_figure, level_figure
+from isorig.rig.wire_bonder.design_study import BOND, BondPlan
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, level_for, move_within, on_move
+from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import Played
 from thesis.published_values import Stated, below
 from thesis.step import Row, Step, judged

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import isfinite
 
-from isorig.analysis.isolation.design import frictionless
-from isorig.analysis.isolation.moves import isolation_by_level, level_for
-from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.rig.design.study import BOND
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.design_study import BOND
+from isorig.rig.wire_bonder.move_isolation import isolation_by_level, level_for
+from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import HARDER, HIGH, SLIDING
 from thesis.early import LEVELS as EARLY_LEVELS
 from thesis.early import too_small

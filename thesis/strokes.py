@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.isolation.design import frictionless, rocking, stroke_study
-from isorig.analysis.isolation.flexure import SPRING_STEEL, thinnest
-from isorig.analysis.model.built_in import THESIS
-from isorig.rig.design.figures import history_figure, offset_figure, stroke_figure
-from isorig.rig.design.study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
-from isorig.rig.files.parameter_seed import OF_THESIS
 from isorig.rig.frf.figures import isolation_figure
+from isorig.rig.wire_bonder.description import THESIS
+from isorig.rig.wire_bonder.design_figures import history_figure, offset_figure, stroke_figure
+from isorig.rig.wire_bonder.design_study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
+from isorig.rig.wire_bonder.flexure import SPRING_STEEL, thinnest
+from isorig.rig.wire_bonder.parameters import OF_THESIS
+from isorig.rig.wire_bonder.stroke import frictionless, rocking, stroke_study
 from thesis.published_values import above, printed
 from thesis.step import Step, judged, plain
 
@@ -143,7 +143,7 @@ def _text() -> list[str]:
         "**Flexures** instead of bearings have no friction: these are the cases without friction. Four vertical leaf springs of "
         f"{SPRING_STEEL.name} (E {SPRING_STEEL.modulus / 1e9:g} GPa, endurance limit {SPRING_STEEL.endurance / 1e6:g} MPa) are "
         "as thin as the stress at ±5 mm and lateral buckling under the motor's weight allow with a safety factor of 1.5 "
-        f"(formulas in `analysis/isolation/flexure.py`). At {SOFT:g} Hz the weight determines their length, not the stroke: "
+        f"(formulas in `rig/wire_bonder/flexure.py`). At {SOFT:g} Hz the weight determines their length, not the stroke: "
         f"{1e3 * soft.length:.0f} mm for any number and width. Nonlinear springs are laws of a link (`cubic`, "
         "`bounded_softening`, `end_stop`) in any model for `rig simulate`.",
     ]

@@ -12,11 +12,11 @@ from reference import Reference, smooth
 from scipy.linalg import expm
 
 from isorig.analysis import laws
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor, matrices
 from isorig.analysis.simulate import Excitation, excitation, simulate
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.free_run import run_rig
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RATE = 2048.0
 K3 = (2 * np.pi * 5.06) ** 2 * 16.4

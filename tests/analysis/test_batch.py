@@ -8,11 +8,11 @@ from scipy.linalg import expm
 from isorig.analysis import laws
 from isorig.analysis.diagnose.mechanisms.springs import added
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Configuration
 from isorig.analysis.simulate import Excitation, scan, simulate, simulate_many
 from isorig.analysis.simulate.excitation import moves, random
 from isorig.analysis.simulate.exponential import exponentials
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RATE = 2048.0
 

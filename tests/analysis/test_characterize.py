@@ -13,13 +13,13 @@ from small_rigs import guessed, played, stage
 from isorig.analysis.campaign import Channel
 from isorig.analysis.fitting.uncertainty import MOST_NOISE
 from isorig.analysis.jackknife import deviation
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 
 def test_campaign_a(shared: Path, tmp_path: Path) -> None:

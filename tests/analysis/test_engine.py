@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 from isorig.analysis import laws
 from isorig.analysis.diagnose.mechanisms.springs import added
 from isorig.analysis.errors import DataError, ModelError
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import half_sine
 from isorig.rig.files.recording import read
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 
 def one_mass(friction: float = 0.0, law: laws.LinkLaw | None = None) -> RigModel:

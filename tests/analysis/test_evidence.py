@@ -14,9 +14,9 @@ from isorig.analysis.diagnose.misfit import Discrepancy, discrepancies
 from isorig.analysis.fitting.division import refined
 from isorig.analysis.fitting.score import BLOCKS, Score, improvement
 from isorig.analysis.fitting.trials import Trial, prepare
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 SOUND = wire_bonder({**THESIS, "friction_force": 10.0})
 TAKES = (

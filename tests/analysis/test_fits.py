@@ -14,11 +14,11 @@ from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends
 from isorig.analysis.fitting.solve import Problem, base_parameters, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RIG = wire_bonder({**THESIS, "friction_force": 9.0})
 TAKES = (

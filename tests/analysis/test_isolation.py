@@ -7,7 +7,6 @@ import pytest
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.peak_offset import loaded_frequencies, peak_offset
 from isorig.analysis.isolation.ratio import (
     IsolationRatio,
     Peaks,
@@ -17,12 +16,14 @@ from isorig.analysis.isolation.ratio import (
     isolation_ratio,
     stuck_share,
 )
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
-from isorig.analysis.parameters.four_set_ups import classic, error_surface
+from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.four_set_ups import classic, error_surface
+from isorig.rig.wire_bonder.peak_offset import loaded_frequencies, peak_offset
 
 WIDE = (0.5, 400.0)
 TAKES = (

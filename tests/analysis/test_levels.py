@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
 from isorig.analysis.isolation.ratio import isolation_ratio, stuck_share
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.spectra.gain_levels import SHORTEST, STEP, by_level, changes, stretches
-from isorig.rig.isolation.comparison import compared_isolation
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, Take, head_of
+from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.isolation import compared_isolation
 
 RATE = 256.0
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.spectra.quality import faults, sound, without
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 TAKES = (
     Take(id="u70a", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.analysis.parameters.four_set_ups import head_to_table
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.sampling import AS_IT_IS, interpolate
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.four_set_ups import head_to_table
 
 RATE = 1024.0
 

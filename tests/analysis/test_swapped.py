@@ -13,13 +13,13 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.linear_spectra import spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import doubts
 from isorig.analysis.fitting.swapped import exceeds_noise, swapped_channels
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 TAKES = (
     Take(id="u70", configuration="unlocked", gain=70.0, seconds=15.0, start=0.0),

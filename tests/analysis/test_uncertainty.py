@@ -12,9 +12,9 @@ from strange_rigs import StrangeRig, campaign
 import isorig as iso
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.uncertainty import Known
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.cli import main
 from isorig.rig.files.rigtext import description_text
+from isorig.rig.wire_bonder.description import wire_bonder
 
 ONE = np.ones(1)
 

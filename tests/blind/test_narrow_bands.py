@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from envelopes import drawn_rig
 
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.virtual.effects import Hidden, hide, played, scale_of
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 #: Nothing drives the heatblock's resonance at 165 Hz.
 NARROW = (

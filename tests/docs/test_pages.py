@@ -15,9 +15,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
+from isorig.rig.wire_bonder.description import wire_bonder
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -40,7 +40,6 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Spectrum
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.block import Block, Input
 from isorig.rig import cli
 from isorig.rig.acquire import plan_check as sound
@@ -56,6 +55,7 @@ from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read, write
 from isorig.rig.frf import figures, transfer
 from isorig.rig.model import prediction
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Imported for the processes that are forked, not used here.
 READY = (

@@ -14,7 +14,6 @@ from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, sized
 from isorig.rig.cli import main
@@ -28,6 +27,7 @@ from isorig.rig.model.prediction import predicted
 from isorig.rig.report.conclusion import CAUSES, cause_in_words, conclude, in_per_cent
 from isorig.rig.report.sections import unbroken
 from isorig.rig.virtual.described import described_campaign
+from isorig.rig.wire_bonder.description import wire_bonder
 
 MECHANISMS = Path(__file__).resolve().parents[2] / "isorig" / "analysis" / "diagnose" / "mechanisms"
 DOUBT = {"parameter": "sensors", "kind": "unit", "ratio": 9.81, "text": "Doubtful unit."}

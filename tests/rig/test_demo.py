@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from isorig.analysis.model.built_in import THESIS
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
+from isorig.rig.wire_bonder.description import THESIS
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")

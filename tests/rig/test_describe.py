@@ -14,7 +14,6 @@ import pytest
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.fitting.identifiability import INFLATED, NO_EFFECT, from_sensitivity
 from isorig.analysis.laws import CONTACT_LAWS, SPRING_LAWS
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import (
     Body,
@@ -35,6 +34,7 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.files.rigtext import description_text
+from isorig.rig.wire_bonder.description import wire_bonder
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "describe.md").read_text(encoding="utf-8")
 #: Headings of the page, and the part of a rig that each is of.

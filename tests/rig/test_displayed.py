@@ -16,11 +16,11 @@ from test_recording import example
 
 from isorig.analysis.campaign import Channel
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import from_tree, to_tree
 from isorig.rig.cli import main
 from isorig.rig.files.output import cell, displayable
 from isorig.rig.files.recording import VALUE_MOST, write
+from isorig.rig.wire_bonder.description import wire_bonder
 
 ESCAPE = "\x1b]0;owned\x07\x1b[31mred"
 Change = Callable[[h5py.File], None]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import multisine
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RATE, PERIOD, NOISE = 1024.0, 4096, 1e-3
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import psutil
 
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.rig.cli import main
 from isorig.rig.diagnose.many import diagnose_files
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 
 def test_nothing_listens_to_other_machines(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ def test_nothing_listens_to_other_machines(tmp_path: Path) -> None:
 AT_ONCE = """
 import sys, threading
 from isorig.analysis.model.rig_model import from_tree, to_tree
-from isorig.analysis.model.built_in import wire_bonder
+from isorig.rig.wire_bonder.description import wire_bonder
 sys.setswitchinterval(1e-6)
 tree, gate = to_tree(wire_bonder()), threading.Barrier(8)
 threads = [threading.Thread(target=lambda: (gate.wait(), from_tree(tree))) for _ in range(8)]

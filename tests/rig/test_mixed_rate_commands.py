@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
+from isorig.rig.wire_bonder.description import wire_bonder
 
 SLOW = {"u70b", "l70"}
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isorig.analysis.isolation import design
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import read_rig
+from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.stroke import lowest_inside, stroke_study
 
 VARY = '[[vary]]\nparameter = "{}"\nlow = {}\nhigh = {}\n'
 STIFFER = VARY.format("links.absorber.stiffness", 1, 2)
@@ -62,7 +62,7 @@ def test_the_best_absorber_is_that_of_theory(tmp_path: Path, capsys: pytest.Capt
 def test_the_wire_bonder_is_one_of_the_rigs(tmp_path: Path) -> None:
     """The same limit and moves as in the study of moves: the limit is reached at the same lowest frequency."""
     moves = [Move(distance=0.003, acceleration=166.7, pause=0.05)] * 4
-    study = design.stroke_study(
+    study = stroke_study(
         [wire_bonder()], np.geomspace(0.5, 6.0, 60), head_acceleration(moves, 2048.0), 2048.0, limit=0.004, safety=1.25
     )
     plan = "safety = 1.25\n" + VARY.format("links.isolation.frequency", 0.5, 6.0)
@@ -73,7 +73,7 @@ def test_the_wire_bonder_is_one_of_the_rigs(tmp_path: Path) -> None:
     assert row["unit"] == "Hz"
     rows = np.genfromtxt(tmp_path / "o" / "sweep-links.isolation.frequency.csv", delimiter=",", names=True)
     share = rows["the_deflection_of_isolation"]
-    assert design.lowest_inside(rows["value"], share, 1.0) == pytest.approx(study.lowest, rel=5e-3)
+    assert lowest_inside(rows["value"], share, 1.0) == pytest.approx(study.lowest, rel=5e-3)
     inside = share <= 1.0
     assert found["best"]["inside"] is True  # type: ignore[index]
     assert found["best"]["target"] <= rows["target"][inside].min()  # type: ignore[index]

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from headless_page import CHROMIUM, told_by
 
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Configuration
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
 from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, Panel, Trace, spread_over
@@ -19,6 +18,7 @@ from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 #: Put after the page's own script: zooms the first chart, changes the theme, and tells the page around it what came of it.
 PROBE = """<script>

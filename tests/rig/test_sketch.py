@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isorig.analysis.laws import Coulomb
-from isorig.analysis.model.built_in import BUILT_IN, wire_bonder
 from isorig.analysis.model.rig_model import GROUND, Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.report.sketch import sketch
+from isorig.rig.wire_bonder.description import BUILT_IN, wire_bonder
 
 Box = tuple[float, float, float, float]
 #: Pixels by which an end may miss the edge that it belongs to: coordinates are rounded.

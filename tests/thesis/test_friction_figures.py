@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.built_in import one_mass, three_mass, two_mass, wire_bonder
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.simulate.literal import literal_run
+from isorig.rig.wire_bonder.description import one_mass, three_mass, two_mass, wire_bonder
 from thesis.friction import LITERAL_PULSE, PICTURES, PULSE, START, literal, reversals, struck
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError, SimulationError
-from isorig.analysis.isolation.design import isolated
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
@@ -265,3 +264,15 @@ def optimum(
         at_bound=tuple(v.parameter for v, s in zip(varied, share, strict=True) if min(s, 1.0 - s) < AT_BOUND),
         designs=len(shares) + int(refined.nfev),
     )  # fmt: skip
+
+
+def isolated(model: RigModel, frequency: float, *, link: str = "isolation") -> RigModel:
+    """The rig with another isolation frequency: k = (2 pi f)^2 m, with the same damping ratio."""
+    present = model.link(link)
+    mass = model.body(present.a).mass
+    stiffness = (2.0 * np.pi * frequency) ** 2 * mass
+    if present.stiffness <= 0.0:
+        raise DataError(f"link {link!r} has no stiffness, so its damping ratio is undefined; give that of the present design")
+    damping = present.damping * (stiffness / present.stiffness) ** 0.5
+    links = tuple(msgspec.structs.replace(p, stiffness=stiffness, damping=damping) if p.name == link else p for p in model.links)
+    return msgspec.structs.replace(model, links=links, free=())

@@ -9,7 +9,6 @@ from contextlib import ExitStack, closing, contextmanager
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.block import Block
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Stream
@@ -18,6 +17,7 @@ from isorig.rig.acquire.locks import port_locked
 from isorig.rig.acquire.plan import LoggerPlan, Plan
 from isorig.rig.acquire.simulated_instruments import virtual_port
 from isorig.rig.errors import PlanError
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Seconds of a read, after which the end of the run is noticed.
 TURN = 0.1

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Records, Stream
 from isorig.drivers.kinds import RecordsKind, StreamKind
 from isorig.drivers.shows import Shows
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.simulated_instruments import virtual_port
+from isorig.rig.wire_bonder.description import wire_bonder
 
 
 @contextmanager

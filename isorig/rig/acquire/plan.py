@@ -10,12 +10,12 @@ from typing import Any, Literal
 import msgspec
 
 from isorig.analysis.campaign import Quantity
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
 from isorig.rig.files.recording import SENSOR
 from isorig.rig.files.tomlfile import read_toml
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

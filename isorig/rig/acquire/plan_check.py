@@ -11,10 +11,10 @@ from pathlib import Path
 
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.kinds import RecordsKind, kinds
 from isorig.rig.acquire.plan import ChannelPlan, LoggerPlan, Plan, RunPlan, load_plan
 from isorig.rig.errors import PlanError
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Largest sensitivity, and reciprocal of the smallest: values in SI remain within a recording's limits.
 SENSITIVITY_MOST = 1e30

@@ -41,7 +41,7 @@ def characterize(
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.fits import fits_page
-    from thesis.four_set_ups import about, write_set_ups
+    from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
 
     measured = read(campaign)
     given = None if model is None else read_rig(model)

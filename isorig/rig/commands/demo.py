@@ -73,7 +73,7 @@ def demo(
     page = write_text(output / "report.html", measurement_page(measured, found))
     clock.tell("diagnosis of a frictionless simulation")
     outcome = diagnose_file(recording, output / "diagnosis", "linear")
-    from isorig.analysis.model.built_in import THESIS
+    from isorig.rig.wire_bonder.description import THESIS
 
     rows = [(name, number(e.value), number(e.std, 2), e.unit, number(THESIS[name], 4)) for name, e in found.table.items()]
     show_table("Parameters compared with the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)

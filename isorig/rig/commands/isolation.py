@@ -64,7 +64,8 @@ def isolation(
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import rig_of
     from isorig.rig.frf.figures import isolation_figure, save
-    from isorig.rig.isolation.comparison import (
+    from isorig.rig.isolation.transmissibility import transmissibility, write_transmissibility
+    from isorig.rig.wire_bonder.isolation import (
         about_isolated,
         about_offset,
         about_peaks,
@@ -72,7 +73,6 @@ def isolation(
         given_models,
         isolation_sentences,
     )
-    from isorig.rig.isolation.transmissibility import transmissibility, write_transmissibility
 
     measured = read(campaign)
     models, notes = given_models(model, parameters, method)

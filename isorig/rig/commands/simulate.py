@@ -77,10 +77,10 @@ def simulate(
 
     from isorig.rig.errors import PlanError
     from isorig.rig.files.output import write_text
-    from isorig.rig.files.parameter_seed import read_seed
     from isorig.rig.files.recording import read, write
     from isorig.rig.files.rigfile import GivenRig, read_rig
     from isorig.rig.virtual.simulated_recording import events_table, made_up, usual_run, with_forces
+    from isorig.rig.wire_bonder.parameters import read_seed
 
     if model is not None and parameters is not None:
         raise PlanError("--model and --parameters both give a rig; give one of them")

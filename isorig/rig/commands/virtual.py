@@ -50,7 +50,6 @@ def campaign(
     size
         Relative size of the effect; 1 is full size.
     """
-    from isorig.analysis.model.built_in import wire_bonder
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.errors import PlanError
     from isorig.rig.files.recording import write
@@ -58,6 +57,7 @@ def campaign(
     from isorig.rig.virtual.campaign import LATER, SESSION
     from isorig.rig.virtual.described import described_campaign
     from isorig.rig.virtual.effects import hidden_in, played
+    from isorig.rig.wire_bonder.description import wire_bonder
 
     given = GivenRig(model=wire_bonder()) if model is None else read_rig(model)
     rig = given.model
@@ -129,7 +129,6 @@ def instrument(
     hide, size
         An effect hidden in the rig of a framed instrument, and its size; as for rig virtual campaign.
     """
-    from isorig.analysis.model.built_in import wire_bonder
     from isorig.drivers.simulated.faults import Faults
     from isorig.drivers.simulated.framed import SimulatedFramed
     from isorig.drivers.simulated.served import TcpWire, exchange
@@ -139,6 +138,7 @@ def instrument(
     from isorig.rig.errors import RigError
     from isorig.rig.files.models import read_model
     from isorig.rig.virtual.effects import hidden_in
+    from isorig.rig.wire_bonder.description import wire_bonder
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
     faults = Faults(

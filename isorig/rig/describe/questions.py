@@ -10,8 +10,8 @@ from typing import TypeVar, get_args
 from isorig.analysis.campaign import MOTION, ROTARY, SI_UNIT, Quantity
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import Coulomb
-from isorig.analysis.model.built_in import spring
 from isorig.analysis.model.rig_model import GROUND, Body, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.model.spring import spring
 from isorig.rig.errors import PlanError
 
 Ask = Callable[[str], str]

@@ -31,7 +31,6 @@ from isorig.analysis.model.rig_model import RigModel, Usual
 from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
-from isorig.rig.design.study import RATE, MovePlan
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json, write_text
 from isorig.rig.files.parameter_table import read_parameters
@@ -39,11 +38,12 @@ from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.frf.figures import ratio_figure, save
-from isorig.rig.isolation.comparison import Model
 from isorig.rig.isolation.transmissibility import transmissibility
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.campaign import BEGIN
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
+from isorig.rig.wire_bonder.design_study import RATE, MovePlan
+from isorig.rig.wire_bonder.isolation import Model
 
 #: Quantiles of the drawn parameter sets that are shown.
 DRAWN = (0.05, 0.95)

@@ -13,7 +13,6 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Channel, Gap, IntArray, Run, Samples
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
@@ -24,6 +23,7 @@ from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
 from isorig.rig.files.recording import Extra, write
 from isorig.rig.files.rigfile import read_description
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
 RATE_AGREES = 5e-3

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.built_in import BUILT_IN, wire_bonder
+from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
 from isorig.rig.files.models import read_fitted
+from isorig.rig.wire_bonder.description import BUILT_IN, wire_bonder
 
 if TYPE_CHECKING:
     from isorig.analysis.fitting.solve import Free
@@ -51,7 +52,7 @@ def read_rig(given: str | Path) -> GivenRig:
     Parameters
     ----------
     given
-        One of `isorig.analysis.model.built_in.BUILT_IN` or of `SHIPPED`, or the path of a .toml description or of a
+        One of `isorig.rig.wire_bonder.description.BUILT_IN` or of `SHIPPED`, or the path of a .toml description or of a
         model.json.
 
     Raises

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from isorig.analysis.campaign import FloatArray
     from isorig.analysis.isolation.ratio import IsolationRatio
-    from isorig.analysis.parameters.four_set_ups import ErrorSurface, SetUp
     from isorig.analysis.spectra.periodic import PeriodicFrf
     from isorig.analysis.spectra.welch import Frf
+    from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, SetUp
 
 
 #: Unit of acceleration divided by acceleration.

@@ -16,8 +16,8 @@ from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.frf.transfer import Transfer, transfer_functions
-from isorig.rig.isolation.comparison import Model
 from isorig.rig.model.prediction import predicted
+from isorig.rig.wire_bonder.isolation import Model
 
 #: Factor by which the Hann window's correlation of neighbouring frequency bins increases the variance of a mean over bins.
 CORRELATED = 2.0

@@ -8,9 +8,9 @@ from typing import Literal
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import AnalysisError, ModelError
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import RecordingError, RigError
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 Baseline = Literal["coulomb", "linear"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import Operator, Taken
@@ -18,6 +17,7 @@ from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import words
 from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
 from isorig.rig.virtual.effects import hidden_in
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: The hidden effect, and its size.
 HIDDEN, SIZE = "end_stop", 1.0

@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.misfit import Discrepancy
-from isorig.analysis.isolation.moves import move_within, on_move
 from isorig.analysis.isolation.ratio import Isolated
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.wording import of_signal, state
-from isorig.rig.design.study import BOND
-from isorig.rig.isolation.comparison import Compared
 from isorig.rig.report.advice import NOTHING
 from isorig.rig.report.before_after import second_chart
 from isorig.rig.report.charts import Role
@@ -21,6 +18,9 @@ from isorig.rig.report.page import Answer, First, Section
 from isorig.rig.report.place import held_out_records
 from isorig.rig.report.sections import channels_table
 from isorig.rig.report.sketch import sketch
+from isorig.rig.wire_bonder.design_study import BOND
+from isorig.rig.wire_bonder.isolation import Compared
+from isorig.rig.wire_bonder.move_isolation import move_within, on_move
 
 #: Name in a recording for the required isolation of the heatblock, as a share of its vibration.
 WISH = "wished_isolation"

@@ -11,11 +11,11 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import is_wire_bonder
 from isorig.rig.frf.transfer import Transfer, transfer_functions
-from isorig.rig.isolation.comparison import Compared, Model, compared_isolation, isolation_sentences
 from isorig.rig.model.prediction import predicted
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
 from isorig.rig.report.page import Report, Section, build_report
 from isorig.rig.report.sections import per
+from isorig.rig.wire_bonder.isolation import Compared, Model, compared_isolation, isolation_sentences
 
 #: Styles of the lines of several recordings.
 DASHES: tuple[Style, ...] = ("solid", "dash", "dot")

@@ -12,10 +12,8 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.fitting.uncertainty import CALIBRATION
-from isorig.analysis.model.built_in import THESIS
 from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization, Entry
 from isorig.rig.files.parameter_table import ParameterFile
-from isorig.rig.isolation.comparison import isolation_sentences
 from isorig.rig.report.advice import advice
 from isorig.rig.report.charts import Role
 from isorig.rig.report.first import first_screen
@@ -24,6 +22,8 @@ from isorig.rig.report.history import history_sections
 from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
+from isorig.rig.wire_bonder.description import THESIS
+from isorig.rig.wire_bonder.isolation import isolation_sentences
 
 MODEL: tuple[str, Role] = ("simulation", "simulated")
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.levels import advice
 from isorig.rig.acquire.recover import Recovered
@@ -23,6 +22,7 @@ from isorig.rig.view.levels import Level, Levels
 from isorig.rig.view.responses import Response, groups_of, ratio_rows, transfer_rows
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Reading, beginning_of
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Minimum duration of a run, seconds, before advice on its levels.
 EARLY = 2.0

@@ -7,7 +7,7 @@ from isorig.rig.virtual.campaign import Take, virtual_campaign
 
 def main() -> None:
     """Simulate one second of the built-in rig."""
-    from isorig.analysis.model.built_in import wire_bonder
+    from isorig.rig.wire_bonder.description import wire_bonder
 
     virtual_campaign(wire_bonder(), [Take(id="warm", configuration="unlocked", gain=70.0, seconds=1.0, start=0.0)])
 

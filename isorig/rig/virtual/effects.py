@@ -15,11 +15,11 @@ from isorig.analysis.diagnose.mechanisms.base import exchange
 from isorig.analysis.diagnose.mechanisms.relaxation import natural
 from isorig.analysis.diagnose.mechanisms.springs import added
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import GROUND, Body, Chain, Configuration, Contact, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.rig.errors import RigError
 from isorig.rig.virtual.campaign import Take, head_of, known_of, virtual_campaign, without_faults
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 Draw = np.random.Generator
 MOTIONS: tuple[tuple[str, Literal["displacement", "velocity"]], ...] = (("d", "displacement"), ("v", "velocity"))

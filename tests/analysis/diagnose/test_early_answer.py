@@ -9,10 +9,10 @@ from isorig.analysis.diagnose import early_answer as early_answer_module
 from isorig.analysis.diagnose.early_answer import CLEAR, CONFIRMED, LEAST_SECONDS, STILL_HOLD, Decision, EarlyAnswer, early_answer
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import HOLDS
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.virtual.campaign import Take
 from isorig.rig.virtual.effects import hidden_in, played
+from isorig.rig.wire_bonder.description import wire_bonder
 
 RUN = (Take(id="u70", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),)
 BROKEN = {"motor": 2.0 * HOLDS}

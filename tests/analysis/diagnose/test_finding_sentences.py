@@ -12,8 +12,8 @@ import pytest
 from isorig.analysis.diagnose.estimate_pairs import Lines
 from isorig.analysis.diagnose.evidence import LINEAR, homogeneity, poles
 from isorig.analysis.diagnose.observe import agreeing
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.spectra.hum import mains_in
+from isorig.rig.wire_bonder.description import wire_bonder
 
 AGREES = ("table between gains 70 and 7 by 0.5 %", 0.005, 0.004)
 DIFFERS = ("motor between gains 70 and 7 by 12 %", 0.12, 0.004)

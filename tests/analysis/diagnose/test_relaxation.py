@@ -13,7 +13,7 @@ from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.mechanisms.relaxation import Relaxation, natural
 from isorig.analysis.fitting.solve import Problem, fit
 from isorig.analysis.fitting.trials import prepare
-from isorig.analysis.model.built_in import wire_bonder
+from isorig.rig.wire_bonder.description import wire_bonder
 
 
 @dataclass

@@ -6,8 +6,8 @@ from msgspec.structs import replace
 from small_rigs import chain
 
 from isorig.analysis.equations.coverage import best_further_sensor, coverage
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.wire_bonder.description import wire_bonder
 
 
 def measured(model: RigModel, *channels: str) -> RigModel:

@@ -31,11 +31,11 @@ from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.fitting.ladder import fit_baseline
 from isorig.analysis.fitting.solve import Free
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
 from isorig.analysis.rounding import rounding
 from isorig.analysis.simulate.free_run import simulate
 from isorig.analysis.simulate.sampling import Excitation
+from isorig.rig.wire_bonder.description import wire_bonder
 
 SEED = 4100
 

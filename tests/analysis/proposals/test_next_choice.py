@@ -11,7 +11,6 @@ from isorig.analysis import laws
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.choice import Comparison, Question, choose, parted
 from isorig.analysis.proposals.hypotheses import hypotheses
@@ -22,6 +21,7 @@ from isorig.analysis.proposals.precision import Known, design, figure_of, std_of
 from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn, left, refit
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep
+from isorig.rig.wire_bonder.description import wire_bonder
 
 NOISE = {"body": 1e-3, "force": 1e-3}
 

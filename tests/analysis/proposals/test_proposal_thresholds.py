@@ -16,7 +16,6 @@ from small_rivals import DAMPER, RATE, STIFFNESS, one_mass, prospect, variant
 from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.deadline import Deadline
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.analysis.proposals import policy
@@ -27,6 +26,7 @@ from isorig.analysis.proposals.menu import CandidateRun, menu, natural_frequenci
 from isorig.analysis.proposals.precision import Known, design, figure_of
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.analysis.proposals.remedies import another_sensor, further, watched
+from isorig.rig.wire_bonder.description import wire_bonder
 
 NOTHING = Peaks(stroke={}, speed={}, drive=0.0, force=0.0, channels={})
 NOISE = {"body": 1e-3, "force": 1e-3}

@@ -12,12 +12,12 @@ from reference_contacts import Located, time_stepped
 from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.built_in import THESIS, one_mass, wire_bonder
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, direction, matrices
 from isorig.analysis.simulate import free_run
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.simulate.free_run import run_rig
+from isorig.rig.wire_bonder.description import THESIS, one_mass, wire_bonder
 
 RATE = 2048.0
 

@@ -8,10 +8,10 @@ from msgspec.structs import replace
 
 from isorig.analysis import laws
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.model.built_in import one_mass, wire_bonder
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate, trace
 from isorig.analysis.simulate.excitation import random
+from isorig.rig.wire_bonder.description import one_mass, wire_bonder
 from thesis.friction import CONTACTS, LINKS, SENSORS, rubbed, sprung, swung
 
 RATE = 8192.0

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Channel, Run
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import PART, check_run
+from isorig.rig.wire_bonder.description import wire_bonder
 
 
 class Counted:

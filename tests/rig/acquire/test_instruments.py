@@ -9,7 +9,6 @@ import pytest
 from ramps import RampPlant, Watcher, plan_of, ramp_instrument
 
 from isorig import drivers
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers.errors import SettingError
 from isorig.drivers.kinds import kinds
 from isorig.drivers.simulated.faults import Faults
@@ -20,6 +19,7 @@ from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
+from isorig.rig.wire_bonder.description import wire_bonder
 
 RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 2.0}
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from ramps import RampPlant, Watcher, plan_of, ramp_instrument
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.drivers import mti600
 from isorig.drivers.block import Block, Input
 from isorig.drivers.simulated.faults import Faults
@@ -28,6 +27,7 @@ from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
+from isorig.rig.wire_bonder.description import wire_bonder
 
 RANDOM = {"excitation": "random", "band": [0.5, 20.0], "seconds": 8.0}
 

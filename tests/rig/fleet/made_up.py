@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from isorig.analysis.model.built_in import FREE, FRICTION, THESIS, wire_bonder
+from isorig.rig.wire_bonder.description import FREE, FRICTION, THESIS, wire_bonder
 
 FIRST = datetime(2026, 1, 5, 9, 0, tzinfo=UTC)
 SPRING = "links.isolation.stiffness"

@@ -14,10 +14,10 @@ from made_up import FIRST, PARAMETERS, SCATTER, SPRING
 from isorig.analysis.diagnose.mechanisms.chain import with_chain
 from isorig.analysis.diagnose.mechanisms.springs import added
 from isorig.analysis.laws import EndStop
-from isorig.analysis.model.built_in import FRICTION, THESIS, wire_bonder
 from isorig.analysis.model.rig_model import Chain, Configuration, RigModel
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import BEGIN, SESSION, virtual_campaign
+from isorig.rig.wire_bonder.description import FRICTION, THESIS, wire_bonder
 
 Draw = np.random.Generator
 #: A session as short as a diagnosis can be sure of: ten seconds a run.

@@ -10,9 +10,9 @@ import numpy as np
 from isorig.analysis import laws
 from isorig.analysis.diagnose.mechanisms.springs import added
 from isorig.analysis.fitting.solve import base_parameters, positive
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.files.rivals import NAME, FittedModel, OpenSet, Rivals, TakenRun, fitted_model
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Stiffening of the hidden spring at 4 mm, and a stop that does about the same to small swings.
 STIFFENS, STOP = 0.15, 0.003

@@ -11,7 +11,6 @@ import msgspec
 import pytest
 from open_questions import end_stop, fitted, rivals, two_springs, written
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.choice import Chosen
 from isorig.analysis.proposals.menu import CandidateRun
@@ -26,6 +25,7 @@ from isorig.rig.next import proposal as proposal_module
 from isorig.rig.next.course import PAGE, SESSION, STATE, Course, Measured, Terms, investigate, nothing_known, read_course
 from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
 from isorig.rig.next.sentences import summary
+from isorig.rig.wire_bonder.description import wire_bonder
 
 NAMES = ("head", "motor", "table", "heatblock")
 PLAN = Plan(

@@ -15,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import write
 from isorig.rig.view.frames import frame, read_frame
@@ -27,6 +26,7 @@ from isorig.rig.view.snapshot import Board, Picture
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
 from isorig.rig.view.state import Subject, state_of
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
+from isorig.rig.wire_bonder.description import wire_bonder
 
 
 @pytest.fixture(scope="module")

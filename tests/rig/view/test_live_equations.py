@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.drivers.kinds import kinds
 from isorig.rig.acquire.equations import Equations
 from isorig.rig.cli import main
@@ -20,6 +19,7 @@ from isorig.rig.files.recording import read
 from isorig.rig.view.messages import Standing
 from isorig.rig.view.snapshot import Picture
 from isorig.rig.view.state import Subject, state_of
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 PLAN = """
 rig = {head_mass = 6.5}

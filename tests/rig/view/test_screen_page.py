@@ -15,10 +15,10 @@ from urllib.parse import urlsplit
 import pytest
 from screen_browser import Page, browser, needs_browser
 
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import read, write
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
+from isorig.rig.wire_bonder.description import wire_bonder
 
 pytestmark = needs_browser
 RIG = (sys.executable, "-m", "isorig")

@@ -11,6 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.optimum import isolated
 from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor, direction, matrices
 from isorig.analysis.simulate import Excitation, scan, simulate
@@ -55,18 +56,6 @@ class StrokeStudy:
         if len(self.lowest_of_draws) == 0:
             return self.lowest
         return float(np.quantile(np.where(np.isfinite(self.lowest_of_draws), self.lowest_of_draws, np.inf), 0.95))
-
-
-def isolated(model: RigModel, frequency: float, *, link: str = "isolation") -> RigModel:
-    """The rig with another isolation frequency: k = (2 pi f)^2 m, with the same damping ratio."""
-    present = model.link(link)
-    mass = model.body(present.a).mass
-    stiffness = (2.0 * pi * frequency) ** 2 * mass
-    if present.stiffness <= 0.0:
-        raise DataError(f"link {link!r} has no stiffness, so its damping ratio is undefined; give that of the present design")
-    damping = present.damping * (stiffness / present.stiffness) ** 0.5
-    links = tuple(msgspec.structs.replace(p, stiffness=stiffness, damping=damping) if p.name == link else p for p in model.links)
-    return msgspec.structs.replace(model, links=links, free=())
 
 
 def frictionless(model: RigModel) -> RigModel:

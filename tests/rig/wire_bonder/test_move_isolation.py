@@ -7,11 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.design import frictionless
-from isorig.analysis.isolation.moves import isolation_by_level, level_for, move_within, on_move
-from isorig.analysis.model.built_in import THESIS, one_mass, wire_bonder
 from isorig.analysis.model.rig_model import matrices
 from isorig.analysis.simulate.move_profile import Move
+from isorig.rig.wire_bonder.description import THESIS, one_mass, wire_bonder
+from isorig.rig.wire_bonder.move_isolation import isolation_by_level, level_for, move_within, on_move
+from isorig.rig.wire_bonder.stroke import frictionless
 
 TOLERANCE = 2e-6
 MOVE = Move(distance=3e-3, acceleration=166.7, pause=0.0)

@@ -15,11 +15,11 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
-from isorig.analysis.model.built_in import wire_bonder
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modes import Kind, ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
+from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Required frequency bins per bandwidth, and minimum segments in a record.
 LINES, SEGMENTS = 12.0, 12.0
@@ -225,7 +225,7 @@ def _width(frf: Frf, guess: float, band: tuple[float, float]) -> float:
 def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> ComplexArray:
     """Transfer function head to table of the unlocked wire bonder without friction, shape (bins,).
 
-    `values` as `isorig.analysis.model.built_in.THESIS`, masses in kg.
+    `values` as `isorig.rig.wire_bonder.description.THESIS`, masses in kg.
     """
     mass, damping, stiffness = matrices(wire_bonder(values, friction=False))
     s = 2j * np.pi * frequency[:, None, None]

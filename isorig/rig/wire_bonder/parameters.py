@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from isorig.analysis.model.built_in import THESIS, wire_bonder
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.errors import PlanError
 from isorig.rig.files.parameter_table import Level, ParameterFile, read_parameters
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 Method = Literal["joint", "half-power"]
 #: Name of a method in plots and sentences.

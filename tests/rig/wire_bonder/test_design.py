@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.design import (
+from isorig.analysis.isolation.optimum import isolated
+from isorig.analysis.model.rig_model import matrices
+from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.stroke import (
     frictionless,
     histories,
-    isolated,
     linear_frf,
     linear_ratio,
     lowest_inside,
@@ -20,9 +23,6 @@ from isorig.analysis.isolation.design import (
     stroke_study,
     strokes,
 )
-from isorig.analysis.model.built_in import THESIS, wire_bonder
-from isorig.analysis.model.rig_model import matrices
-from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
 
 RATE = 2048.0
 MOVES = [Move(distance=3e-3, acceleration=166.7, pause=0.05)] * 6

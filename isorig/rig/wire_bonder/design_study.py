@@ -13,15 +13,16 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.isolation import design
-from isorig.analysis.isolation.moves import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
+from isorig.analysis.isolation.optimum import isolated
 from isorig.analysis.isolation.ratio import IsolationRatio, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
-from isorig.rig.files.parameter_seed import Seed
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
+from isorig.rig.wire_bonder.parameters import Seed
+from isorig.rig.wire_bonder.stroke import StrokeStudy, frictionless, histories, linear_ratio, rocking, stroke_study
 
 #: Sample rate, Hz: at least fifteen samples in a move of a hundredth of a second.
 RATE = 2048.0
@@ -154,7 +155,7 @@ class Designed:
         Isolation frequency of the present design, Hz.
     """
 
-    studies: Mapping[str, design.StrokeStudy]
+    studies: Mapping[str, StrokeStudy]
     head: FloatArray
     histories: Mapping[str, Mapping[str, FloatArray]]
     ratios: Mapping[str, IsolationRatio]
@@ -229,9 +230,9 @@ def designed(
     rig = rigs[0]
     grid = np.geomspace(*plan.frequencies, points)
     head = plan.drive()
-    free = [design.frictionless(model) for model in rigs]
+    free = [frictionless(model) for model in rigs]
     studies = {
-        name: design.stroke_study(models, grid, head, RATE, limit=plan.limit, safety=plan.safety)
+        name: stroke_study(models, grid, head, RATE, limit=plan.limit, safety=plan.safety)
         for name, models in (("without friction", free), ("with friction", rigs))
     }
     isolation = rig.link("isolation")
@@ -239,14 +240,14 @@ def designed(
     cases = {f"present, {present:.2f} Hz with friction": rig}
     chosen = plan.shown or studies["without friction"].recommended
     if math.isfinite(chosen):
-        cases[f"{chosen:.2f} Hz with friction"] = design.isolated(rig, chosen)
-        cases[f"{chosen:.2f} Hz without friction"] = design.isolated(free[0], chosen)
+        cases[f"{chosen:.2f} Hz with friction"] = isolated(rig, chosen)
+        cases[f"{chosen:.2f} Hz without friction"] = isolated(free[0], chosen)
     ratios = {name: isolation_ratio(virtual_campaign(model, TAKES, noise=0.0, oversample=8)) for name, model in cases.items()}
     last = list(cases.values())[-1]
     bond = plan.bond
     move = move_within(bond.distance, bond.seconds)
     return Designed(
-        studies=studies, head=head, histories={name: design.histories(model, head, RATE) for name, model in cases.items()},
+        studies=studies, head=head, histories={name: histories(model, head, RATE) for name, model in cases.items()},
         ratios=ratios, offsets={o: _offset(last, o, head, rocking_frequency) for o in offsets}, rigs=cases,
         bonds={name: on_move(model, move, tolerance=bond.tolerance) for name, model in cases.items()},
         levels={
@@ -258,13 +259,13 @@ def designed(
 
 def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) -> DriveOffset:
     try:
-        rocked = design.rocking(model, offset, frequency=frequency)
+        rocked = rocking(model, offset, frequency=frequency)
     except ModelError as error:
         raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
-    seen = design.histories(rocked, head, RATE)
-    ratio = design.linear_ratio(rocked, LINES)
+    seen = histories(rocked, head, RATE)
+    ratio = linear_ratio(rocked, LINES)
     kept = (LINES >= 5.0) & (LINES <= 50.0)
     return DriveOffset(
         rocking=float(np.abs(seen["rocking"]).max()), stroke=float(np.abs(seen["motor"] - seen["table"]).max()),
-        frequency=LINES, ratio=ratio, worst=float(np.max((ratio / design.linear_ratio(model, LINES))[kept])),
+        frequency=LINES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, LINES))[kept])),
     )  # fmt: skip

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from isorig.analysis.isolation.moves import MoveIsolation, move_within, on_move
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.design.study import RATE, BondPlan, Designed
+from isorig.rig.wire_bonder.design_study import RATE, BondPlan, Designed
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, move_within, on_move
 
 #: Milliseconds of the bond's move that are shown, from its start.
 SHOWN = 120.0

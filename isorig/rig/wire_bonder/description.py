@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import pi
 
-from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import Coulomb
-from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Contact, Drive, RigModel, Sensor
+from isorig.analysis.model.spring import spring
 
 FREE = (
     "bodies.table.mass",
@@ -28,17 +27,6 @@ THESIS: Mapping[str, float] = {
     "motor_mass": 16.4, "motor_frequency": 5.06, "motor_damping": 0.073,
     "friction_force": 20.0,
 }  # fmt: skip
-
-
-def spring(name: str, a: str, b: str, *, mass: float, frequency: float, damping_ratio: float) -> Link:
-    """A link with given uncoupled values: k = (2 pi f)^2 m, c = 2 zeta sqrt(k m) (thesis, Eq. 1-3)."""
-    if mass <= 0.0 or frequency < 0.0 or damping_ratio < 0.0:
-        raise ModelError(
-            f"link {name!r}: mass {mass:g} kg, frequency {frequency:g} Hz and damping ratio {damping_ratio:g} "
-            "must be positive; correct the negative one"
-        )
-    omega = 2.0 * pi * frequency
-    return Link(name=name, a=a, b=b, stiffness=omega**2 * mass, damping=2.0 * damping_ratio * omega * mass)
 
 
 def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) -> RigModel:

@@ -12,7 +12,6 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, broad
 from isorig.analysis.errors import AnalysisError, DataError
-from isorig.analysis.isolation.peak_offset import PeakOffset, peak_offset
 from isorig.analysis.isolation.ratio import (
     ABOVE,
     STITCH,
@@ -25,15 +24,16 @@ from isorig.analysis.isolation.ratio import (
     stuck_share,
 )
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.parameters.four_set_ups import as_read, classic
 from isorig.analysis.spectra.gain_levels import by_level, changes
 from isorig.analysis.spectra.quality import Fault, faults, without
 from isorig.analysis.wording import by_factor
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
-from isorig.rig.files.parameter_seed import CALLED, Method, read_seed
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import predicted
+from isorig.rig.wire_bonder.four_set_ups import as_read, classic
+from isorig.rig.wire_bonder.parameters import CALLED, Method, read_seed
+from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.uncertainty import CALIBRATION
-from isorig.analysis.parameters.four_set_ups import Classic, ErrorSurface, SetUp, classic
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.quality import without
@@ -21,6 +20,7 @@ from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, provenance_section, words
+from isorig.rig.wire_bonder.four_set_ups import Classic, ErrorSurface, SetUp, classic
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 BIASED = (

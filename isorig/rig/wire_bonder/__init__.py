@@ -1,0 +1,1 @@
+"""The wire bonder: its description, and everything that is computed for it alone."""
