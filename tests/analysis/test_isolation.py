@@ -18,7 +18,6 @@ from isorig.analysis.isolation.ratio import (
 )
 from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
-from isorig.analysis.simulate.compiled import constraint_basis
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
