@@ -21,6 +21,7 @@ from isorig.drivers.errors import ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, Settings, Shaken, Simulation, StreamKind
 from isorig.drivers.marks import Marks
 from isorig.drivers.port import Port
+from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
@@ -45,10 +46,12 @@ class DataqInstrument:
         Path or URL.
     settings
         Settings from the plan.
+    waits
+        Its timeouts.
     """
 
-    def __init__(self, port: str, settings: DataqSettings) -> None:
-        self._port = Port(port, baud_rate=115200)
+    def __init__(self, port: str, settings: DataqSettings, waits: Waits = WAITS) -> None:
+        self._port = Port(port, baud_rate=115200, waits=waits)
         self._settings = settings
         self.identity = "DATAQ DI-1100"
         self.inputs: Sequence[Input] = ()

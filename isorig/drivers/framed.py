@@ -12,7 +12,6 @@ from zlib import crc32
 
 import numpy as np
 
-from isorig.drivers import port as ports
 from isorig.drivers.answers import Kind, number, one_of, parse, text, whole
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
@@ -21,11 +20,11 @@ from isorig.drivers.instrument import Values, in_real_time
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.order import Order, Reading
 from isorig.drivers.port import Port
+from isorig.drivers.waits import WAITS, Waits
 
 PROTOCOL = "isorig-framed/1"
-#: Number of attempts for a command, and seconds that the instrument may need before it starts.
+#: Number of attempts for a command.
 TRIES = 3
-START_PATIENCE = 60.0
 #: Seconds of silence after which the rest of a frame is no longer expected.
 HALF = 0.5
 #: Relative difference allowed between requested and answered gain, because of the instrument's gain steps.
@@ -55,6 +54,8 @@ class FramedInstrument:
         Path or URL.
     baud_rate
         Baud rate of a real serial line.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -64,8 +65,8 @@ class FramedInstrument:
         The answer is from another protocol.
     """
 
-    def __init__(self, port: str, *, baud_rate: int = 921600) -> None:
-        self._port = Port(port, baud_rate=baud_rate)
+    def __init__(self, port: str, *, baud_rate: int = 921600, waits: Waits = WAITS) -> None:
+        self._port, self._waits = Port(port, baud_rate=baud_rate, waits=waits), waits
         self._name = port
         self._decoder = Decoder()
         self._frames: deque[tuple[Frame, float]] = deque()
@@ -144,7 +145,7 @@ class FramedInstrument:
         """Start streaming; the first sample has tick 0."""
         self._warnings, self._counted = [], None
         began = time.monotonic()
-        (first,) = self._ask("START", patience=START_PATIENCE, tries=1)
+        (first,) = self._ask("START", patience=self._waits.start, tries=1)
         self._order = Order(
             who=self._name, began=began, first=first, rate=self._rate, real_time=in_real_time(self)
         )  # fmt: skip
@@ -267,7 +268,7 @@ class FramedInstrument:
 
     def _answer(self, command: str, patience: float | None) -> str | None:
         asked, word = _asked(command), _word(command)
-        end = time.monotonic() + (ports.PATIENCE if patience is None else patience)
+        end = time.monotonic() + (self._waits.answer if patience is None else patience)
         while True:
             while self._texts:
                 answer = self._texts.popleft()
@@ -328,8 +329,8 @@ class FramedSettings(Settings, frozen=True):
             raise ValueError(f"baud_rate is {self.baud_rate}; give that of the instrument, e.g. 921600")
 
 
-def _open(port: str, settings: FramedSettings) -> FramedInstrument:
-    return FramedInstrument(port, baud_rate=settings.baud_rate)
+def _open(port: str, settings: FramedSettings, waits: Waits) -> FramedInstrument:
+    return FramedInstrument(port, baud_rate=settings.baud_rate, waits=waits)
 
 
 EXAMPLE = """

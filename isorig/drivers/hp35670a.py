@@ -22,13 +22,13 @@ from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, S
 from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
 from isorig.drivers.link import linked
 from isorig.drivers.shows import Shows
+from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
 
 DONE = 1 << 5
 BAD = -1e37
-POLL = 0.2
 #: Maximum number of errors read before the instrument counts as defective.
 ERRORS = 30
 #: Maximum size of a block in bytes: the longest record has 4096 values.
@@ -48,10 +48,12 @@ class Hp35670aInstrument:
         A name as in `isorig.drivers.link.linked`; its own serial port serves printers and plotters only.
     shows
         Feeds of its traces; the first is trace 1.
+    waits
+        Its timeouts.
     """
 
-    def __init__(self, port: str, shows: Sequence[Shows]) -> None:
-        self._link = linked(port, baud_rate=9600)
+    def __init__(self, port: str, shows: Sequence[Shows], waits: Waits = WAITS) -> None:
+        self._link, self._waits = linked(port, baud_rate=9600, waits=waits), waits
         self._shows = tuple(shows)
         self._sourcing = False
         self._invalid: list[str] = []
@@ -100,7 +102,7 @@ class Hp35670aInstrument:
         while not self._status_byte() & DONE:
             if time.monotonic() > end:
                 raise InstrumentError(f"{self._link.name} did not finish within {timeout:g} s; give the run more seconds")
-            self._link.wait(POLL)
+            self._link.wait(self._waits.poll)
         self._errors()
 
     def records(self) -> tuple[Record, ...]:

@@ -15,6 +15,7 @@ from isorig import drivers
 from isorig.drivers.block import FloatArray
 from isorig.drivers.instrument import Records, Stream
 from isorig.drivers.shows import Shows
+from isorig.drivers.waits import Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.faults import Faults
@@ -92,7 +93,7 @@ class StreamKind:
     name
         Its name in plans.
     open
-        Opens it at a port, with its settings.
+        Opens it at a port, with its settings and timeouts.
     example
         Example of its entries in a plan, TOML: the rest of the table `instrument`, and the channels.
     settings
@@ -108,7 +109,7 @@ class StreamKind:
     """
 
     name: str
-    open: Callable[[str, Any], Stream]
+    open: Callable[[str, Any, Waits], Stream]
     example: str = ""
     settings: type[Settings] = Settings
     far_end: FarEnd | None = None
@@ -126,7 +127,7 @@ class RecordsKind:
     name
         Its name in plans.
     open
-        Opens it at a port, with the contents of its traces.
+        Opens it at a port, with the contents of its traces and timeouts.
     trace
         Pattern of the trace names, and an example.
     example, settings, far_end, buses, recognized
@@ -134,7 +135,7 @@ class RecordsKind:
     """
 
     name: str
-    open: Callable[[str, Sequence[Shows]], Records]
+    open: Callable[[str, Sequence[Shows], Waits], Records]
     trace: tuple[str, str]
     example: str = ""
     settings: type[Settings] = Settings

@@ -27,6 +27,7 @@ from isorig.drivers.kinds import CHANNELS, Settings, Shaken, Simulation, StreamK
 from isorig.drivers.link import LineLink, linked
 from isorig.drivers.order import EXACT, LOOSE, Order, Reading
 from isorig.drivers.port import LONGEST
+from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
@@ -157,6 +158,8 @@ class LinesInstrument:
         A name as in `isorig.drivers.link.linked`; without a command that asks for lines, a serial line or a socket.
     settings
         The settings of the plan.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -164,7 +167,7 @@ class LinesInstrument:
         The port cannot send lines unasked.
     """
 
-    def __init__(self, port: str, settings: LinesSettings) -> None:
+    def __init__(self, port: str, settings: LinesSettings, waits: Waits = WAITS) -> None:
         self._settings = settings
         self.identity = f"lines at {port}"
         self.inputs: Sequence[Input] = [
@@ -179,7 +182,7 @@ class LinesInstrument:
         self._rate = math.nan
         self._open = False
         self.damaged = 0
-        self._link = linked(port, baud_rate=settings.baud_rate)
+        self._link = linked(port, baud_rate=settings.baud_rate, waits=waits)
         self._reset()
         if not settings.read and not isinstance(self._link, LineLink):
             self._link.close()

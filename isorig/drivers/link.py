@@ -8,6 +8,7 @@ from typing import Protocol
 
 from isorig.drivers.errors import ProtocolError
 from isorig.drivers.port import Port
+from isorig.drivers.waits import WAITS, Waits
 
 #: Names of VISA resources, and of a GPIB address at an adapter: GPIB::11@/dev/ttyUSB0.
 RESOURCE = re.compile(r"(GPIB|TCPIP|USB|ASRL|PXI|VXI)[^@]*::[^@]+", re.IGNORECASE)
@@ -116,7 +117,7 @@ class LineLink(Port):
         time.sleep(seconds)
 
 
-def linked(name: str, *, baud_rate: int) -> Link:
+def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> Link:
     """Open the link that a name in a plan denotes.
 
     Parameters
@@ -126,6 +127,8 @@ def linked(name: str, *, baud_rate: int) -> Link:
         (GPIB::11@/dev/ttyUSB0, GPIB::11@socket://192.168.1.5:1234).
     baud_rate
         Baud rate of a real serial line.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -138,12 +141,12 @@ def linked(name: str, *, baud_rate: int) -> Link:
     if adapted:
         from isorig.drivers.prologix import PrologixLink
 
-        return PrologixLink(name, port=adapted[3], address=int(adapted[1]))
+        return PrologixLink(name, port=adapted[3], address=int(adapted[1]), waits=waits)
     if RESOURCE.fullmatch(name):
         from isorig.drivers.visa import VisaLink
 
-        return VisaLink(name, baud_rate=baud_rate)
-    return LineLink(name, baud_rate=baud_rate)
+        return VisaLink(name, baud_rate=baud_rate, waits=waits)
+    return LineLink(name, baud_rate=baud_rate, waits=waits)
 
 
 def check_status_byte(value: int, who: str) -> int:

@@ -24,6 +24,7 @@ from isorig.drivers.errors import ConnectionLostError, SettingError
 from isorig.drivers.kinds import Settings, Shaken, Simulation, StreamKind
 from isorig.drivers.order import EXACT, Order, Reading
 from isorig.drivers.port import check_name
+from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
@@ -41,8 +42,6 @@ DROPPED = b"\x01"
 #: Groups in a block, and maximum number of frames waiting before a run.
 GROUPS = 16
 BACKLOG = 1000
-#: Seconds that a serial adapter needs after its port is opened; many restart then.
-SETTLE = 2.0
 #: Maximum number of characters without an end of line from an adapter: a frame of eight bytes has 22.
 LONGEST = 4096
 
@@ -113,13 +112,15 @@ class MtiInstrument:
         Port of the adapter, or the channel of another interface.
     bus
         python-can's name of the adapter's interface: "slcan" over a serial port, "virtual" inside this process.
+    waits
+        Its timeouts.
     """
 
-    def __init__(self, port: str, *, bus: str = "slcan") -> None:
+    def __init__(self, port: str, *, bus: str = "slcan", waits: Waits = WAITS) -> None:
         self.identity = "Xsens MTi-600"
         one = Input(unit="m/s^2", per_count=PER_COUNT, full_scale=None, dtype="int16")
         self.inputs: Sequence[Input] = (one,) * 3
-        self._name, self._interface = port, bus
+        self._name, self._interface, self._waits = port, bus, waits
         check_name(port)
         self._bus = self._opened()
         self._frames: list[tuple[int, bytes]] = []
@@ -191,7 +192,7 @@ class MtiInstrument:
 
     def _opened(self) -> can.BusABC:
         try:
-            own: dict[str, Any] = {"sleep_after_open": SETTLE} if self._interface == "slcan" else {}
+            own: dict[str, Any] = {"sleep_after_open": self._waits.adapter} if self._interface == "slcan" else {}
             bus = can.Bus(channel=self._name, interface=self._interface, bitrate=BITRATE, **own)
             if self._interface == "slcan":
                 # Two programs that read one adapter would each get a part of its frames.
@@ -299,8 +300,8 @@ class MtiSettings(Settings, frozen=True):
     bus: str = "slcan"
 
 
-def _open(port: str, settings: MtiSettings) -> MtiInstrument:
-    return MtiInstrument(port, bus=settings.bus)
+def _open(port: str, settings: MtiSettings, waits: Waits) -> MtiInstrument:
+    return MtiInstrument(port, bus=settings.bus, waits=waits)
 
 
 def _far_end(shaken: Shaken, asked: Simulation) -> Peer:

@@ -24,12 +24,13 @@ from isorig.drivers.instrument import Values
 from isorig.drivers.kinds import StreamKind
 from isorig.drivers.tachometer import Tachometer
 from isorig.drivers.voltage import OutputSettings, Voltage, fade_out
+from isorig.drivers.waits import WAITS, Waits
 
 T = TypeVar("T")
 #: Seconds of samples in the buffer of the driver, and seconds of drive written in advance.
 BUFFER, AHEAD = 10.0, 2.0
-#: Seconds between two looks for samples, and samples fetched at once.
-POLL, MOST = 0.005, 16384
+#: Samples fetched at once.
+MOST = 16384
 #: NI's error codes: the samples were overwritten; the attribute is not available on this device; the device is gone.
 OVERWRITTEN = -200279
 UNSUPPORTED = (-200452, -200197)
@@ -97,6 +98,8 @@ class NiInstrument:
         Its name, e.g. cDAQ1.
     settings
         The settings of the plan.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -104,9 +107,9 @@ class NiInstrument:
         The package, NI's runtime, or the device is missing.
     """
 
-    def __init__(self, port: str, settings: NiSettings) -> None:
+    def __init__(self, port: str, settings: NiSettings, waits: Waits = WAITS) -> None:
         self._ni, self._errors = _package()
-        self._name, self._settings = port, settings
+        self._name, self._settings, self._waits = port, settings, waits
         one = Input(unit="V", per_count=1.0, full_scale=settings.full_scale, dtype="float64")
         pulses = Input(unit="pulses", per_count=1.0, full_scale=None, dtype="float64", counts=True)
         self.inputs: Sequence[Input] = (one,) * len(settings.inputs) + (pulses,) * bool(settings.tachometer)
@@ -209,7 +212,7 @@ class NiInstrument:
                 break
             if time.monotonic() >= end:
                 break
-            time.sleep(POLL)
+            time.sleep(self._waits.look)
         return self._ready.popleft() if self._ready else None
 
     def stop(self) -> int | None:

@@ -9,18 +9,13 @@ from urllib.parse import urlsplit
 import serial
 
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
+from isorig.drivers.waits import WAITS, Waits
 
 #: Bytes read from the port at a time, and bytes written at a time.
 CHUNK = 65536
 PIECE = 4096
-#: Timeout in seconds until an answer starts, and between two parts of it.
-PATIENCE = 2.0
-#: Timeout in seconds for sending a piece: a piece at 9600 baud takes 4.3 s.
-WRITE_PATIENCE = 10.0
 #: Maximum length of an answer line in bytes.
 LONGEST = 256
-#: Seconds within which a stopped instrument must be silent.
-QUIET = 2.0
 #: A long answer may take this many times the transmission time of its bytes.
 SLOWER = 3.0
 #: Bits of a byte on a serial line: start, eight, stop.
@@ -38,6 +33,8 @@ class Port:
         A path like /dev/ttyACM0, or a URL like socket://127.0.0.1:4000.
     baud_rate
         Baud rate of a real serial line.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -47,9 +44,9 @@ class Port:
         The port cannot be opened.
     """
 
-    def __init__(self, name: str, *, baud_rate: int) -> None:
+    def __init__(self, name: str, *, baud_rate: int, waits: Waits = WAITS) -> None:
         check_name(name)
-        self.name = name
+        self.name, self.waits = name, waits
         self._buffer = bytearray()
         self._baud_rate = baud_rate
         # A socket does not report how much is waiting, so it is read until nothing arrives for a moment.
@@ -81,7 +78,7 @@ class Port:
                 self._port.write(data[at : at + PIECE])
         except serial.SerialTimeoutException:
             raise ConnectionLostError(
-                f"{self.name} has accepted no data for {WRITE_PATIENCE:g} s; check that the instrument is on, then resume"
+                f"{self.name} has accepted no data for {self.waits.sending:g} s; check that the instrument is on, then resume"
             ) from None
         except (serial.SerialException, OSError, TypeError) as error:
             raise self._gone(error) from None
@@ -98,7 +95,7 @@ class Port:
             data, self._buffer = bytes(self._buffer) + data, bytearray()
         return data
 
-    def line(self, end: bytes = b"\n", *, patience: float | None = None, longest: int = LONGEST) -> bytes:
+    def line(self, end: bytes = b"\n", *, longest: int = LONGEST) -> bytes:
         """The next line without its end.
 
         Raises
@@ -108,8 +105,7 @@ class Port:
         ProtocolError
             More than `longest` bytes arrive without an end of line.
         """
-        patience = PATIENCE if patience is None else patience
-        self._wait(lambda: end in self._buffer or len(self._buffer) > longest, patience, patience, "a line")
+        self._wait(lambda: end in self._buffer or len(self._buffer) > longest, self.waits.answer, "a line")
         at = self._buffer.find(end)
         if not 0 <= at <= longest:
             raise ProtocolError(
@@ -119,17 +115,16 @@ class Port:
         del self._buffer[: at + len(end)]
         return line
 
-    def exactly(self, count: int, *, patience: float | None = None) -> bytes:
+    def exactly(self, count: int) -> bytes:
         """The next `count` bytes.
 
         Raises
         ------
         ConnectionLostError
-            Nothing arrives for `patience` seconds, or the transmission takes far too long.
+            Nothing arrives in time, or the transmission takes far too long.
         """
-        patience = PATIENCE if patience is None else patience
-        whole = patience + SLOWER * BITS * count / self._baud_rate
-        self._wait(lambda: len(self._buffer) >= count, patience, whole, f"{count} bytes")
+        whole = self.waits.answer + SLOWER * BITS * count / self._baud_rate
+        self._wait(lambda: len(self._buffer) >= count, whole, f"{count} bytes")
         data = bytes(self._buffer[:count])
         del self._buffer[:count]
         return data
@@ -157,7 +152,7 @@ class Port:
         ProtocolError
             The instrument does not become silent.
         """
-        end = time.monotonic() + QUIET
+        end = time.monotonic() + self.waits.silence
         while self.read():
             if time.monotonic() > end:
                 raise ProtocolError(
@@ -172,8 +167,8 @@ class Port:
     def _opened(self) -> serial.Serial:
         try:
             opened: serial.Serial = serial.serial_for_url(
-                self.name, baudrate=self._baud_rate, timeout=0.05 if self._counts else 0.01, write_timeout=WRITE_PATIENCE,
-                exclusive=True,
+                self.name, baudrate=self._baud_rate, timeout=0.05 if self._counts else 0.01,
+                write_timeout=self.waits.sending, exclusive=True,
             )  # fmt: skip
         except (serial.SerialException, OSError, ValueError) as error:
             raise ConnectionLostError(f"the port {self.name} cannot be opened ({error}); check the cable and the name") from None
@@ -182,7 +177,7 @@ class Port:
     def _gone(self, error: Exception) -> ConnectionLostError:
         return ConnectionLostError(f"{self.name} is gone ({error}); reconnect it and resume")
 
-    def _wait(self, enough: Callable[[], bool], patience: float, whole: float, what: str) -> None:
+    def _wait(self, enough: Callable[[], bool], whole: float, what: str) -> None:
         began = heard = time.monotonic()
         while not enough():
             before = len(self._buffer)
@@ -193,7 +188,7 @@ class Port:
                 heard = now
             if enough():
                 return
-            if now - heard > patience or now - began > whole:
+            if now - heard > self.waits.answer or now - began > whole:
                 raise ConnectionLostError(
                     f"{self.name} did not send {what} within {min(now - began, whole):.3g} s; check that it is on and that the "
                     "plan names its kind"

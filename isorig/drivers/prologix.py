@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 
-from isorig.drivers import port as ports
 from isorig.drivers.answers import parse, text, whole
 from isorig.drivers.errors import ProtocolError, SettingError
 from isorig.drivers.port import Port
+from isorig.drivers.waits import WAITS, Waits
 
 #: Characters that the adapter would take for its own: sent after ESC.
 ESCAPE = bytes([27])
@@ -36,6 +36,8 @@ class PrologixLink:
         Path or URL of the adapter.
     address
         Primary address.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -47,11 +49,11 @@ class PrologixLink:
 
     bus = True
 
-    def __init__(self, name: str, *, port: str, address: int) -> None:
+    def __init__(self, name: str, *, port: str, address: int, waits: Waits = WAITS) -> None:
         if address > HIGHEST:
             raise SettingError(f"{name} has the GPIB address {address}; give 0 to {HIGHEST}")
         self.name = name
-        self._port = Port(port, baud_rate=115200)
+        self._port = Port(port, baud_rate=115200, waits=waits)
         self._reading = False
         try:
             self._port.drop_input()
@@ -119,6 +121,6 @@ class PrologixLink:
     def _ask(self, command: str) -> str:
         self._port.expect_nothing()
         self._port.write(command.encode() + b"\n")
-        answer = self._port.line(b"\n", patience=ports.PATIENCE).strip().decode("ascii", "replace")
+        answer = self._port.line(b"\n").strip().decode("ascii", "replace")
         (word,) = parse((answer,), (text(100),), who=self.name, command=command)
         return str(word)

@@ -23,20 +23,19 @@ from isorig.drivers.errors import ConnectionLostError, SettingError
 from isorig.drivers.instrument import Values
 from isorig.drivers.kinds import StreamKind
 from isorig.drivers.voltage import OutputSettings, Voltage, fade
+from isorig.drivers.waits import WAITS, Waits
 
 #: Digital full scale of the samples, and largest number of channels of an interface.
 FULL, MOST = 2**31, 64
 #: Seconds of drive prepared in advance, and samples of a part of it.
 AHEAD, PART = 2.0, 4096
-#: Seconds without a sample after which the interface is gone, and seconds that a soft stop may take beyond its ramp.
-GONE, STOPPING = 2.0, 1.0
-#: Seconds between two looks for samples.
-POLL = 0.005
+#: Seconds that a soft stop may take beyond its ramp.
+STOPPING = 1.0
 #: Buffer of the stream in seconds: a delay does no harm, a late host does.
 LATENCY = 0.2
-#: Seconds within which the stream must deliver samples regularly; seconds of a step in which that is examined, number of
-#: successive steps, and the share of the samples of a step that must arrive. Until then it fills its buffers.
-STARTING, STEP, STEPS, REGULAR = 6.0, 0.2, 2, 0.3
+#: A stream delivers regularly after so many successive steps of so many seconds, if this share of the samples of a step arrives.
+#: Until then it fills its buffers.
+STEP, STEPS, REGULAR = 0.2, 2, 0.3
 
 
 class SoundSettings(OutputSettings, frozen=True, kw_only=True):
@@ -98,6 +97,8 @@ class SoundInstrument:
         Its name in the list of `rig instruments`, or a part of it that no other has.
     settings
         The settings of the plan.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -105,9 +106,9 @@ class SoundInstrument:
         The package, PortAudio or the interface is missing.
     """
 
-    def __init__(self, port: str, settings: SoundSettings) -> None:
+    def __init__(self, port: str, settings: SoundSettings, waits: Waits = WAITS) -> None:
         self._sound = _package()
-        self._name, self._settings = port, settings
+        self._name, self._settings, self._waits = port, settings, waits
         one = Input(unit="V", per_count=settings.volts / FULL, full_scale=settings.volts, dtype="int32")
         self.inputs: Sequence[Input] = (one,) * settings.channels
         try:
@@ -206,14 +207,16 @@ class SoundInstrument:
 
     def _settle(self) -> None:
         # Until samples arrive regularly: what comes before belongs to no time, and a drive would be lost.
-        end, regular = time.monotonic() + STARTING, 0
+        end, regular = time.monotonic() + self._waits.sound_start, 0
         while regular < STEPS:
             before = self._frames
             time.sleep(STEP)
             regular = regular + 1 if self._frames - before > REGULAR * STEP * self._rate else 0
             if time.monotonic() > end:
                 self._stream.abort()
-                raise ConnectionLostError(f"{self._name} sends no samples within {STARTING:g} s; reconnect it and resume")
+                raise ConnectionLostError(
+                    f"{self._name} sends no samples within {self._waits.sound_start:g} s; reconnect it and resume"
+                )
 
     def read(self, timeout: float) -> Block | None:
         """The samples that arrived, two seconds late, or None."""
@@ -223,10 +226,10 @@ class SoundInstrument:
             self._sort()
             if self._ready or time.monotonic() >= end:
                 break
-            if self._finished.is_set() or time.monotonic() - self._latest > GONE:
+            if self._finished.is_set() or time.monotonic() - self._latest > self._waits.sound:
                 self._running = False
                 raise ConnectionLostError(f"{self._name} sends no samples any more; reconnect it and resume")
-            time.sleep(POLL)
+            time.sleep(self._waits.look)
         return self._ready.popleft() if self._ready else None
 
     def stop(self) -> int | None:
@@ -237,7 +240,7 @@ class SoundInstrument:
         self._stopping = True
         end = time.monotonic() + self._settings.ramp + STOPPING
         while self._drive is not None and not self._silent.is_set() and time.monotonic() < end and self._stream.active:
-            time.sleep(POLL)
+            time.sleep(self._waits.look)
         with suppress(self._sound.PortAudioError):
             self._stream.stop()
         was, self._running = self._running, False

@@ -21,13 +21,13 @@ from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, S
 from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
 from isorig.drivers.link import linked
 from isorig.drivers.shows import Shows
+from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
 
 #: Bits of the standard event register: syntax error, execution error, output overflow.
 EVENTS = {5: "a command is unknown", 4: "a command could not be executed", 2: "its output overflowed"}
-POLL = 0.2
 #: Valid answers to each query.
 ANSWERS: dict[str, Kind] = {
     "*ESR": whole(0, 255), "INPS": whole(0, 65535), "DSPS": whole(0, 1), "NAVG": whole(0, 32767), "DSPN": whole(2, 1 << 14),
@@ -51,10 +51,12 @@ class Sr785Instrument:
         A name as in `isorig.drivers.link.linked`.
     shows
         Contents of its displays 0 and 1, as set on the panel.
+    waits
+        Its timeouts.
     """
 
-    def __init__(self, port: str, shows: Sequence[Shows]) -> None:
-        self._link = linked(port, baud_rate=9600)
+    def __init__(self, port: str, shows: Sequence[Shows], waits: Waits = WAITS) -> None:
+        self._link, self._waits = linked(port, baud_rate=9600, waits=waits), waits
         self._shows = tuple(shows)
         self._sourcing = False
         self.identity = "SRS SR785"
@@ -96,7 +98,7 @@ class Sr785Instrument:
         while self._ask("DSPS?1") == 0:
             if time.monotonic() > end:
                 raise InstrumentError(f"{self._link.name} did not finish within {timeout:g} s; give the run more seconds")
-            self._link.wait(POLL)
+            self._link.wait(self._waits.poll)
         self._averages = int(self._twice("NAVG?0"))
         self._status = self.status()
         self._events()

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from isorig.drivers import port as ports
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
 from isorig.drivers.link import check_status_byte
 from isorig.drivers.port import BITS, LONGEST, SLOWER
+from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from pyvisa import ResourceManager
@@ -63,6 +63,8 @@ class VisaLink:
         Its name, e.g. GPIB0::11::INSTR, TCPIP0::192.168.1.5::INSTR, ASRL/dev/ttyUSB0::INSTR.
     baud_rate
         Baud rate of a serial resource.
+    waits
+        Its timeouts.
 
     Raises
     ------
@@ -72,8 +74,8 @@ class VisaLink:
         The resource cannot be opened.
     """
 
-    def __init__(self, name: str, *, baud_rate: int = SLOWEST) -> None:
-        self.name = name
+    def __init__(self, name: str, *, baud_rate: int = SLOWEST, waits: Waits = WAITS) -> None:
+        self.name, self._waits = name, waits
         self.bus = not (name.upper().startswith("ASRL") or name.upper().endswith("::SOCKET"))
         self._baud_rate = baud_rate
         self._polls, self._events = True, True
@@ -93,12 +95,12 @@ class VisaLink:
 
     def send(self, command: str) -> None:
         """Send a command with LF."""
-        self._resource.timeout = _milliseconds(ports.WRITE_PATIENCE)
+        self._resource.timeout = _milliseconds(self._waits.sending)
         self._call(lambda: self._resource.write_raw(command.encode("ascii") + b"\n"))
 
     def line(self) -> bytes:
         """The next line of the answer."""
-        line = self._read(LONGEST + 1, ports.PATIENCE, lines=True)
+        line = self._read(LONGEST + 1, self._waits.answer, lines=True)
         if not line.endswith(b"\n"):
             # The end of a message on a bus is as good as LF.
             if len(line) > LONGEST:
@@ -110,7 +112,7 @@ class VisaLink:
 
     def exactly(self, count: int) -> bytes:
         """The next `count` bytes of the answer."""
-        data = self._read(count, ports.PATIENCE + SLOWER * BITS * count / self._baud_rate, lines=False)
+        data = self._read(count, self._waits.answer + SLOWER * BITS * count / self._baud_rate, lines=False)
         if len(data) != count:
             raise ProtocolError(
                 f"{self.name} ended its answer after {len(data)} of {count} bytes; check the cable, measure again"
@@ -134,7 +136,7 @@ class VisaLink:
             with suppress(ConnectionLostError):
                 self._call(self._resource.clear)
             return
-        end = time.monotonic() + ports.QUIET
+        end = time.monotonic() + self._waits.silence
         while self._glance():
             if time.monotonic() > end:
                 raise ProtocolError(f"{self.name} keeps sending; check that the plan names its kind")

@@ -18,8 +18,6 @@ from far import CsvFar, DataqFar, FramedFar, LinesFar, PrologixFar, SlcanFar, Tc
 from ni_device import ANSWERED, Device, chassis
 from nidaqmx.errors import DaqError
 
-from isorig.drivers import framed as framed_module
-from isorig.drivers import hp35670a, mti600, port, sr785
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import DriverError
@@ -31,6 +29,7 @@ from isorig.drivers.ni import NiInstrument, NiSettings
 from isorig.drivers.shows import Shows
 from isorig.drivers.sound import SoundInstrument, SoundSettings
 from isorig.drivers.sr785 import Sr785Instrument
+from isorig.drivers.waits import Waits
 
 #: Seconds that a fault may take at most, with the patience that tests set.
 LONGEST = 10.0
@@ -54,11 +53,8 @@ class Outcome:
             self.bad.append(f"{outcome}: {what}")
 
 
-#: Waiting times that tests shorten: module, name, seconds.
-IMPATIENT = (
-    (port, "PATIENCE", 0.2), (port, "QUIET", 0.5), (framed_module, "START_PATIENCE", 0.5), (mti600, "SETTLE", 0.0),
-    (sr785, "POLL", 0.0), (hp35670a, "POLL", 0.0),
-)  # fmt: skip
+#: Far ends of tests answer at once.
+SHORT = Waits(answer=0.5, silence=0.5, start=0.5, adapter=0.0, poll=0.01, sound_start=1.0, sound=0.5)
 
 
 def run(driver: str, faults: int, seed: int) -> Outcome:
@@ -175,7 +171,7 @@ def framed_stream(draw: random.Random) -> tuple[str, Callable[[], str]]:
 def framed(far: FramedFar, inside: tuple[int, int] = (0, 0)) -> str:
     """A run of a framed instrument; `inside` is where it lost samples itself, and how many."""
     with far:
-        instrument = FramedInstrument(far.port)
+        instrument = FramedInstrument(far.port, waits=SHORT)
         try:
             instrument.prepare(sample_rate=1000.0, channels=[0, 1])
             instrument.set_gain(1.0)
@@ -265,7 +261,7 @@ def displaced(samples: np.ndarray, ticks: np.ndarray) -> np.ndarray:
 def dataq(far: DataqFar) -> str:
     """A run of a DI-1100."""
     with far:
-        instrument = DataqInstrument(far.port, DataqSettings(full_scale=10.0))
+        instrument = DataqInstrument(far.port, DataqSettings(full_scale=10.0), waits=SHORT)
         try:
             instrument.prepare(sample_rate=4000.0, channels=[0, 1])
             instrument.start()
@@ -345,7 +341,7 @@ def mti_stream(draw: random.Random) -> tuple[str, Callable[[], str]]:
 def mti(far: SlcanFar) -> str:
     """A run of an MTi-600."""
     with far:
-        instrument = MtiInstrument(far.port)
+        instrument = MtiInstrument(far.port, waits=SHORT)
         try:
             instrument.prepare(sample_rate=400.0, channels=[0])
             instrument.start()
@@ -410,7 +406,7 @@ def lines(far: CsvFar) -> str:
     """A run of an instrument of lines. Nothing guards the digits of a value: damaged ones are not judged."""
     fields = (Field(what="count", wrap=65536), Field(what="clock", unit="ms"), Field(), Field())
     with far:
-        instrument = LinesInstrument(far.port, LinesSettings(fields=fields, start=("go",), stop=("halt",)))
+        instrument = LinesInstrument(far.port, LinesSettings(fields=fields, start=("go",), stop=("halt",)), waits=SHORT)
         try:
             instrument.prepare(sample_rate=100.0, channels=[0, 1])
             instrument.start()
@@ -494,7 +490,7 @@ def sound_fault(draw: random.Random) -> tuple[str, Callable[[], str]]:
 def sounding(device: sound_device.Device, gone: bool) -> str:
     """A run of a sound interface; its first input counts the samples."""
     with sound_device.card(device):
-        instrument = SoundInstrument("card", SoundSettings(full_scale=1.0, output=0, drive_volts=0.001, ramp=0.05))
+        instrument = SoundInstrument("card", SoundSettings(full_scale=1.0, output=0, drive_volts=0.001, ramp=0.05), waits=SHORT)
         try:
             instrument.prepare(sample_rate=8000.0, channels=[0, 1])
             instrument.load_drive(np.full(9000, 10.0))
@@ -583,7 +579,7 @@ def sr785_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
 
     def attempt() -> str:
         with far:
-            instrument = Sr785Instrument(name(), [Shows(trace="0", kind="time", unit="V")])
+            instrument = Sr785Instrument(name(), [Shows(trace="0", kind="time", unit="V")], waits=SHORT)
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()
@@ -609,7 +605,7 @@ def hp35670a_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
 
     def attempt() -> str:
         with far:
-            instrument = Hp35670aInstrument(name(), [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")])
+            instrument = Hp35670aInstrument(name(), [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")], waits=SHORT)
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from campaign import SHORT
 
-from isorig.drivers import hp35670a, sr785
 from isorig.drivers.block import Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
 from isorig.drivers.hp35670a import Hp35670aInstrument
@@ -21,18 +21,12 @@ SHOWS = (Shows(trace="0", kind="spectrum", unit="1"), Shows(trace="1", kind="tim
 FEEDS = (Shows(trace="XTIM:VOLT 1", kind="time", unit="V"), Shows(trace="XFR:POW:COH 1,2", kind="spectrum", unit="1"))
 
 
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sr785, "POLL", 0.0)
-    monkeypatch.setattr(hp35670a, "POLL", 0.0)
-
-
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("wire", ["pty", "tcp"])
 def test_sr785_dialogue(order: str, wire: str) -> None:
     peer = SimulatedSr785({0: SPECTRUM, 1: RECORD}, order=order)
     with served(peer, TcpWire() if wire == "tcp" else None) as port:
-        instrument = Sr785Instrument(port, SHOWS)
+        instrument = Sr785Instrument(port, SHOWS, waits=SHORT)
         instrument.measure(5.0)
         spectrum, record = instrument.records()
         instrument.close()
@@ -49,7 +43,7 @@ def test_sr785_dialogue(order: str, wire: str) -> None:
 
 def test_sr785_reports_an_overload_and_an_unknown_command() -> None:
     with served(SimulatedSr785({0: SPECTRUM}, overload=True)) as port:
-        instrument = Sr785Instrument(port, SHOWS[:1])
+        instrument = Sr785Instrument(port, SHOWS[:1], waits=SHORT)
         instrument.measure(5.0)
         assert instrument.records()[0].status == Status.OVERLOAD
         instrument._send("SRAT 1024")
@@ -61,7 +55,7 @@ def test_sr785_reports_an_overload_and_an_unknown_command() -> None:
 def test_hp35670a_dialogue() -> None:
     peer = Simulated35670a({"XTIM:VOLT 1": RECORD, "XFR:POW:COH 1,2": SPECTRUM})
     with served(peer) as port:
-        instrument = Hp35670aInstrument(port, FEEDS)
+        instrument = Hp35670aInstrument(port, FEEDS, waits=SHORT)
         instrument.measure(5.0)
         record, coherence = instrument.records()
         instrument.close()
@@ -80,7 +74,7 @@ def test_hp35670a_block_bytes_and_bad_values() -> None:
     holes[5] = -9.9e37
     assert Simulated35670a._block(np.array([1.0])).hex() == "2331" + "34" + "3f800000" + "0a"
     with served(Simulated35670a({"XTIM:VOLT 1": (RECORD[0], holes)})) as port:
-        instrument = Hp35670aInstrument(port, FEEDS[:1])
+        instrument = Hp35670aInstrument(port, FEEDS[:1], waits=SHORT)
         instrument.measure(5.0)
         record = instrument.records()[0]
         instrument.close()
@@ -90,7 +84,7 @@ def test_hp35670a_block_bytes_and_bad_values() -> None:
 
 def test_hp35670a_refuses_a_feed_it_does_not_have() -> None:
     with served(Simulated35670a({})) as port, pytest.raises(InstrumentError, match="Undefined header"):
-        Hp35670aInstrument(port, FEEDS)
+        Hp35670aInstrument(port, FEEDS, waits=SHORT)
 
 
 class Silent:
@@ -109,10 +103,10 @@ class Chatty:
 
 def test_what_does_not_answer_or_answers_nonsense_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with served(Silent()) as port, pytest.raises(ConnectionLostError, match="did not send a line"):
-        Sr785Instrument(port, SHOWS)
+        Sr785Instrument(port, SHOWS, waits=SHORT)
     with served(Chatty()) as port:
         instrument = Hp35670aInstrument.__new__(Hp35670aInstrument)
-        instrument._link = linked(port, baud_rate=9600)
+        instrument._link = linked(port, baud_rate=9600, waits=SHORT)
         with pytest.raises(ProtocolError, match="a block begins with #"):
             instrument._block("CALC1:DATA?")
         instrument._link.close()

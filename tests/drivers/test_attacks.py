@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from campaign import ATTEMPTS, IMPATIENT, read, run
+from campaign import ATTEMPTS, SHORT, read, run
 from far import DataqFar, Far, FramedFar, LinesFar, SlcanFar, frame, scan_bytes, scan_number, text_frame, within
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isorig.drivers import mti600, port, sound
+from isorig.drivers import mti600
 from isorig.drivers.alignment import Alignment
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
@@ -25,15 +25,7 @@ from isorig.drivers.mti600 import MtiInstrument
 from isorig.drivers.port import Port
 from isorig.drivers.shows import Shows
 from isorig.drivers.sr785 import Sr785Instrument
-
-
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name, seconds in IMPATIENT:
-        monkeypatch.setattr(module, name, seconds)
-    monkeypatch.setattr(sound, "GONE", 0.5)
-    monkeypatch.setattr(sound, "STARTING", 1.0)
-
+from isorig.drivers.waits import Waits
 
 # Ports
 
@@ -47,16 +39,14 @@ def test_a_port_that_is_none_is_refused(name: str) -> None:
             kind(name)
 
 
-def test_a_far_end_that_takes_nothing_ends_a_write(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port, "WRITE_PATIENCE", 0.3)
-
+def test_a_far_end_that_takes_nothing_ends_a_write() -> None:
     class Deaf(Far):
         def _serve(self) -> None:
             self.over.wait()
 
     with (
         Deaf() as far,
-        closing(Port(far.port, baud_rate=9600)) as wire,
+        closing(Port(far.port, baud_rate=9600, waits=Waits(sending=0.3))) as wire,
         within(3.0),
         pytest.raises(ConnectionLostError) as refusal,
     ):
@@ -69,7 +59,7 @@ def test_a_far_end_that_takes_nothing_ends_a_write(monkeypatch: pytest.MonkeyPat
 
 def streamed(far: FramedFar, ticks: int = 1500) -> tuple[list[Block], int | None, list[str]]:
     """All that a run of an instrument gives."""
-    with far, closing(FramedInstrument(far.port)) as instrument:
+    with far, closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=1000.0, channels=[0, 1])
         instrument.start()
         blocks = read(instrument, ticks)
@@ -131,7 +121,7 @@ def test_frames_of_an_earlier_run_are_not_part_of_the_next(lost: tuple[int, ...]
     def spoil(fields: dict) -> bytes:
         return b"" if fields["sequence"] in lost else frame(**fields)
 
-    with Turning(spoil=spoil) as far, closing(FramedInstrument(far.port)) as instrument:
+    with Turning(spoil=spoil) as far, closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=1000.0, channels=[0, 1])
         instrument.start()
         read(instrument, 200)
@@ -218,7 +208,7 @@ def test_empty_frames_are_stepped_over_and_status_words_are_handed_on() -> None:
 
 def begin(far: FramedFar) -> None:
     """All commands up to the start of a run."""
-    with closing(FramedInstrument(far.port)) as instrument:
+    with closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=1000.0, channels=[0, 1])
         instrument.set_gain(-7.5)
         instrument.set_configuration("locked")
@@ -263,7 +253,7 @@ def test_a_count_that_cannot_be_is_not_believed() -> None:
 
 def test_a_count_below_the_received_samples_is_reported() -> None:
     far = FramedFar(frames=3, answer=lambda word: text_frame(b"COUNT 100") if word == "STOP" and far.sent else None)
-    with far, closing(FramedInstrument(far.port)) as instrument:
+    with far, closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=far.rate, channels=[0, 1])
         instrument.start()
         end = time.monotonic() + 5.0
@@ -283,7 +273,7 @@ def test_a_count_below_the_received_samples_is_reported() -> None:
 def scanned(far: DataqFar, seconds: float, **settings: object) -> tuple[list[Block], float]:
     """All that a run of a DI-1100 gives, and the loss that it would not see, in scans."""
     plan = DataqSettings(full_scale=10.0, **settings)  # type: ignore[arg-type]
-    with far, closing(DataqInstrument(far.port, plan)) as instrument:
+    with far, closing(DataqInstrument(far.port, plan, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=far.rate, channels=[0, far.inputs - 1])
         instrument.start()
         end = time.monotonic() + seconds
@@ -440,7 +430,7 @@ def test_di1100_that_does_not_stop_is_refused() -> None:
             self.scanning = True
 
     with Deaf() as far, within(4.0), pytest.raises(ProtocolError, match="keeps sending after the stop command"):
-        DataqInstrument(far.port, DataqSettings(full_scale=10.0))
+        DataqInstrument(far.port, DataqSettings(full_scale=10.0), waits=SHORT)
 
 
 # The MTi-600
@@ -449,7 +439,7 @@ def test_di1100_that_does_not_stop_is_refused() -> None:
 @pytest.mark.parametrize("back", [50, 100, 300])
 def test_mti_counter_that_is_reset_is_outvoted_by_its_clock(back: int) -> None:
     far = SlcanFar(group=lambda tick: (tick - back * (tick >= 300), round(1e6 * tick / 400.0)), groups=900)
-    with far, closing(MtiInstrument(far.port)) as instrument:
+    with far, closing(MtiInstrument(far.port, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=400.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 880)
@@ -464,7 +454,7 @@ def test_mti_counter_that_is_reset_is_outvoted_by_its_clock(back: int) -> None:
 
 def test_mti_garbage_without_an_end_is_thrown_away() -> None:
     far = SlcanFar(spoil=lambda tick, frames: b"t0340" * 20_000 if tick == 100 else b"".join(frames), groups=400)
-    with far, closing(MtiInstrument(far.port)) as instrument:
+    with far, closing(MtiInstrument(far.port, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=400.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 380)
@@ -490,7 +480,7 @@ HP = {
 def analyzed(kind: type, answers: dict) -> object:
     """A measurement of an analyzer with one display."""
     trace = "0" if kind is Sr785Instrument else "XTIM:VOLT 1"
-    with LinesFar(answers) as far, closing(kind(far.port, [Shows(trace=trace, kind="time", unit="V")])) as instrument:
+    with LinesFar(answers) as far, closing(kind(far.port, [Shows(trace=trace, kind="time", unit="V")], SHORT)) as instrument:
         instrument.measure(0.5)
         (record,) = instrument.records()
         return record
@@ -550,7 +540,7 @@ def test_the_level_of_a_source_is_set_and_read_back() -> None:
         (Hp35670aInstrument, hp, ["SOUR:VOLT 0.5 VPK", "OUTP ON", "OUTP OFF"]),
     ):
         with LinesFar(answers) as far:
-            with closing(kind(far.port, [Shows(trace="0", kind="time", unit="V")])) as instrument:
+            with closing(kind(far.port, [Shows(trace="0", kind="time", unit="V")], SHORT)) as instrument:
                 instrument.set_source(0.5)
                 with pytest.raises(SettingError, match=r"was set to 0\.25 V and answers"):
                     instrument.set_source(0.25)

@@ -13,11 +13,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sound_device
-from campaign import read
+from campaign import SHORT, read
 from far import CsvFar, DataqFar, Far, FramedFar, LinesFar, SlcanFar, frame, scan_bytes, within
 from ni_device import Device, chassis
 
-from isorig.drivers import framed, hp35670a, mti600, port, sound, sr785
 from isorig.drivers.block import Block, Status
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Exciter, Sourcing, Stream
@@ -196,24 +195,13 @@ CASES = {
 STREAMS = [name for name in CASES if name not in ("sr785", "35670a")]
 
 
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port, "PATIENCE", 0.2)
-    monkeypatch.setattr(port, "QUIET", 0.5)
-    monkeypatch.setattr(framed, "START_PATIENCE", 0.5)
-    monkeypatch.setattr(mti600, "SETTLE", 0.0)
-    monkeypatch.setattr(sound, "STARTING", 1.0)
-    monkeypatch.setattr(sr785, "POLL", 0.0)
-    monkeypatch.setattr(hp35670a, "POLL", 0.0)
-
-
 def plan(kind: str) -> Plan:
     """The example of a kind as a plan."""
     return plan_of(tomllib.loads(f'[instrument]\nkind = "{kind}"\nport = "-"\n{kinds()[kind].example}'))
 
 
 def streaming(kind: str, served: Served) -> AbstractContextManager[Stream]:
-    return opened(plan(kind), served.port)
+    return opened(plan(kind), served.port, SHORT)
 
 
 def begin(instrument: Stream, kind: str) -> None:
@@ -269,7 +257,7 @@ class TestContract:
 
     @pytest.mark.parametrize("kind", sorted(set(CASES) - set(STREAMS)))
     def test_an_overload_of_an_analyzer_is_reported(self, kind: str) -> None:
-        with CASES[kind].serve(Situation(overload_at=0)) as served, opened_analyzer(plan(kind), served.port) as instrument:
+        with CASES[kind].serve(Situation(overload_at=0)) as served, opened_analyzer(plan(kind), served.port, SHORT) as instrument:
             instrument.measure(0.5)
             assert instrument.status() == (Status.OVERLOAD if CASES[kind].reports else Status.GOOD)
 
@@ -291,7 +279,7 @@ class TestContract:
                     read(stream, 100, 3.0)
                     assert served.driving() or not isinstance(stream, Exciter)
                     raise RuntimeError("interrupted")
-            with opened_analyzer(plan(kind), served.port) as records:
+            with opened_analyzer(plan(kind), served.port, SHORT) as records:
                 assert isinstance(records, Sourcing)
                 records.set_source(0.5)
                 assert served.driving()
@@ -313,7 +301,7 @@ class TestContract:
                     begin(stream, kind)
                     assert stream.read(0.1) is None
             else:
-                with opened_analyzer(plan(kind), served.port) as records:
+                with opened_analyzer(plan(kind), served.port, SHORT) as records:
                     records.measure(0.1)
                     pytest.fail("nothing was measured")
 
@@ -336,7 +324,7 @@ class TestContract:
 
 def _unplugged(kind: str, served: Served) -> None:
     if kind not in STREAMS:
-        with opened_analyzer(plan(kind), served.port) as records:
+        with opened_analyzer(plan(kind), served.port, SHORT) as records:
             served.unplug()
             records.measure(0.5)
             return

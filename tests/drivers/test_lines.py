@@ -8,13 +8,12 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
-from campaign import read
+from campaign import SHORT, read
 from far import CsvFar, Far, PrologixFar, within
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 
-from isorig.drivers import port
 from isorig.drivers.block import Block, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
 from isorig.drivers.lines import HOPELESS, LinesInstrument, LinesSettings
@@ -31,15 +30,9 @@ def plan(**changed: object) -> LinesSettings:
     return msgspec.convert({**COUNTED, **changed}, LinesSettings)
 
 
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port, "PATIENCE", 0.2)
-    monkeypatch.setattr(port, "QUIET", 0.5)
-
-
 def run(far: Far, settings: LinesSettings, lines: int, rate: float = 100.0) -> tuple[list[Block], LinesInstrument]:
     """All blocks of a run."""
-    with far, closing(LinesInstrument(far.port, settings)) as instrument:
+    with far, closing(LinesInstrument(far.port, settings, waits=SHORT)) as instrument:
         assert instrument.prepare(sample_rate=rate, channels=[0, 1]) == rate
         instrument.start()
         blocks = read(instrument, lines)
@@ -86,7 +79,7 @@ def test_lost_lines_are_counted_by_a_count_and_by_a_clock(fields: list[dict[str,
 def test_lost_lines_without_count_and_clock_are_shown_by_the_hosts_clock() -> None:
     fields = [{"what": "skip"}, {"what": "skip"}, *VALUES]
     far = CsvFar(spoil=lost(*range(250, 310)), speed=1.0)
-    with far, closing(LinesInstrument(far.port, plan(fields=fields))) as instrument:
+    with far, closing(LinesInstrument(far.port, plan(fields=fields), waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=100.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 300, 3.5)
@@ -115,7 +108,7 @@ def test_a_meter_that_is_asked_for_each_line(adapter: bool) -> None:
         return b"%d,%d\n" % (tick, 3 * tick)
 
     far: Far = PrologixFar({"READ?": answer}) if adapter else CsvFar(asked="READ?", columns=lambda t: [f"{t}", f"{3 * t}"])
-    with far, closing(LinesInstrument(f"GPIB::11@{far.port}" if adapter else far.port, polled)) as instrument:
+    with far, closing(LinesInstrument(f"GPIB::11@{far.port}" if adapter else far.port, polled, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=50.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 30, 0.5)
@@ -176,7 +169,7 @@ def test_replies_to_commands_are_checked() -> None:
                 self.say(b"OK\n")
 
     def prepare(far: Far, reply: str) -> None:
-        with far, closing(LinesInstrument(far.port, plan(arm=["RANGE 10"], reply=reply))) as instrument:
+        with far, closing(LinesInstrument(far.port, plan(arm=["RANGE 10"], reply=reply), waits=SHORT)) as instrument:
             instrument.prepare(sample_rate=100.0, channels=[0])
 
     prepare(Answering(), "OK")
@@ -188,7 +181,7 @@ def test_replies_to_commands_are_checked() -> None:
 
 def test_a_clock_that_is_too_coarse_to_count_is_refused() -> None:
     fields = [{"what": "skip"}, {"what": "clock", "unit": "ms"}, *VALUES]
-    with CsvFar() as far, closing(LinesInstrument(far.port, plan(fields=fields))) as instrument:
+    with CsvFar() as far, closing(LinesInstrument(far.port, plan(fields=fields), waits=SHORT)) as instrument:
         assert instrument.prepare(sample_rate=250.0, channels=[0]) == 250.0
         with pytest.raises(SettingError, match="only up to 250 Hz"):
             instrument.prepare(sample_rate=251.0, channels=[0])
@@ -198,7 +191,7 @@ def test_a_clock_that_is_too_coarse_to_count_is_refused() -> None:
 
 def test_lines_unasked_need_a_line_of_bytes() -> None:
     with PrologixFar({}) as far, pytest.raises(SettingError, match="give the command that asks for a line"):
-        LinesInstrument(f"GPIB::11@{far.port}", plan())
+        LinesInstrument(f"GPIB::11@{far.port}", plan(), waits=SHORT)
 
 
 @pytest.mark.parametrize(("changed", "says"), [
@@ -215,7 +208,7 @@ def test_a_table_that_cannot_be_is_refused(changed: dict[str, object], says: str
 
 
 def test_a_lost_line_that_returns_continues_with_the_count() -> None:
-    with CsvFar() as far, closing(LinesInstrument(far.port, plan())) as instrument:
+    with CsvFar() as far, closing(LinesInstrument(far.port, plan(), waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=100.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 100)
@@ -250,5 +243,5 @@ def test_no_bytes_make_anything_but_numbers_or_a_refusal(data: list[bytes], fiel
 
 
 def _opened(settings: LinesSettings) -> LinesInstrument:
-    with CsvFar() as far, closing(LinesInstrument(far.port, settings)) as instrument:
+    with CsvFar() as far, closing(LinesInstrument(far.port, settings, waits=SHORT)) as instrument:
         return instrument

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaign import SHORT
 from far import Far, LinesFar, PrologixFar, TcpLines, TcpPrologix, within
 
-from isorig.drivers import hp35670a, port, sr785, visa
+from isorig.drivers import visa
 from isorig.drivers.block import Record
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.hp35670a import Hp35670aInstrument
@@ -45,11 +46,7 @@ KINDS: dict[type, tuple[Callable[[], Answers], str]] = {
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(port, "PATIENCE", 0.2)
-    monkeypatch.setattr(port, "QUIET", 0.5)
-    monkeypatch.setattr(sr785, "POLL", 0.01)
-    monkeypatch.setattr(hp35670a, "POLL", 0.01)
+def packaged_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PYVISA_LIBRARY", raising=False)
 
 
@@ -121,7 +118,7 @@ def wired(wire: str, answers: Answers, monkeypatch: pytest.MonkeyPatch, folder: 
 
 def measured(kind: type, name: str) -> Record:
     """A measurement with one display."""
-    with closing(kind(name, [Shows(trace=KINDS[kind][1], kind="time", unit="V")])) as instrument:
+    with closing(kind(name, [Shows(trace=KINDS[kind][1], kind="time", unit="V")], SHORT)) as instrument:
         instrument.measure(0.5)
         (record,) = instrument.records()
         return record  # type: ignore[no-any-return]
@@ -173,7 +170,10 @@ def test_a_block_of_another_length_is_refused(wire: str, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("wire", ["serial resource", "socket resource", "adapter"])
 def test_an_answer_that_nobody_requested_is_noticed(wire: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    with wired(wire, {"ONE": b"1\n2\n"}, monkeypatch, tmp_path) as (name, far), closing(linked(name, baud_rate=9600)) as link:
+    with (
+        wired(wire, {"ONE": b"1\n2\n"}, monkeypatch, tmp_path) as (name, far),
+        closing(linked(name, baud_rate=9600, waits=SHORT)) as link,
+    ):
         link.send("ONE")
         assert link.line() == b"1"
         if isinstance(far, PrologixFar):
@@ -183,7 +183,7 @@ def test_an_answer_that_nobody_requested_is_noticed(wire: str, monkeypatch: pyte
 
 
 def test_the_adapter_is_set_up_as_controller_and_escapes_what_it_would_take_for_its_own() -> None:
-    with PrologixFar({"A+B": b"yes\n"}) as far, closing(linked(f"GPIB::11@{far.port}", baud_rate=9600)) as link:
+    with PrologixFar({"A+B": b"yes\n"}) as far, closing(linked(f"GPIB::11@{far.port}", baud_rate=9600, waits=SHORT)) as link:
         link.clear()
         link.send("A+B\x1b")
         assert link.line() == b"yes"
@@ -212,7 +212,9 @@ def test_a_measurement_does_not_end_with_the_event_of_the_one_before() -> None:
 
     with (
         PrologixFar(hp_answers() | {"*CLS": obey, "ABOR": obey}, status=lambda: 32 * done[0]) as far,
-        closing(Hp35670aInstrument(f"GPIB::11@{far.port}", [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")])) as analyzer,
+        closing(
+            Hp35670aInstrument(f"GPIB::11@{far.port}", [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")], waits=SHORT)
+        ) as analyzer,
     ):
         analyzer.measure(0.5)
         stuck.append(True)
@@ -232,9 +234,9 @@ def test_what_is_no_adapter_is_refused_in_a_sentence(adapter: dict[str, bytes]) 
 
 def test_an_address_that_is_none_is_refused() -> None:
     with pytest.raises(SettingError, match="has the GPIB address 31; give 0 to 30"):
-        linked("GPIB::31@/dev/none", baud_rate=9600)
+        linked("GPIB::31@/dev/none", baud_rate=9600, waits=SHORT)
     with pytest.raises(ConnectionLostError, match="cannot be opened"):
-        linked("GPIB::11@/dev/none", baud_rate=9600)
+        linked("GPIB::11@/dev/none", baud_rate=9600, waits=SHORT)
 
 
 @pytest.mark.parametrize("name", [
@@ -251,18 +253,18 @@ def test_a_resource_that_is_not_there_is_refused_in_a_sentence(name: str) -> Non
 def test_a_missing_package_and_a_missing_backend_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYVISA_LIBRARY", "/nowhere/libvisa.so@ivi")
     with pytest.raises(SettingError, match="correct PYVISA_LIBRARY"):
-        linked("GPIB0::11::INSTR", baud_rate=9600)
+        linked("GPIB0::11::INSTR", baud_rate=9600, waits=SHORT)
     monkeypatch.setitem(sys.modules, "pyvisa", None)
     with pytest.raises(SettingError, match=r"install it with pip install 'isorig\[visa\]'"):
-        linked("GPIB0::11::INSTR", baud_rate=9600)
+        linked("GPIB0::11::INSTR", baud_rate=9600, waits=SHORT)
 
 
 def test_a_line_needs_no_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyvisa", None)
-    with LinesFar(sr785_answers()) as far, closing(linked(far.port, baud_rate=9600)) as link:
+    with LinesFar(sr785_answers()) as far, closing(linked(far.port, baud_rate=9600, waits=SHORT)) as link:
         assert isinstance(link, LineLink)
         assert link.status_byte() is None
-    with PrologixFar({}) as adapter, closing(linked(f"GPIB::11@{adapter.port}", baud_rate=9600)) as link:
+    with PrologixFar({}) as adapter, closing(linked(f"GPIB::11@{adapter.port}", baud_rate=9600, waits=SHORT)) as link:
         assert isinstance(link, PrologixLink)
         assert link.status_byte() == 0
 
@@ -280,7 +282,10 @@ class Events:
 
 
 def test_a_service_request_is_awaited_where_the_backend_reports_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    with simulated({}, monkeypatch, tmp_path, "GPIB0::11::INSTR"), closing(linked("GPIB0::11::INSTR", baud_rate=9600)) as link:
+    with (
+        simulated({}, monkeypatch, tmp_path, "GPIB0::11::INSTR"),
+        closing(linked("GPIB0::11::INSTR", baud_rate=9600, waits=SHORT)) as link,
+    ):
         link.wait(0.01)
         events = Events()
         link._resource, link._events = events, True  # type: ignore[attr-defined]
@@ -294,7 +299,7 @@ def test_a_resource_that_goes_is_reported() -> None:
         def hear(self, data: bytes) -> None:
             self.over.set()
 
-    with Going({}) as far, closing(linked(far.resource, baud_rate=9600)) as link, within(4.0):
+    with Going({}) as far, closing(linked(far.resource, baud_rate=9600, waits=SHORT)) as link, within(4.0):
         link.send("*IDN?")
         far.unplug()
         with pytest.raises(ConnectionLostError):

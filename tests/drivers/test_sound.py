@@ -22,6 +22,7 @@ from isorig.drivers import sound
 from isorig.drivers.block import Block, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
 from isorig.drivers.sound import FULL, SoundInstrument, SoundSettings
+from isorig.drivers.waits import Waits
 
 PLAYING = SoundSettings(full_scale=2.0, output=1, output_full_scale=4.0, drive_volts=0.01, limit=1.0, ramp=0.05)
 
@@ -116,9 +117,8 @@ def test_what_portaudio_reports_is_handed_on() -> None:
     assert instrument.noticed == ("PortAudio lost samples of the inputs 1 times", "the drive was interrupted 1 times")
 
 
-def test_an_interface_that_goes_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sound, "GONE", 0.5)
-    with loop() as server, closing(SoundInstrument("loop", PLAYING)) as instrument:
+def test_an_interface_that_goes_is_reported() -> None:
+    with loop() as server, closing(SoundInstrument("loop", PLAYING, Waits(sound=0.5))) as instrument:
         instrument.prepare(sample_rate=RATE, channels=[0])
         instrument.load_drive(np.full(20 * RATE, 10.0))
         instrument.start()

@@ -9,10 +9,10 @@ import can
 import cantools
 import numpy as np
 import pytest
+from campaign import SHORT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isorig.drivers import mti600
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
@@ -55,11 +55,6 @@ def test_di1100_dialogue_and_samples() -> None:
     ]  # fmt: skip
     samples = np.concatenate([block.samples for block in blocks])
     np.testing.assert_array_equal(samples[:6000], counts(6000, 2000.0))
-
-
-@pytest.fixture(autouse=True)
-def settled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mti600, "SETTLE", 0.0)
 
 
 class Echo:
@@ -196,7 +191,7 @@ def test_whatever_frames_are_lost_on_a_bus_no_sample_is_out_of_place(
     random = np.random.default_rng(seed)
     frames = [frame for group in groups(ramp(300, 100.0), rate=100.0, counter=counter) for frame in group]
     with can.Bus(interface="virtual", channel="lossy") as sender:
-        instrument = MtiInstrument("lossy", bus="virtual")
+        instrument = MtiInstrument("lossy", bus="virtual", waits=SHORT)
         instrument.start()
         left = 0
         for identifier, data in frames:
@@ -222,7 +217,7 @@ def test_mti_over_slcan_places_every_sample_by_its_counter() -> None:
         ramp, rate=400.0, seconds=8.0, speed=3.0, faults=Faults(first_tick=65500, drop=0.05, duplicate=0.05, seed=3)
     )
     with served(peer) as port:
-        instrument = MtiInstrument(port)
+        instrument = MtiInstrument(port, waits=SHORT)
         instrument.start()
         blocks = collect(instrument, 2000)
         instrument.stop()
@@ -236,7 +231,7 @@ def test_mti_over_slcan_places_every_sample_by_its_counter() -> None:
 def test_mti_over_slcan_survives_hurt_bytes() -> None:
     peer = SimulatedSlcan(ramp, rate=400.0, seconds=8.0, speed=3.0, faults=Faults(corrupt=0.05, seed=1))
     with served(peer) as port:
-        instrument = MtiInstrument(port)
+        instrument = MtiInstrument(port, waits=SHORT)
         instrument.start()
         blocks = collect(instrument, 2000)
         instrument.stop()
@@ -272,7 +267,7 @@ def test_mti_on_the_virtual_bus_reports_clipping_and_internal_loss() -> None:
     samples = np.zeros((20, 3), np.int16)
     samples[3, 1] = 32767
     with can.Bus(interface="virtual", channel="rig-test") as sender:
-        instrument = MtiInstrument("rig-test", bus="virtual")
+        instrument = MtiInstrument("rig-test", bus="virtual", waits=SHORT)
         instrument.start()
         sender.send(can.Message(arbitration_id=1, data=b"\x01", is_extended_id=False))
         for group in groups(samples, rate=100.0):

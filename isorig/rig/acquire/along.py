@@ -13,6 +13,7 @@ from isorig.drivers.block import Block
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Stream
 from isorig.drivers.kinds import StreamKind, kinds
+from isorig.drivers.waits import WAITS, Waits
 from isorig.rig.acquire.locks import port_locked
 from isorig.rig.acquire.plan import LoggerPlan, Plan
 from isorig.rig.acquire.simulated_instruments import virtual_port
@@ -24,7 +25,7 @@ TURN = 0.1
 
 
 @contextmanager
-def opened_loggers(plan: Plan) -> Iterator[Mapping[str, Stream]]:
+def opened_loggers(plan: Plan, waits: Waits = WAITS) -> Iterator[Mapping[str, Stream]]:
     """The loggers of a plan by name, prepared; the port "virtual" is a simulated one.
 
     Raises
@@ -35,10 +36,10 @@ def opened_loggers(plan: Plan) -> Iterator[Mapping[str, Stream]]:
         A channel is not among its inputs.
     """
     with ExitStack() as stack:
-        yield {name: _opened(stack, name, logger) for name, logger in plan.loggers.items()}
+        yield {name: _opened(stack, name, logger, waits) for name, logger in plan.loggers.items()}
 
 
-def _opened(stack: ExitStack, name: str, logger: LoggerPlan) -> Stream:
+def _opened(stack: ExitStack, name: str, logger: LoggerPlan, waits: Waits) -> Stream:
     kind = kinds()[logger.kind]
     assert isinstance(kind, StreamKind)  # the plan was checked
     port = logger.port
@@ -46,7 +47,7 @@ def _opened(stack: ExitStack, name: str, logger: LoggerPlan) -> Stream:
         port = stack.enter_context(virtual_port(logger.kind, wire_bonder()))
     else:
         stack.enter_context(port_locked(port))
-    stream = stack.enter_context(closing(kind.open(port, logger.settings)))
+    stream = stack.enter_context(closing(kind.open(port, logger.settings, waits)))
     stream.prepare(sample_rate=logger.sample_rate, channels=[channel.input for channel in logger.channels.values()])
     highest = max(channel.input for channel in logger.channels.values())
     if highest >= len(stream.inputs):

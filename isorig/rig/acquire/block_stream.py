@@ -8,16 +8,7 @@ from collections.abc import Callable, Iterator
 from isorig.drivers.block import Block
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
 from isorig.drivers.instrument import Counting, Holding, Rejoining, Stream
-
-#: Seconds without a sample after which an instrument that counts is asked for its count.
-SILENCE = 2.0
-#: Seconds of samples that may be missing at the end of a run without being waited for.
-TAIL = 1.0
-#: Seconds for which a connection may be lost or silent and then be continued, and seconds between two attempts.
-AWAY = 15.0
-PAUSE = 0.2
-#: Seconds within which a stopped instrument must have sent all data in transit.
-REST = 5.0
+from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 
 
 class Incoming:
@@ -31,8 +22,8 @@ class Incoming:
         Number of ticks to read.
     rate
         Sample rate, Hz.
-    away
-        Seconds for which nothing may arrive; `AWAY` if None.
+    waits
+        Timeouts.
     stopped
         Called continuously, also without blocks; True ends the run.
     """
@@ -43,11 +34,11 @@ class Incoming:
         ticks: int,
         rate: float,
         *,
-        away: float | None = None,
+        waits: SessionWaits = SESSION_WAITS,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self._instrument, self._ticks, self._rate, self._stopped = instrument, ticks, rate, stopped
-        self._away = AWAY if away is None else away
+        self._waits = waits
         self._end = 0
         self._counted: int | None = None
         #: Number of times the connection was lost and restored.
@@ -78,11 +69,11 @@ class Incoming:
                 moved = asked = now
                 continue
             # Silence, or a count that does not increase.
-            if now - asked > SILENCE:
+            if now - asked > self._waits.silence:
                 asked = now
                 if self._is_over():
                     return
-            if now - moved > self._away:
+            if now - moved > self._waits.reconnection:
                 return
 
     def rest(self) -> Iterator[Block]:
@@ -93,12 +84,13 @@ class Incoming:
         InstrumentError
             The instrument keeps sending.
         """
-        end = time.monotonic() + REST
+        end = time.monotonic() + self._waits.transit
         while (block := self._instrument.read(0.1)) is not None:
             yield block
             if time.monotonic() > end:
                 raise InstrumentError(
-                    f"{self._instrument.identity} keeps sending {REST:g} s after the stop command; switch it off and on"
+                    f"{self._instrument.identity} keeps sending {self._waits.transit:g} s after the stop command; switch it off "
+                    "and on"
                 )
 
     def _held(self) -> int:
@@ -114,15 +106,16 @@ class Incoming:
         except ConnectionLostError:
             return False
         # All ticks were counted, and almost none is missing: the end was lost. If many are missing they may still arrive.
-        whole = self._counted is not None and self._counted >= self._ticks and self._ticks - self._end <= TAIL * self._rate
+        few = self._ticks - self._end <= self._waits.missing * self._rate
+        whole = self._counted is not None and self._counted >= self._ticks and few
         return self._counted is None or whole or self._counted == before
 
     def _rejoin(self, lost: ConnectionLostError) -> None:
         if not isinstance(self._instrument, Rejoining):
             raise lost
-        end = time.monotonic() + self._away
+        end = time.monotonic() + self._waits.reconnection
         while time.monotonic() < end:
-            time.sleep(PAUSE)
+            time.sleep(self._waits.retry)
             try:
                 self._instrument.rejoin()
             except ConnectionLostError:

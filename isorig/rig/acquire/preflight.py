@@ -20,11 +20,12 @@ from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.pace import DECIDED, REFUSED, Drift, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.response_limits import Guard
+from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import PlanError
 
-#: Seconds at rest and with drive; seconds without a sample after which the check ends.
+#: Seconds at rest and with drive; the check ends after a second without a sample.
 REST, DRIVEN = 0.25, 0.75
-SILENCE = 1.0
+IMPATIENT = SessionWaits(reconnection=1.0)
 #: More ticks than any check lasts.
 ENDLESS = 1 << 62
 #: Factor by which a channel must increase under drive, and allowed relative rate errors by the instrument's clock, and by the
@@ -160,7 +161,7 @@ class _Watched:
 
 def _blocks(instrument: Stream, ticks: int, rate: float, watched: _Watched | None) -> Iterable[Block]:
     incoming = Incoming(
-        instrument, ticks if watched is None else ENDLESS, rate, away=SILENCE,
+        instrument, ticks if watched is None else ENDLESS, rate, waits=IMPATIENT,
         stopped=lambda: watched is not None and watched.known(ticks),
     )  # fmt: skip
     instrument.start()

@@ -25,14 +25,12 @@ from isorig.rig.acquire.block_queue import Waiting
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
 from isorig.rig.acquire.layout import TIMING, Begin, End, Kind, Layout, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError
 from isorig.rig.files.output import reason, replaced
 
-#: Seconds of samples that may wait for a slow disk, and seconds that are collected and then written at once.
-QUEUE_SECONDS = 5.0
+#: Seconds that are collected and then written at once.
 GATHER = 0.1
-#: Seconds without progress after which the disk counts as stuck.
-STUCK = 10.0
 #: Bytes that must remain free on the disk: below this the session ends while the file can still be closed.
 RESERVE = 16 << 20
 #: Bytes of samples in a block of the log: the maximum loss due to a damaged block.
@@ -156,6 +154,8 @@ class RunWriter:
         Hz; sets the length of the queue.
     period
         Samples per period of a periodic drive.
+    waits
+        Timeouts.
 
     Raises
     ------
@@ -171,10 +171,11 @@ class RunWriter:
         *,
         sample_rate: float,
         period: int | None,
+        waits: SessionWaits = SESSION_WAITS,
     ) -> None:
-        self._file = file
+        self._file, self._patience = file, waits.disk
         self._columns = [columns[name] for name in file.layout.channels]
-        self._waiting = Waiting(int(QUEUE_SECONDS * sample_rate) + 1)
+        self._waiting = Waiting(int(waits.queue * sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
@@ -196,8 +197,8 @@ class RunWriter:
         OutputError
             The disk refused to write, or has been stuck too long.
         """
-        if not self._waiting.put(block, STUCK):
-            raise OutputError(f"the disk has not written for {STUCK:g} s; record to another disk")
+        if not self._waiting.put(block, self._patience):
+            raise OutputError(f"the disk has not written for {self._patience:g} s; record to another disk")
         if self.error is not None:
             raise self._refused()
 

@@ -30,6 +30,7 @@ from isorig.rig.acquire.sensors import refuse_sensors
 from isorig.rig.acquire.shutdown import ended_by_signals
 from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
 from isorig.rig.acquire.take import Live, take
+from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError, PlanError, RecordingError
 from isorig.rig.files.output import sweep
 
@@ -86,6 +87,7 @@ def acquire(
     again: Set[str] = frozenset(),
     force: bool = False,
     sync: float = SYNC,
+    waits: SessionWaits = SESSION_WAITS,
 ) -> tuple[Path, list[Taken]]:
     """Measure the runs of a plan and write them as a recording.
 
@@ -110,6 +112,8 @@ def acquire(
         Start even if the pre-run check fails.
     sync
         Maximum loss of data in a power failure, seconds; 0 syncs every block.
+    waits
+        Timeouts.
 
     Raises
     ------
@@ -123,9 +127,9 @@ def acquire(
             _make_room(plan, output, force=force)
             done = _done(working_file(output), output, plan, resume=resume) - _planned(again, plan)
             if plan.instrument.analyzer:
-                taken = _with_analyzer(plan, port, output, decoupled, done, resume=resume, force=force)
+                taken = _with_analyzer(plan, port, output, decoupled, done, resume=resume, force=force, waits=waits)
             else:
-                taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync)
+                taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync, waits=waits)
             aside.settle()
     finally:
         aside.end()
@@ -159,13 +163,22 @@ def decoupled_operator(operator: Operator, aside: Aside) -> Operator:
 
 
 def _with_stream(
-    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, sync: float
+    plan: Plan,
+    port: str,
+    output: Path,
+    operator: Operator,
+    done: Set[str],
+    *,
+    resume: bool,
+    force: bool,
+    sync: float,
+    waits: SessionWaits,
 ) -> list[Taken]:
     partial = working_file(output)
     taken: list[Taken] = []
     if not force:
         check_responses(plan, ((run, repeat) for run, repeat, _ in _wanted(plan, done)))
-    with opened_loggers(plan) as loggers, opened(plan, port) as instrument:
+    with opened_loggers(plan, waits.drivers) as loggers, opened(plan, port, waits.drivers) as instrument:
         _check_against(instrument, plan)
         if not force:
             refuse_sensors(plan, instrument)
@@ -199,6 +212,7 @@ def _with_stream(
                         operator.stopped,
                         operator.answered,
                         loggers=loggers,
+                        waits=waits,
                         force=force,
                     )
                     found = saved.run(name)
@@ -222,12 +236,12 @@ def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], 
 
 
 def _with_analyzer(
-    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool
+    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, waits: SessionWaits
 ) -> list[Taken]:
     # A record is complete or absent: the recording is written again after each.
     taken: list[Taken] = []
     configuration = ""
-    with opened_analyzer(plan, port) as instrument:
+    with opened_analyzer(plan, port, waits.drivers) as instrument:
         if not force:
             refuse_sensors(plan, instrument)
         for _, run, _, name in _decided(list(_wanted(plan, done)), operator):

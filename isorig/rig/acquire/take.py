@@ -21,6 +21,7 @@ from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import Guard
+from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 
 #: Seconds between two updates of the levels.
 LOOK = 0.25
@@ -153,6 +154,7 @@ def take(
     answered: Callable[[], bool] = lambda: False,
     *,
     loggers: Mapping[str, Stream] | None = None,
+    waits: SessionWaits = SESSION_WAITS,
     force: bool = False,
 ) -> Tally:
     """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` or `answered`
@@ -168,9 +170,9 @@ def take(
     rate = plan.instrument.sample_rate
     drive = drive_of(*plan.original(run, repeat), rate)
     load(instrument, run, drive, plan.limits)
-    writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period)
+    writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period, waits=waits)
     summary = BlockSummary(plan, run, instrument)
-    incoming = Incoming(instrument, run.ticks(rate), rate, stopped=lambda: stopped() or answered())
+    incoming = Incoming(instrument, run.ticks(rate), rate, waits=waits, stopped=lambda: stopped() or answered())
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
     along = Along(plan, loggers or {}, writer.log)

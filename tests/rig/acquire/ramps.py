@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,18 @@ import numpy as np
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.wire import PtyWire
+from isorig.drivers.waits import Waits
+from isorig.rig.acquire import session
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan import plan_of as plan_of_tree
 from isorig.rig.acquire.session import Operator, Taken
 from isorig.rig.acquire.take import Live
+from isorig.rig.acquire.waits import SessionWaits
 
 CHANNELS = ("head", "motor", "table", "heatblock")
+#: A wire that is gone stays gone here: it is waited for as long as it takes to see that.
+SHORT = SessionWaits(reconnection=0.8, drivers=Waits(adapter=0.0))
+acquire = partial(session.acquire, waits=SHORT)
 
 
 class RampPlant:

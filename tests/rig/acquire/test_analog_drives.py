@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ramps import Watcher, plan_of
+from ramps import Watcher, acquire, plan_of
 
 from isorig.drivers.errors import SettingError
-from isorig.rig.acquire.session import acquire
 from isorig.rig.files.recording import read
 
 NI = {

@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
+from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
 
 from isorig.drivers.errors import ConnectionLostError
 from isorig.drivers.simulated.faults import Faults
 from isorig.rig.acquire.recorder import working_file
 from isorig.rig.acquire.recover import working
-from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
 from isorig.rig.errors import OutputError
 from isorig.rig.files.recording import read

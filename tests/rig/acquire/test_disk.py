@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
+from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
 from test_crash import PLAN
 
 from isorig.analysis.campaign import Run
@@ -18,7 +18,6 @@ from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.journal import Journal
 from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into, working_file
 from isorig.rig.acquire.recover import working
-from isorig.rig.acquire.session import acquire
 from isorig.rig.errors import OutputError, RecordingError
 from isorig.rig.files.recording import read
 

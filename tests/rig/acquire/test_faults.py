@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from ramps import CHANNELS, Watcher, plan_of, ramp_instrument, ticks_of
+from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
 
 from isorig.drivers.errors import ConnectionLostError
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
-from isorig.rig.acquire import block_stream as incoming
-from isorig.rig.acquire.session import acquire
+from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.files.recording import read
 
 injected: Counter[str] = Counter()
 often = st.floats(0.02, 0.35)
 
 
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The last frame of a run may be the one that was lost, and a wire that was cut stays cut.
-    monkeypatch.setattr(incoming, "SILENCE", 1.0)
-    monkeypatch.setattr(incoming, "AWAY", 1.0)
+# The last frame of a run may be the one that was lost, and a wire that was cut stays cut.
+acquire = partial(acquire, waits=SessionWaits(silence=1.0, reconnection=1.0))
 
 
 @settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

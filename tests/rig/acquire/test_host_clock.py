@@ -14,7 +14,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
 
 from far import DataqFar, FramedFar, scan_bytes
-from ramps import Watcher, plan_of, ramp_instrument
+from ramps import Watcher, acquire, plan_of, ramp_instrument
 from test_sessions_attacked import plan, session, wait_for
 
 from isorig.drivers.block import Block
@@ -22,7 +22,6 @@ from isorig.drivers.errors import InstrumentError
 from isorig.rig.acquire.pace import DECIDED, REFUSED, REPORTED, Pace
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recover import working
-from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.take import PaceCheck
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ramps import RampPlant, Watcher, plan_of, ramp_instrument
+from ramps import RampPlant, Watcher, acquire, plan_of, ramp_instrument
 
 from isorig import drivers
 from isorig.drivers.errors import SettingError
@@ -15,7 +15,6 @@ from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import served
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
@@ -49,7 +48,7 @@ from isorig.drivers.kinds import Settings, StreamKind
 class Lamp:
     identity = "a lamp"
     inputs = ()
-    def __init__(self, port, settings):
+    def __init__(self, port, settings, waits):
         self.height = settings.height
     def prepare(self, *, sample_rate, channels):
         self.inputs = (Input(unit="V", per_count=1.0, full_scale=None, dtype="int16"),) * 4

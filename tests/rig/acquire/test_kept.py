@@ -11,11 +11,10 @@ import h5py
 import msgspec
 import numpy as np
 import pytest
-from ramps import Watcher, plan_of, ramp_instrument
+from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.errors import ConnectionLostError
 from isorig.drivers.simulated.faults import Faults
-from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read

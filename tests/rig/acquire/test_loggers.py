@@ -14,12 +14,12 @@ from ramps import Watcher
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
 
 from far import CsvFar, Far, FramedFar
+from ramps import acquire
 from test_sessions_attacked import wait_for
 
 from isorig.drivers.errors import DriverError
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read

@@ -14,10 +14,11 @@ from ramps import Watcher
 
 from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.plan import Plan, plan_of
-from isorig.rig.acquire.recorder import QUEUE_SECONDS, RunWriter, lay_out, recording_into, working_file
+from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into, working_file
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.store import keep_session
 from isorig.rig.acquire.take import columns_of, take
+from isorig.rig.acquire.waits import SESSION_WAITS
 
 RATE, INPUTS, ROWS = 51200.0, 8, 512
 
@@ -77,7 +78,7 @@ def test_a_long_run_needs_a_fraction_of_its_samples_in_memory(tmp_path: Path) ->
             tracemalloc.stop()
     # The samples are 197 MB. The queue, what the writer took from it, a copy of that, and what the display sums up in a quarter
     # of a second may be in memory.
-    queue = QUEUE_SECONDS * RATE * INPUTS * 4
+    queue = SESSION_WAITS.queue * RATE * INPUTS * 4
     assert max(stream.allocated) < 10.0 * queue
 
 

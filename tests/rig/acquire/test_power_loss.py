@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 from power import ROWS, look_at, write_session, wrong
-from ramps import ticks_of
+from ramps import acquire, ticks_of
 
 from isorig.rig.acquire.journal import CHECKSUM, HEAD, HEADER, _block
 from isorig.rig.acquire.recover import working
-from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.recording import read

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from ramps import Watcher, plan_of
+from ramps import Watcher, acquire, plan_of
 
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.limits import simulated_peaks
@@ -15,7 +15,6 @@ from isorig.drivers.errors import InstrumentError
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.response_limits import CERTAIN, check_responses
-from isorig.rig.acquire.session import acquire
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 

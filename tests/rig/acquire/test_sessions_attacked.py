@@ -23,17 +23,16 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
 
 from far import DataqFar, FramedFar, frame, scan_bytes, within
-from ramps import Watcher, plan_of
+from ramps import Watcher, acquire, plan_of
 from rich.console import Console
 
-from isorig.drivers import framed
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
-from isorig.rig.acquire import block_stream as incoming
+from isorig.drivers.waits import Waits
 from isorig.rig.acquire.drive import FADE, PART, drive_of
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.take import Live
 from isorig.rig.acquire.terminal import levels
+from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.files.recording import read
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 
@@ -193,10 +192,7 @@ class Silent(FramedFar):
             super().work()
 
 
-def test_an_instrument_that_is_silent_for_a_while_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(incoming, "AWAY", 15.0)
-    monkeypatch.setattr(incoming, "SILENCE", 0.5)
-
+def test_an_instrument_that_is_silent_for_a_while_goes_on(tmp_path: Path) -> None:
     class Counting(Silent):
         def obey(self, word: str, words: list[str]) -> None:
             # It counts what it takes, sent or not.
@@ -207,13 +203,12 @@ def test_an_instrument_that_is_silent_for_a_while_goes_on(tmp_path: Path, monkey
                 super().obey(word, words)
 
     with Counting(at=20, seconds=2.2, frames=100, speed=1.5) as far:
-        acquire(plan(4.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True)
+        acquire(plan(4.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True, waits=SessionWaits(silence=0.5))
     run = read(tmp_path / "c.h5").runs[0]
     np.testing.assert_array_equal(run.channels["head"].samples[:4000], np.arange(4000))
 
 
-def test_a_run_continues_after_a_reconnection_and_the_gap_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(incoming, "AWAY", 15.0)
+def test_a_run_continues_after_a_reconnection_and_the_gap_is_counted(tmp_path: Path) -> None:
     link = tmp_path / "ttyUSB0"
     watcher = Watcher()
     with FramedFar(frames=100, speed=2.0) as first, FramedFar(frames=10**6, speed=2.0) as second:
@@ -230,7 +225,7 @@ def test_a_run_continues_after_a_reconnection_and_the_gap_is_counted(tmp_path: P
 
         thread = threading.Thread(target=pull)
         thread.start()
-        acquire(plan(5.0), str(link), tmp_path / "c.h5", watcher.operator, force=True)
+        acquire(plan(5.0), str(link), tmp_path / "c.h5", watcher.operator, force=True, waits=SESSION_WAITS)
         thread.join()
     run = read(tmp_path / "c.h5").runs[0]
     (gap,) = run.gaps
@@ -259,16 +254,14 @@ def test_messages_of_instrument_and_driver_are_reported(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.channels["head"].samples, np.arange(len(run)))
 
 
-def test_an_instrument_that_does_not_stop_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(incoming, "REST", 0.5)
-
+def test_an_instrument_that_does_not_stop_is_refused(tmp_path: Path) -> None:
     class Endless(FramedFar):
         def obey(self, word: str, words: list[str]) -> None:
             super().obey(word, words)
             self.running = self.running or (word == "STOP" and self.sent > 0)
 
     with Endless(frames=10**9, speed=4.0) as far, within(15.0), pytest.raises(InstrumentError, match="keeps sending"):
-        acquire(plan(1.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True)
+        acquire(plan(1.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True, waits=SessionWaits(transit=0.5))
     assert len(read(tmp_path / "c.h5").runs[0]) >= 1000
 
 
@@ -286,11 +279,11 @@ def test_an_instrument_that_was_restarted_ends_the_run_and_its_drive(tmp_path: P
     np.testing.assert_array_equal(run.channels["head"].samples, np.arange(1000))
 
 
-def test_no_drive_is_sent_for_a_run_without_a_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(framed, "START_PATIENCE", 0.3)
+def test_no_drive_is_sent_for_a_run_without_a_drive(tmp_path: Path) -> None:
+    waits = SessionWaits(drivers=Waits(start=0.3))
     far = FramedFar(answer=lambda word: b"" if word == "START" else None)
     with far, pytest.raises(ConnectionLostError):
-        acquire(plan(3600.0, excitation="other"), far.port, tmp_path / "c.h5", Watcher().operator, force=True)
+        acquire(plan(3600.0, excitation="other"), far.port, tmp_path / "c.h5", Watcher().operator, force=True, waits=waits)
     assert b"DRIVE 1\n" + bytes(4) in far.heard
 
 

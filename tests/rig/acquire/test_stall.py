@@ -10,13 +10,12 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from ramps import Watcher, plan_of, ramp_instrument
+from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.block import Block
-from isorig.rig.acquire import recorder
 from isorig.rig.acquire.block_queue import Waiting
 from isorig.rig.acquire.recorder import RunWriter
-from isorig.rig.acquire.session import acquire
+from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import OutputError
 from isorig.rig.files.recording import read
 
@@ -59,13 +58,14 @@ def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, monk
 
 def test_a_disk_that_never_comes_back_ends_the_session_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stuck = threading.Event()
-    monkeypatch.setattr(recorder, "STUCK", 0.2)
-    monkeypatch.setattr(recorder, "QUEUE_SECONDS", 0.5)
+    waits = SessionWaits(disk=0.2, queue=0.5)
     store = RunWriter._store
     monkeypatch.setattr(RunWriter, "_store", lambda self, blocks: (stuck.wait(0.6), store(self, blocks)))
     with ramp_instrument(speed=8.0) as (port, instrument):
         with pytest.raises(OutputError, match=r"the disk has not written for 0\.2 s"):
-            acquire(plan_of({"id": "a", "seconds": 60.0}), port, tmp_path / "c.h5", Watcher().operator, force=True)
+            acquire(
+                plan_of({"id": "a", "seconds": 60.0}), port, tmp_path / "c.h5", Watcher().operator, force=True, waits=waits
+            )  # fmt: skip
         assert not instrument.running
     # What waited was written as soon as the disk went on.
     run = read(tmp_path / "c.h5").runs[0]

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from isorig.drivers import kinds as registry
-from isorig.drivers import mti600
 from isorig.rig.acquire.simulated_instruments import simulated_kinds
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
@@ -38,8 +37,7 @@ def test_every_kind_on_a_wire_is_simulated() -> None:
 
 # A framed instrument plays the drive: the tests of sessions use it.
 @pytest.mark.parametrize("kind", sorted(set(registry.kinds()) - {"framed"} - LIBRARIES))
-def test_the_virtual_port_measures_with_any_kind(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mti600, "SETTLE", 0.0)
+def test_the_virtual_port_measures_with_any_kind(kind: str, tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN.format(kind=kind, example=registry.kinds()[kind].example), encoding="utf-8")
     assert main(["acquire", str(plan), "--port", "virtual", "--yes", "--json", "-o", str(tmp_path / "c.h5")]) == 0
