@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo test lint bench study mutants attack docs thesis friction
+.PHONY: setup demo test test-wire test-work lint bench study mutants attack docs thesis friction
 
 # How long `make study` goes on drawing campaigns.
 MINUTES ?= 60
@@ -18,9 +18,19 @@ setup: .venv/ready
 demo: setup
 	$(BIN)/rig demo -o demo-out
 
-# Files side by side on two cores (tests of a file may follow from each other): many wait for a wire, or for one core.
+# The tests, on two cores: those of instruments, sessions and screens wait most of the time, so many of their files run side by side
+# next to the others. A file is run by one process (its tests may follow from each other), those of `conftest.py` first.
+WIRE := tests/drivers tests/rig/acquire tests/rig/view
+PYTEST := $(BIN)/python -m pytest -q -m "not study" --dist loadfile --no-loadscope-reorder
+
 test: setup
-	$(BIN)/python -m pytest -q -m "not study" -n 2 --dist loadfile --no-loadscope-reorder
+	@$(MAKE) --jobs=2 --output-sync=target test-wire test-work
+
+test-wire: setup
+	$(PYTEST) -n 6 $(WIRE)
+
+test-work: setup
+	$(PYTEST) -n 2 $(WIRE:%=--ignore=%)
 
 # Speed and accuracy beside peers in one run, which writes docs/bench.md. `make bench QUICK=--quick` takes fewer repeats.
 bench: .venv/bench

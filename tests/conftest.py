@@ -27,7 +27,11 @@ def shared() -> Path:
 
 
 #: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
-LONGEST = ("tests/blind/", "tests/rig/test_demo.py", "tests/rig/test_commands.py", "tests/docs/", "tests/rig/test_fuzz.py")
+LONGEST = (
+    "tests/docs/test_pages.py", "tests/blind/", "tests/rig/fleet/", "tests/rig/test_thesis.py", "tests/rig/test_commands.py",
+    "tests/rig/test_demo.py", "tests/docs/", "tests/rig/test_fuzz.py", "tests/drivers/test_attacks.py",
+    "tests/rig/acquire/test_host_clock.py", "tests/drivers/test_contract.py", "tests/rig/acquire/test_sessions_attacked.py",
+)  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

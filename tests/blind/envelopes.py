@@ -6,14 +6,14 @@ catalogue names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.rig.virtual.campaign import LATER, SESSION
+from isorig.rig.virtual.campaign import LATER, SESSION, Take
 from isorig.rig.virtual.effects import CAUSES, KINDS, OUTSIDE, drawn_effect, drawn_rig, played
 
 __all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
@@ -37,13 +37,13 @@ class Envelope:
     later: Campaign
 
 
-def draw_envelope(kind: str, size: float, seed: int) -> Envelope:
+def draw_envelope(kind: str, size: float, seed: int, takes: Sequence[Take] = SESSION) -> Envelope:
     """Draw the rig, the effect's place and its numbers by the seed, and play the session and the one after it."""
     draw = np.random.default_rng([seed, KINDS.index(kind)])
     hidden = drawn_effect(kind, drawn_rig(draw), size, draw)
     return Envelope(
         kind=kind, truth=hidden.truth, outside=hidden.outside, parameters=hidden.parameters,
-        campaign=played(hidden, SESSION, seed), later=played(hidden, LATER, seed + 1),
+        campaign=played(hidden, takes, seed), later=played(hidden, LATER, seed + 1),
     )  # fmt: skip
 
 

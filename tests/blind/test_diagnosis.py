@@ -5,6 +5,7 @@ Each kind is drawn by the study; here are a few, diagnosed as a lab would diagno
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,9 +13,11 @@ from envelopes import Envelope, draw_envelope
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
+from isorig.rig.virtual.campaign import SESSION, Take
 
-#: Kind, size and seed; what is hidden where is drawn.
+#: Kind, size and seed; what is hidden where is drawn. Twenty seconds of five runs do for these.
 DRAWN = (("none", 1.0, 11), ("asymmetric_friction", 0.33, 12))
+SHORT = tuple(replace(take, seconds=20.0) for take in SESSION if take.id in ("u70a", "u35", "u7", "l70", "l7"))
 #: Sensors, and an effect outside the catalogue, for which every free shape is fitted in vain: that takes minutes.
 MORE = (("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14), ("outside: hose", 1.0, 15))
 
@@ -39,15 +42,19 @@ def judge(envelope: Envelope, findings: dict) -> None:
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("drawn", [DRAWN, pytest.param(MORE, marks=pytest.mark.study)], ids=["two verdicts", "more"])
+@pytest.mark.parametrize(
+    ("drawn", "takes"),
+    [(DRAWN, SHORT), pytest.param(DRAWN, SESSION, marks=pytest.mark.study), pytest.param(MORE, SESSION, marks=pytest.mark.study)],
+    ids=["two verdicts in short runs", "two verdicts", "more"],
+)
 def test_folder_of_envelopes(
-    drawn: tuple[tuple[str, float, int], ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drawn: tuple[tuple[str, float, int], ...], takes: tuple[Take, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recordings, out = tmp_path / "recordings", tmp_path / "out"
     recordings.mkdir()
     envelopes = {}
     for k, (kind, size, seed) in enumerate(drawn):
-        envelopes[f"sealed-{k}"] = draw_envelope(kind, size, seed)
+        envelopes[f"sealed-{k}"] = draw_envelope(kind, size, seed, takes)
         write(recordings / f"sealed-{k}.h5", envelopes[f"sealed-{k}"].campaign)
     (recordings / "torn.h5").write_bytes((recordings / "sealed-0.h5").read_bytes()[:5000])
 

@@ -8,12 +8,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
+from forked_rig import forked_rig
 
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
@@ -45,9 +47,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """The environment of a reader's shell."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    with forked_rig(tmp_path_factory.mktemp("rig"), {**os.environ, "PATH": path, "COLUMNS": "80"}) as own:
+        yield own
+
+
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
-def test_commands_run(page: Path, folder: Path) -> None:
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "80"}
+def test_commands_run(page: Path, folder: Path, environment: dict[str, str]) -> None:
     for language, more, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         if "title=" in more:  # a file, see test_extending.py
             continue
@@ -69,7 +78,7 @@ def called(call: list[str], folder: Path, environment: dict[str, str], limit: fl
     The output goes to a file, because a pipe ends only with the last process that holds it.
     """
     with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(call, cwd=folder, env=environment, stdout=output, stderr=output, start_new_session=True)
+        process = subprocess.Popen(call, cwd=folder, env=environment, stdout=output, stderr=output, process_group=0)
         try:
             status: int | str = process.wait(limit)
         except subprocess.TimeoutExpired:

@@ -24,9 +24,8 @@ from isorig.rig.view.frames import frame
 from isorig.rig.view.messages import Asked, Drawn
 from isorig.rig.view.snapshot import Plot
 
-#: Seconds between two frames; seconds after which a page that has not drawn its last frame is disconnected; maximum number of
-#: pages.
-FRAME, STALLED, PAGES = 0.2, 30.0, 8
+#: Seconds between two frames.
+FRAME = 0.2
 #: Maximum size of a message from a page, bytes.
 MESSAGE = 4096
 HERE = Path(__file__).parent
@@ -62,10 +61,16 @@ class Server:
         The current state and plots.
     ask
         Called with the requests of a page.
+    stalled
+        Seconds after which a page that has not drawn its last frame is disconnected.
+    most_pages
+        Maximum number of pages.
     """
 
     content: Callable[[], tuple[dict[str, Any], dict[str, Plot]]]
     ask: Callable[[Asked], None]
+    stalled: float = 30.0
+    most_pages: int = 8
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     tally: Tally = field(default_factory=Tally)
     pages: set[_Socket] = field(default_factory=set)
@@ -159,7 +164,7 @@ class _Socket(_Guarded, WebSocketHandler):
 
     def open(self, *args: str) -> None:
         """A page has connected."""
-        if len(self.server.pages) >= PAGES:
+        if len(self.server.pages) >= self.server.most_pages:
             self.close(1013, "too many pages are open; close one")
             return
         self.set_nodelay(True)
@@ -173,7 +178,7 @@ class _Socket(_Guarded, WebSocketHandler):
         """Whether it has drawn its last frame; a page that has not for long is disconnected."""
         if self._drawn == self._frame:
             return True
-        if time.monotonic() - self._since > STALLED:
+        if time.monotonic() - self._since > self.server.stalled:
             self.server.pages.discard(self)
             self.server.tally.dropped += 1
             self.close(1013, "the page did not respond")

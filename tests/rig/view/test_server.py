@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from pages import Socket, request, served, until
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.rig.view import server
 from isorig.rig.view.messages import Asked, Standing
 from isorig.rig.view.sources import Reading, beginning_of
 
@@ -105,9 +104,9 @@ def test_only_what_has_the_form_of_a_wish_is_handed_on() -> None:
         assert len(screen.asked) == 2
 
 
-def test_a_page_that_is_slow_gets_the_newest_frame_and_nothing_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "STALLED", 2.0)
+def test_a_page_that_is_slow_gets_the_newest_frame_and_nothing_waits_for_it() -> None:
     with served(growing(8.0), standing=NOW) as screen:
+        screen.screen._server.stalled = 2.0
         quick, slow, still = (Socket(screen.address) for _ in range(3))
         still.frame(answer=False)
         first, _ = slow.frame(answer=False)
@@ -141,9 +140,9 @@ def test_a_page_cannot_say_that_it_has_drawn_what_it_was_not_sent() -> None:
         assert screen.screen._server.tally.values == 10
 
 
-def test_too_many_pages_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "PAGES", 2)
+def test_too_many_pages_are_refused() -> None:
     with served(standing=NOW) as screen:
+        screen.screen._server.most_pages = 2
         pages = [Socket(screen.address) for _ in range(3)]
         assert pages[2].read()[0] == 8
         pages[0].close()
