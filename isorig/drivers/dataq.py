@@ -18,7 +18,7 @@ from isorig.drivers.alignment import DIGITAL, Alignment, Stretch
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Raw, Status
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, Settings, Shaken, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
 from isorig.drivers.marks import Marks
 from isorig.drivers.port import Port
 from isorig.drivers.waits import WAITS, Waits
@@ -227,11 +227,11 @@ class DataqSettings(Settings, frozen=True):
             raise ValueError(f"counter is {self.counter:g}; give the counting rate of the counter at the digital inputs, Hz")
 
 
-def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     from isorig.drivers.simulated.streams import SimulatedDataq, words
 
     def source(samples: int, rate: float) -> Raw:
-        return words(shaken.volts(samples, rate))
+        return words(rig.volts(samples, rate))
 
     return SimulatedDataq(source, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
 

@@ -19,7 +19,7 @@ import numpy as np
 from isorig.drivers.answers import Kind, number, parse, text, whole
 from isorig.drivers.block import FloatArray, Record, Status
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
+from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
 from isorig.drivers.link import linked
 from isorig.drivers.shows import Shows
 from isorig.drivers.waits import WAITS, Waits
@@ -186,11 +186,11 @@ class Hp35670aInstrument:
         return parse((answer,), (ANSWERS[command],), who=self._link.name, command=command)[0]
 
 
-def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     from isorig.drivers.simulated.analyzers import Simulated35670a, displayed
 
     asked.faults.only((), "a 35670a")
-    coherence, time_record = displayed(shaken)
+    coherence, time_record = displayed(rig)
     return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
 
 

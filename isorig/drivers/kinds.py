@@ -29,7 +29,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """
 
 
-class Shaken(Protocol):
+class DrivenRig(Protocol):
     """A rig under a random drive, as measured by a simulated instrument."""
 
     @property
@@ -81,7 +81,7 @@ input = 3
 sensitivity = 0.2
 """
 #: Creates the simulated counterpart of an instrument, connected to a rig.
-FarEnd = Callable[[Shaken, Simulation], "Peer"]
+FarEnd = Callable[[DrivenRig, Simulation], "Peer"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from isorig.drivers.answers import Kind, number, whole
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, Settings, Shaken, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
 from isorig.drivers.link import LineLink, linked
 from isorig.drivers.order import EXACT, LOOSE, Order, Reading
 from isorig.drivers.port import LONGEST
@@ -472,10 +472,10 @@ class LinesInstrument:
             self._arrived(item, lost)
 
 
-def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     from isorig.drivers.simulated.streams import SimulatedLines
 
-    return SimulatedLines(shaken.volts, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
+    return SimulatedLines(rig.volts, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
 
 
 EXAMPLE = """

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from isorig.drivers.block import Block, Input, Raw, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
-from isorig.drivers.kinds import Settings, Shaken, Simulation, StreamKind
+from isorig.drivers.kinds import DrivenRig, Settings, Simulation, StreamKind
 from isorig.drivers.order import EXACT, Order, Reading
 from isorig.drivers.port import check_name
 from isorig.drivers.waits import WAITS, Waits
@@ -304,11 +304,11 @@ def _open(port: str, settings: MtiSettings, waits: Waits) -> MtiInstrument:
     return MtiInstrument(port, bus=settings.bus, waits=waits)
 
 
-def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     from isorig.drivers.simulated.streams import MTI_RATE, SimulatedSlcan, axes
 
     def source(samples: int, rate: float) -> Raw:
-        return axes(shaken.channels(samples, rate)[shaken.names[-1]])
+        return axes(rig.channels(samples, rate)[rig.names[-1]])
 
     return SimulatedSlcan(source, rate=MTI_RATE, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
 

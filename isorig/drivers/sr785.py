@@ -18,7 +18,7 @@ import numpy as np
 from isorig.drivers.answers import Kind, number, parse, text, whole
 from isorig.drivers.block import FloatArray, Record, Status
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, RecordsKind, Shaken, Simulation
+from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
 from isorig.drivers.link import linked
 from isorig.drivers.shows import Shows
 from isorig.drivers.waits import WAITS, Waits
@@ -174,11 +174,11 @@ class Sr785Instrument:
         return parse((answer,), (ANSWERS[kind or word],), who=self._link.name, command=command)[0]
 
 
-def _far_end(shaken: Shaken, asked: Simulation) -> Peer:
+def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     from isorig.drivers.simulated.analyzers import SimulatedSr785, displayed
 
     faults = asked.faults.only(("overload",), "an sr785")
-    coherence, time_record = displayed(shaken)
+    coherence, time_record = displayed(rig)
     return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
 
 

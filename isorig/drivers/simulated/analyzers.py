@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from isorig.drivers.block import FloatArray
-from isorig.drivers.kinds import Shaken
+from isorig.drivers.kinds import DrivenRig
 
 #: x and values of a trace.
 Curve = tuple[FloatArray, FloatArray]
@@ -17,10 +17,10 @@ Curve = tuple[FloatArray, FloatArray]
 RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
 
 
-def displayed(shaken: Shaken) -> tuple[Curve, Curve]:
+def displayed(rig: DrivenRig) -> tuple[Curve, Curve]:
     """A coherence of the last channel with the drive, and a time record of the last channel in V."""
-    volts = shaken.volts(RECORD, RECORD_RATE)[:, -1]
-    return shaken.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
+    volts = rig.volts(RECORD, RECORD_RATE)[:, -1]
+    return rig.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
 
 
 class _Lines:

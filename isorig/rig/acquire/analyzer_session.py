@@ -16,7 +16,7 @@ from isorig.rig.acquire.plan import Plan, RunPlan
 PATIENCE = 60.0
 
 
-def measure_run(instrument: Records, plan: Plan, run: RunPlan, name: str) -> tuple[Run, int]:
+def measure_with_analyzer(instrument: Records, plan: Plan, run: RunPlan, name: str) -> tuple[Run, int]:
     """Measure a run; returns the run, and the number of its records with an overload.
 
     Raises

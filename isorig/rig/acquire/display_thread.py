@@ -11,7 +11,7 @@ from typing import Any
 PATIENCE = 2.0
 
 
-class Aside:
+class DisplayThread:
     """Executes calls in sequence in another thread; of calls that may be skipped, only the latest."""
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from isorig.analysis.campaign import Campaign
 from isorig.rig.acquire.recorder import working_file
-from isorig.rig.acquire.recover import WorkingFile, campaign_of
+from isorig.rig.acquire.recover import WorkingFileReader, campaign_of
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.recording import open_recording
 
@@ -36,7 +36,7 @@ def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience:
         No session is writing there, or the writer has stopped without finishing.
     """
     partial = working_file(output)
-    file: WorkingFile | None = None
+    file: WorkingFileReader | None = None
     size, grown = 0, time.monotonic()
     try:
         while partial.exists():
@@ -59,11 +59,11 @@ def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience:
         yield campaign, True
 
 
-def _opened(file: WorkingFile | None, partial: Path) -> WorkingFile:
+def _opened(file: WorkingFileReader | None, partial: Path) -> WorkingFileReader:
     # Blocks are read only once.
     if file is None or file.replaced:
         if file is not None:
             file.close()
-        return WorkingFile(partial)
+        return WorkingFileReader(partial)
     file.refresh()
     return file

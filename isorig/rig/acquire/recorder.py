@@ -63,7 +63,7 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input], *, real_time: bool 
 @contextmanager
 def recording_into(
     path: Path, plan: Plan, inputs: Sequence[Input], *, sync: float = SYNC, after: datetime | None = None, real_time: bool = True
-) -> Iterator[WorkingFile]:
+) -> Iterator[WorkingFileWriter]:
     """The working file created by `lay_out`, open for writing.
 
     Parameters
@@ -83,14 +83,14 @@ def recording_into(
     OutputError
         The file cannot be written.
     """
-    file = WorkingFile(Journal(path, sync=sync), layout_of(plan, inputs, real_time=real_time), after=after)
+    file = WorkingFileWriter(Journal(path, sync=sync), layout_of(plan, inputs, real_time=real_time), after=after)
     try:
         yield file
     finally:
         file.close()
 
 
-class WorkingFile:
+class WorkingFileWriter:
     """The working file of a running session: runs are written into it in sequence."""
 
     def __init__(self, journal: Journal, layout: Layout, *, after: datetime | None = None) -> None:
@@ -165,7 +165,7 @@ class RunWriter:
 
     def __init__(
         self,
-        file: WorkingFile,
+        file: WorkingFileWriter,
         run_id: str,
         columns: Mapping[str, int],
         *,

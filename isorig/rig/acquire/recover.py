@@ -178,7 +178,7 @@ class _Take:
         self.pace.add(ends[sound], timing["host_time"][sound])
 
 
-class WorkingFile:
+class WorkingFileReader:
     """A working file that is finished, being written, or was left by a killed session.
 
     Raises
@@ -435,7 +435,7 @@ def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered
     RecordingError
         The file is not a working file.
     """
-    file = WorkingFile(path)
+    file = WorkingFileReader(path)
     try:
         yield file.known, file.runs()
     finally:

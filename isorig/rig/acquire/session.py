@@ -13,30 +13,30 @@ import msgspec
 
 from isorig.drivers.instrument import Exciter, Noticing, Records, Sourcing, Stream, in_real_time
 from isorig.rig.acquire.along import opened_loggers
-from isorig.rig.acquire.analyzer_session import measure_run
-from isorig.rig.acquire.display_thread import Aside
+from isorig.rig.acquire.analyzer_session import measure_with_analyzer
+from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.instruments import opened, opened_analyzer
 from isorig.rig.acquire.journal import SYNC
 from isorig.rig.acquire.locks import output_locked, port_locked
+from isorig.rig.acquire.measure_run import LiveState, measure_run
 from isorig.rig.acquire.pace import Drift
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
 from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
-from isorig.rig.acquire.recover import Recovered, WorkingFile
+from isorig.rig.acquire.recover import Recovered, WorkingFileReader
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import check_responses
 from isorig.rig.acquire.run_check import Verdict, check_run
 from isorig.rig.acquire.sensors import refuse_sensors
 from isorig.rig.acquire.shutdown import ended_by_signals
 from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
-from isorig.rig.acquire.take import Live, take
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError, PlanError, RecordingError
 from isorig.rig.files.output import sweep
 
 
 @dataclass(frozen=True, kw_only=True)
-class Taken:
+class MeasuredRun:
     """A measured run: its sample counts, its post-run check, and the drift of its clock."""
 
     id: str
@@ -70,8 +70,8 @@ class Operator:
     """
 
     lock: Callable[[str], None]
-    watch: Callable[[Live], None]
-    taken: Callable[[Taken], None]
+    watch: Callable[[LiveState], None]
+    taken: Callable[[MeasuredRun], None]
     decide: Callable[[str], Decision] = lambda name: "take"
     stopped: Callable[[], bool] = lambda: False
     answered: Callable[[], bool] = lambda: False
@@ -88,7 +88,7 @@ def acquire(
     force: bool = False,
     sync: float = SYNC,
     waits: SessionWaits = SESSION_WAITS,
-) -> tuple[Path, list[Taken]]:
+) -> tuple[Path, list[MeasuredRun]]:
     """Measure the runs of a plan and write them as a recording.
 
     If the session ends early for any reason (the operator, the instrument, a full disk), the measured data are in the recording
@@ -120,8 +120,8 @@ def acquire(
     DriverError, RigError
         The instrument or the disk fails.
     """
-    aside = Aside()
-    decoupled = decoupled_operator(operator, aside)
+    display = DisplayThread()
+    decoupled = decoupled_operator(operator, display)
     try:
         with output_locked(output), _port_locked(port), ended_by_signals():
             _make_room(plan, output, force=force)
@@ -130,9 +130,9 @@ def acquire(
                 taken = _with_analyzer(plan, port, output, decoupled, done, resume=resume, force=force, waits=waits)
             else:
                 taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync, waits=waits)
-            aside.settle()
+            display.settle()
     finally:
-        aside.end()
+        display.end()
     return output, taken
 
 
@@ -145,20 +145,20 @@ def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
         raise OutputError(f"{no_room}; --force starts anyway")
 
 
-def decoupled_operator(operator: Operator, aside: Aside) -> Operator:
+def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:
     """The same operator, called from another thread, with all calls completed before a question is asked."""
 
     def lock(configuration: str) -> None:
-        aside.settle()
+        display.settle()
         operator.lock(configuration)
 
     def decide(name: str) -> Decision:
-        aside.settle()
+        display.settle()
         return operator.decide(name)
 
     return replace(
-        operator, lock=lock, decide=decide, watch=lambda live: aside.latest(lambda: operator.watch(live)),
-        taken=lambda item: aside.each(lambda: operator.taken(item)),
+        operator, lock=lock, decide=decide, watch=lambda live: display.latest(lambda: operator.watch(live)),
+        taken=lambda item: display.each(lambda: operator.taken(item)),
     )  # fmt: skip
 
 
@@ -173,9 +173,9 @@ def _with_stream(
     force: bool,
     sync: float,
     waits: SessionWaits,
-) -> list[Taken]:
+) -> list[MeasuredRun]:
     partial = working_file(output)
-    taken: list[Taken] = []
+    taken: list[MeasuredRun] = []
     if not force:
         check_responses(plan, ((run, repeat) for run, repeat, _ in _wanted(plan, done)))
     with opened_loggers(plan, waits.drivers) as loggers, opened(plan, port, waits.drivers) as instrument:
@@ -188,7 +188,7 @@ def _with_stream(
         try:
             with (
                 recording_into(partial, plan, instrument.inputs, sync=sync, after=after, real_time=real_time) as file,
-                closing(WorkingFile(partial)) as saved,
+                closing(WorkingFileReader(partial)) as saved,
             ):
                 configuration = ""
                 wanted = list(_wanted(plan, done))
@@ -200,7 +200,7 @@ def _with_stream(
                         refuse(name, preflight(instrument, plan, run))
                     remarks = Remarks(plan.instrument.sample_rate)
                     watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
-                    tally = take(
+                    tally = measure_run(
                         instrument,
                         file,
                         plan,
@@ -220,7 +220,7 @@ def _with_stream(
                     verdict = check_run(
                         found, rig=plan.described(), against=remarks.against(), remarks=remarks.others(), others=earlier
                     )
-                    taken.append(Taken(id=name, tally=tally, verdict=verdict, drift=found.drift))
+                    taken.append(MeasuredRun(id=name, tally=tally, verdict=verdict, drift=found.drift))
                     operator.taken(taken[-1])
         finally:
             keep_session(partial, output, add=resume)
@@ -229,7 +229,7 @@ def _with_stream(
     return taken
 
 
-def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], live: Live) -> None:
+def _told(watch: Callable[[LiveState], None], number: int, seconds: Sequence[float], live: LiveState) -> None:
     # The number of the run in the session, and the remaining seconds of the session.
     left = live.of - live.seconds + sum(seconds[number:])
     watch(msgspec.structs.replace(live, number=number, runs=len(seconds), left=max(left, 0.0)))
@@ -237,9 +237,9 @@ def _told(watch: Callable[[Live], None], number: int, seconds: Sequence[float], 
 
 def _with_analyzer(
     plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, waits: SessionWaits
-) -> list[Taken]:
+) -> list[MeasuredRun]:
     # A record is complete or absent: the recording is written again after each.
-    taken: list[Taken] = []
+    taken: list[MeasuredRun] = []
     configuration = ""
     with opened_analyzer(plan, port, waits.drivers) as instrument:
         if not force:
@@ -252,7 +252,7 @@ def _with_analyzer(
                 instrument.set_source(run.source)
             if not force:
                 refuse(name, look_at_analyzer(instrument))
-            measured, overloads = measure_run(instrument, plan, run, name)
+            measured, overloads = measure_with_analyzer(instrument, plan, run, name)
             if not force:
                 refuse(name, look_at_record(measured, plan))
             keep_measured(output, plan, measured, add=resume or bool(taken))
@@ -262,7 +262,7 @@ def _with_analyzer(
             )  # fmt: skip
             against = [f"The driver reports: {clause}." for clause in _noticed(instrument)]
             verdict = check_run(found, rig=plan.described(), against=against)
-            taken.append(Taken(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
+            taken.append(MeasuredRun(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
             operator.taken(taken[-1])
     return taken
 

@@ -21,12 +21,12 @@ from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 GAIN, BAND = 70.0, (0.5, 20.0)
 #: Length of the repeated signal of a virtual port, s: it is simulated while the session waits for a sample.
 REPEATED = 10.0
-#: The kind that plays the given drive, so its rig is not a `Shaken`.
+#: The kind that plays the given drive, so its rig is not a `DrivenRig`.
 PLAYS = "framed"
 
 
-class Shaken:
-    """A rig under a random drive, see `isorig.drivers.kinds.Shaken`."""
+class VirtualDrivenRig:
+    """A rig under a random drive, see `isorig.drivers.kinds.DrivenRig`."""
 
     def __init__(self, plant: VirtualPlant, seed: int) -> None:
         self._plant, self._seed = plant, seed
@@ -70,10 +70,10 @@ def far_end(
     making = kinds()[kind].far_end if kind in kinds() else None
     if making is None:
         raise SettingError(f"the kind {kind!r} cannot be simulated; available are {', '.join(simulated_kinds())}")
-    shaken = Shaken(VirtualPlant(model, noise=noise, seed=seed), seed)
+    rig = VirtualDrivenRig(VirtualPlant(model, noise=noise, seed=seed), seed)
     # Compile now what is compiled at first use, so that the instrument answers without delay.
-    shaken.volts(256, 256.0)
-    return making(shaken, Simulation(speed=speed, seconds=seconds, faults=faults or Faults(seed=seed)))
+    rig.volts(256, 256.0)
+    return making(rig, Simulation(speed=speed, seconds=seconds, faults=faults or Faults(seed=seed)))
 
 
 @contextmanager

@@ -18,8 +18,8 @@ from isorig.rig.process.terminal import Unhurried, never_wait_for_terminal
 if TYPE_CHECKING:
     from rich.console import Console, Group
 
-    from isorig.rig.acquire.session import Decision, Taken
-    from isorig.rig.acquire.take import Live
+    from isorig.rig.acquire.measure_run import LiveState
+    from isorig.rig.acquire.session import Decision, MeasuredRun
 
 #: Refusal where a question cannot be asked.
 NO_ANSWER = (
@@ -93,14 +93,14 @@ class Terminal:
         """Print the page's question; Enter answers it here, too."""
         self._say("ask", {"run": run, "text": question}, f"{question} Press Enter here, or the button on the page.")
 
-    def watch(self, live: Live) -> None:
+    def watch(self, live: LiveState) -> None:
         """Show the levels."""
         if self._json:
             self._line("live", live)
         else:
             self._quietly(lambda: self._display.update(levels(live)))
 
-    def taken(self, item: Taken) -> None:
+    def taken(self, item: MeasuredRun) -> None:
         """Print a measured run."""
         if self._json:
             self._line("taken", item)
@@ -152,7 +152,7 @@ def answer_line() -> str:
         return ""
 
 
-def levels(live: Live) -> Group:
+def levels(live: LiveState) -> Group:
     """The state of a run in at most 80 columns, if the channel names are short: progress, a table, advice."""
     from rich import box
     from rich.console import Group
@@ -171,7 +171,7 @@ def levels(live: Live) -> Group:
     return Group(Text(_progress(live)), table, *map(Text, sentences + advice(live.highest, live.full_scale)))
 
 
-def _progress(live: Live) -> str:
+def _progress(live: LiveState) -> str:
     end = datetime.now().astimezone() + timedelta(seconds=live.left)
     done = f"{live.run} (run {live.number} of {live.runs}): {_duration(live.of - live.seconds)} left"
     return done if live.runs == 1 else f"{done}; all runs {_duration(live.left)}, to about {end:%H:%M}"
@@ -186,7 +186,7 @@ def _question(configuration: str) -> str:
     return f"Bring the rig into the configuration {configuration!r}, then press Enter."
 
 
-def _print(console: Console, item: Taken) -> None:
+def _print(console: Console, item: MeasuredRun) -> None:
     coherent = "  ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
     text = f"{item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")
     if item.verdict.detections:

@@ -34,7 +34,7 @@ def demo(
         return
     from isorig.rig.acquire.plan import as_virtual
     from isorig.rig.acquire.plan_check import read_plan
-    from isorig.rig.acquire.session import Operator, Taken, acquire
+    from isorig.rig.acquire.session import MeasuredRun, Operator, acquire
     from isorig.rig.commands.frf import frf
     from isorig.rig.commands.isolation import isolation
     from isorig.rig.diagnose.many import diagnose_file
@@ -50,7 +50,7 @@ def demo(
     recording = output / "campaign.h5"
     recording.with_name(recording.name + ".partial").unlink(missing_ok=True)
 
-    def took(item: Taken) -> None:
+    def took(item: MeasuredRun) -> None:
         coherent = ", ".join(f"{name} {value:.2f}" for name, value in item.verdict.coherence.items())
         clock.tell(
             f"  {item.id}: {item.tally.stored} samples, {item.tally.lost} lost" + (f"; coherence {coherent}" if coherent else "")

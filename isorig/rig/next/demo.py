@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.acquire.session import Operator, Taken
+from isorig.rig.acquire.session import MeasuredRun, Operator
 from isorig.rig.errors import OutputError
 from isorig.rig.next.course import PAGE, STATE, Course, Terms, described_rig, investigate
 from isorig.rig.next.limits_file import limits_of
@@ -43,7 +43,7 @@ def show(folder: Path, seed: int) -> None:
     with virtual_instrument(seed, "--hide", HIDDEN, "--size", str(SIZE)) as port:
         clock.tell(f"a virtual rig with a hidden effect is connected to {port}; nothing is measured yet")
 
-        def took(item: Taken) -> None:
+        def took(item: MeasuredRun) -> None:
             clock.tell(f"  {item.id}: {item.tally.stored} samples, {item.tally.lost} lost")
 
         operator = Operator(lock=lambda _: None, watch=lambda _: None, taken=took)

@@ -13,9 +13,9 @@ from pathlib import Path
 import msgspec
 
 from isorig.rig.acquire.equations import Equations
+from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
-from isorig.rig.acquire.session import Decision, Operator, Taken
-from isorig.rig.acquire.take import Live
+from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
 from isorig.rig.view.messages import Asked, Judgement, Standing, Wish
 from isorig.rig.view.run_list import Planned
@@ -69,11 +69,11 @@ class Desk:
     def operator(self, other: Operator) -> Operator:
         """An operator for a session: forwards everything to `other`, and asks here."""
 
-        def watch(live: Live) -> None:
+        def watch(live: LiveState) -> None:
             self._watch(live)
             other.watch(live)
 
-        def taken(item: Taken) -> None:
+        def taken(item: MeasuredRun) -> None:
             self._taken(item)
             other.taken(item)
 
@@ -174,7 +174,7 @@ class Desk:
                 self._changed.wait(LISTEN)
             return self._answers[0]
 
-    def _watch(self, live: Live) -> None:
+    def _watch(self, live: LiveState) -> None:
         with self._changed:
             if live.run != self._begun:
                 return  # a late message about a run that is over
@@ -184,7 +184,7 @@ class Desk:
             counts = {"seconds": live.seconds, "overloads": live.overloads, "damaged": live.damaged}
             self._stand(phase="measures", run=live.run, may=may, **counts)
 
-    def _taken(self, item: Taken) -> None:
+    def _taken(self, item: MeasuredRun) -> None:
         with self._changed:
             self._last, self._begun = item.id, ""
             self._changed.notify_all()

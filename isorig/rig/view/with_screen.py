@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from isorig.rig.acquire.display_thread import Aside
+from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
@@ -44,7 +44,7 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
     """
     planned = planned_by(plan)
     desk = Desk(planned, output, asks=asks)
-    aside = Aside()
+    display = DisplayThread()
 
     def answer() -> None:
         while answer_line():
@@ -52,25 +52,25 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
 
     try:
         with SessionScreen(desk, planned, output) as screen:
-            aside.each(lambda: terminal.shown(screen.address))
-            desk.listeners.append(_Questions(terminal, aside).stands)
+            display.each(lambda: terminal.shown(screen.address))
+            desk.listeners.append(_Questions(terminal, display).stands)
             if asks:
                 threading.Thread(target=answer, name="standard input", daemon=True).start()
-            yield desk, desk.operator(decoupled_operator(operator, aside))
-        aside.settle()
+            yield desk, desk.operator(decoupled_operator(operator, display))
+        display.settle()
     finally:
-        aside.end()
+        display.end()
 
 
 class _Questions:
     """Prints what a session waits for in the terminal, once for each change."""
 
-    def __init__(self, terminal: Terminal, aside: Aside) -> None:
-        self._terminal, self._aside = terminal, aside
+    def __init__(self, terminal: Terminal, display: DisplayThread) -> None:
+        self._terminal, self._display = terminal, display
         self._asked = ""
 
     def stands(self, standing: Standing) -> None:
         asked = standing.text if standing.phase in ("asks", "finishes") and standing.may else ""
         if asked and asked != self._asked:
-            self._aside.each(lambda: self._terminal.asked(standing.run, asked))
+            self._display.each(lambda: self._terminal.asked(standing.run, asked))
         self._asked = asked

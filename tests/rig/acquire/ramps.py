@@ -15,10 +15,10 @@ from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.wire import PtyWire
 from isorig.drivers.waits import Waits
 from isorig.rig.acquire import session
+from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan import plan_of as plan_of_tree
-from isorig.rig.acquire.session import Operator, Taken
-from isorig.rig.acquire.take import Live
+from isorig.rig.acquire.session import MeasuredRun, Operator
 from isorig.rig.acquire.waits import SessionWaits
 
 CHANNELS = ("head", "motor", "table", "heatblock")
@@ -83,8 +83,8 @@ class Watcher:
 
     def __init__(self) -> None:
         self.locks: list[str] = []
-        self.seen: list[Live] = []
-        self.runs: list[Taken] = []
+        self.seen: list[LiveState] = []
+        self.runs: list[MeasuredRun] = []
         self.operator = Operator(lock=self.locks.append, watch=self.seen.append, taken=self.runs.append)
 
 

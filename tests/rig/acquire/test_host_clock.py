@@ -19,10 +19,10 @@ from test_sessions_attacked import plan, session, wait_for
 
 from isorig.drivers.block import Block
 from isorig.drivers.errors import InstrumentError
+from isorig.rig.acquire.measure_run import PaceCheck
 from isorig.rig.acquire.pace import DECIDED, REFUSED, REPORTED, Pace
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recover import working
-from isorig.rig.acquire.take import PaceCheck
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 

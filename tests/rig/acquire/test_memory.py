@@ -13,11 +13,11 @@ import pytest
 from ramps import Watcher
 
 from isorig.drivers.block import Block, Input
+from isorig.rig.acquire.measure_run import columns_of, measure_run
 from isorig.rig.acquire.plan import Plan, plan_of
 from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into, working_file
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.store import keep_session
-from isorig.rig.acquire.take import columns_of, take
 from isorig.rig.acquire.waits import SESSION_WAITS
 
 RATE, INPUTS, ROWS = 51200.0, 8, 512
@@ -73,7 +73,7 @@ def test_a_long_run_needs_a_fraction_of_its_samples_in_memory(tmp_path: Path) ->
         tracemalloc.start()
         try:
             (run,) = planned.runs
-            take(stream, file, planned, run, 0, "a", Watcher().operator.watch, Remarks(RATE))
+            measure_run(stream, file, planned, run, 0, "a", Watcher().operator.watch, Remarks(RATE))
         finally:
             tracemalloc.stop()
     # The samples are 197 MB. The queue, what the writer took from it, a copy of that, and what the display sums up in a quarter

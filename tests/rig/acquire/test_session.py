@@ -20,7 +20,7 @@ from isorig.rig.acquire.follow import follow
 from isorig.rig.acquire.journal import Reader
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
-from isorig.rig.acquire.recover import WorkingFile
+from isorig.rig.acquire.recover import WorkingFileReader
 from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
@@ -179,7 +179,7 @@ def test_a_drive_is_played_again_sample_for_sample(tmp_path: Path) -> None:
     kept: list[list[str | None]] = []
 
     def look(_: object) -> None:
-        with closing(WorkingFile(tmp_path / "c.h5.partial")) as file:
+        with closing(WorkingFileReader(tmp_path / "c.h5.partial")) as file:
             kept.append([item.run.repeat_of for item in file.runs() if item.run is not None])
 
     acquire(plan, "virtual", tmp_path / "c.h5", replace(Watcher().operator, taken=look))
@@ -267,7 +267,7 @@ def written(tmp_path: Path, blocks: list[Block]) -> Iterator[object]:
     plan, path = plan_of({"id": "a"}), tmp_path / "w.partial"
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
     lay_out(path, plan, inputs)
-    with recording_into(path, plan, inputs) as file, closing(WorkingFile(path)) as saved:
+    with recording_into(path, plan, inputs) as file, closing(WorkingFileReader(path)) as saved:
         writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
         for block in blocks:
             writer.put(block)
@@ -291,7 +291,7 @@ def test_of_a_repeated_run_the_last_complete_one_counts(tmp_path: Path) -> None:
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
     lay_out(path, plan, inputs)
     kept = []
-    with recording_into(path, plan, inputs) as file, closing(WorkingFile(path)) as saved:
+    with recording_into(path, plan, inputs) as file, closing(WorkingFileReader(path)) as saved:
         for value, blocks in ((1, 8), (2, 16), (3, 4), (4, 16)):
             writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
             for k in range(blocks):

@@ -29,8 +29,8 @@ from rich.console import Console
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
 from isorig.drivers.waits import Waits
 from isorig.rig.acquire.drive import FADE, PART, drive_of
+from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.take import Live
 from isorig.rig.acquire.terminal import levels
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.files.recording import read
@@ -314,7 +314,7 @@ def test_any_part_of_a_drive_is_that_part_of_the_whole(excitation: str) -> None:
 
 def test_the_terminal_shows_progress_and_levels_in_eighty_columns() -> None:
     names = ("head", "motor", "table", "heatblock")
-    live = Live(
+    live = LiveState(
         run="unlocked-70-2", seconds=12.0, of=120.0, rms=dict.fromkeys(names, 1.23456e-3), peak=dict.fromkeys(names, 3.2e-5),
         full_scale=dict.fromkeys(names, 50.0), coherence=dict.fromkeys(names, 0.987), overloads=0, lost=1234567, damaged=0,
         highest={"head": 45.0, "motor": 1.2, "table": 12.0, "heatblock": 50.0}, number=2, runs=6, left=4000.0,

@@ -18,7 +18,7 @@ from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.live_coherence import RunningCoherence
 from isorig.rig.acquire.pace import DECIDED, REFUSED, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
-from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFile
+from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFileWriter
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
@@ -27,7 +27,7 @@ from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 LOOK = 0.25
 
 
-class Live(msgspec.Struct, frozen=True, kw_only=True):
+class LiveState(msgspec.Struct, frozen=True, kw_only=True):
     """The live state of a run.
 
     rms and peak of each channel in its unit since the last update, its highest peak so far, its full scale if known, and the
@@ -81,7 +81,7 @@ class BlockSummary:
         """Whether an update is due."""
         return time.monotonic() - self._at > LOOK
 
-    def take(self, name: str, tally: Tally) -> Live:
+    def take(self, name: str, tally: Tally) -> LiveState:
         """The state since the last update."""
         values = {}
         if any(len(block.samples) for block in self._blocks):
@@ -93,7 +93,7 @@ class BlockSummary:
             for key, v in values.items():
                 self._highest[key] = max(self._highest[key], float(np.abs(v).max()))
         self._blocks, self._at = [], time.monotonic()
-        return Live(
+        return LiveState(
             run=name, seconds=min(self._seconds, self._run.seconds), of=self._run.seconds,
             rms={key: float(np.sqrt(np.mean(v**2))) for key, v in values.items()},
             peak={key: float(np.abs(v).max()) for key, v in values.items()}, full_scale=self._full,
@@ -141,14 +141,14 @@ class PaceCheck:
             )
 
 
-def take(
+def measure_run(
     instrument: Stream,
-    file: WorkingFile,
+    file: WorkingFileWriter,
     plan: Plan,
     run: RunPlan,
     repeat: int,
     name: str,
-    watch: Callable[[Live], None],
+    watch: Callable[[LiveState], None],
     remarks: Remarks,
     stopped: Callable[[], bool] = lambda: False,
     answered: Callable[[], bool] = lambda: False,
