@@ -35,12 +35,14 @@ GIVEN: Mapping[str, Mapping[str, float]] = {
 }  # fmt: skip
 
 
-def mistaken(quantity: Quantity) -> dict[str, float]:
+def mistaken(quantity: Quantity, unit: str | None = None) -> dict[str, float]:
     """Ratio of recorded to true value for every pair of units that are confused: "A read as B".
 
-    One of the two is the SI unit, or they are inch and millimetre.
+    B is `unit` if it is given. Otherwise one of the two is the SI unit, or they are inch and millimetre.
     """
     known = {name: factor for name, factor in FACTORS[quantity].items() if name not in RARE}
+    if unit in known:
+        return {f"{meant} read as {unit}": known[unit] / known[meant] for meant in known if meant != unit}
     si = next(iter(known))
     pairs = [(name, si) for name in known if name != si] + [(si, name) for name in known if name != si]
     if {"in", "mm"} <= known.keys():

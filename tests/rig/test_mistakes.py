@@ -149,7 +149,7 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "force in lbf": (times("F", 1.0 / 4.448), "force were in lbf read as N: check the unit of the drive channel force"),
     "force in kgf": (times("F", 1.0 / 9.807), "force were in kgf read as N: check the unit of the drive channel force"),
     "displacement in m": (times("x", 1e-3), "low were in m read as mm, and the others are not: check the unit of low"),
-    "displacement in um": (times("x", 1e3), "low were in mm read as m, and the others are not: check the unit of low"),
+    "displacement in um": (times("x", 1e3), "low were in um read as mm, and the others are not: check the unit of low"),
     "displacement in inches": (times("x", 1.0 / 25.4), "low were in in read as mm"),
     "mm mapped as m": (mapped('unit = "mm"', 'unit = "m"'), "low were in mm read as m"),
     "acceleration in g": (times("a", 1.0 / 9.807), "top were in g read as m/s^2"),

@@ -8,18 +8,18 @@ large, and the model may still agree with the data. So the records are compared 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import exp, inf, log, pi
 from statistics import median
 from typing import TYPE_CHECKING, Literal
 
-from isorig.analysis.campaign import Campaign, Quantity
+from isorig.analysis.campaign import Campaign, Quantity, Run
 from isorig.analysis.errors import ModelError, SimulationError
-from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
+from isorig.analysis.fitting.linear_spectra import spectra_of
 from isorig.analysis.fitting.swapped import swapped_channels
-from isorig.analysis.fitting.wrong_scale import WrongScale, wrong_scale
+from isorig.analysis.fitting.wrong_scale import LINEAR, WrongScale, wrong_scale
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.units import GIVEN, mistaken
@@ -126,7 +126,7 @@ def _is_near(value: float, given: float) -> bool:
     return abs(log(ratio)) < log(CLOSE_BY) or (abs(log(ratio)) < log(FAR_BY) and unit_factor(ratio) is None)
 
 
-def doubts_of_records(given: RigModel, campaign: Campaign) -> tuple[Doubt, ...]:
+def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, str] | None = None) -> tuple[Doubt, ...]:
     """Records, given values or a sample rate that contradict each other, before any fit.
 
     Parameters
@@ -135,15 +135,30 @@ def doubts_of_records(given: RigModel, campaign: Campaign) -> tuple[Doubt, ...]:
         The rig with known values and starting values.
     campaign
         The measurement.
+    units
+        The unit that each channel was read as; SI where none is stated.
     """
     spectra = spectra_of(given, campaign)
-    found, together = wrong_scale(given, spectra)
-    if not together:
+    found, agreement = wrong_scale(given, spectra)
+    if (agreement < LINEAR).any():
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
-        swapped = tuple(_of_swaps(given, spectra))
+        swapped = swapped_channels(given, spectra)
+        if found is not None:
+            swapped = {
+                pair: runs for pair, runs in swapped.items()
+                if wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1].mean() > agreement.mean()
+            }  # fmt: skip
         if swapped:
-            return swapped
-    return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found),)
+            return tuple(_of_swaps(swapped))
+    return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found, units or {}),)
+
+
+def _exchanged(campaign: Campaign, one: str, other: str) -> Campaign:
+    def exchanged(run: Run) -> Run:
+        a, b = run.channel(one), run.channel(other)
+        return replace(run, channels={**run.channels, one: replace(b, name=one), other: replace(a, name=other)})
+
+    return replace(campaign, runs=tuple(exchanged(run) for run in campaign.runs))
 
 
 def unit_factor(ratio: float) -> tuple[float, str] | None:
@@ -153,8 +168,8 @@ def unit_factor(ratio: float) -> tuple[float, str] | None:
     return (factor, UNIT_FACTORS[factor]) if abs(log(size / factor)) <= log(1.0 + NEAR) else None
 
 
-def _of_swaps(given: RigModel, spectra: Sequence[Spectrum]) -> Iterable[Doubt]:
-    for (one, other), runs in swapped_channels(given, spectra).items():
+def _of_swaps(swapped: Mapping[tuple[str, str], Sequence[str]]) -> Iterable[Doubt]:
+    for (one, other), runs in swapped.items():
         several = f"runs {', '.join(map(repr, runs))}" if len(runs) > 1 else f"run {runs[0]!r}"
         yield Doubt(
             parameter=f"channels.{one}/{other}", kind="swapped", ratio=1.0,
@@ -163,7 +178,7 @@ def _of_swaps(given: RigModel, spectra: Sequence[Spectrum]) -> Iterable[Doubt]:
         )  # fmt: skip
 
 
-def _of_scale(given: RigModel, found: WrongScale) -> Doubt:
+def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str]) -> Doubt:
     names, drive = " and ".join(found.names), given.drive.channel
     if found.kind == "rate":
         return Doubt(
@@ -195,7 +210,7 @@ def _of_scale(given: RigModel, found: WrongScale) -> Doubt:
             f"{'it' if len(paths) == 1 else 'them'} in {si} in the description.",
         )  # fmt: skip
     paths, channels = _suspects(given, found)
-    near = [text for channel, ratio in channels.items() for text in _near(_quantity(given, channel), channel, ratio)]
+    near = [text for name, ratio in channels.items() for text in _near(_quantity(given, name), name, ratio, units.get(name))]
     between = f", as if {' or '.join(near)}" if near else ", which no confusion of units explains"
     advice = "unit" if near else "unit, the sensitivity and the amplifier's range"
     subject = "All responses are" if found.kind == "responses" and len(found.names) > 1 else f"{names} is"
@@ -230,9 +245,9 @@ def _quantity(given: RigModel, channel: str) -> Quantity:
     return next((drive.quantity for drive in given.drives if drive.channel == channel), None) or given.sensor(channel).quantity
 
 
-def _near(quantity: Quantity, channel: str, ratio: float) -> list[str]:
+def _near(quantity: Quantity, channel: str, ratio: float, unit: str | None) -> list[str]:
     # The confusion of units closest to a ratio of recorded to true value.
-    pairs = mistaken(quantity)
+    pairs = mistaken(quantity, unit)
     if not pairs:
         return []
     best = min(pairs, key=lambda pair: abs(log(ratio / pairs[pair])))
@@ -256,7 +271,7 @@ def _released(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
     for name, each in ratios.items():
         ratio = median(each)
         if abs(log(ratio)) >= log(RELEASED):
-            yield _of_scale(given, WrongScale(kind="sensor", names=(name,), ratio=ratio))
+            yield _of_scale(given, WrongScale(kind="sensor", names=(name,), ratio=ratio), {})
 
 
 def _of_units(given: RigModel, fitted: Fit) -> Iterable[Doubt]:

@@ -84,9 +84,9 @@ class _Explanation:
     factor: float | None = 1.0
 
 
-def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScale | None, bool]:
-    """The factor by which a record, a given value or the sample rate is wrong, None if there is none; and whether the phases of
-    all records agree with the rig apart from it, so that nothing is exchanged.
+def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScale | None, FloatArray]:
+    """The factor by which a record, a given value or the sample rate is wrong, None if there is none; and how well the phases of
+    each record agree with the rig apart from it: at most 1, shape (responses,).
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         Of the driven runs.
     """
     if not spectra:
-        return None, False
+        return None, np.zeros(len(given.sensors))
     compared = _Compared(given, spectra)
     best = _Explanation("sound")
     least, found = compared.fitted(best)
@@ -118,11 +118,11 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
     if best.factor is None and abs(log(ratio)) < log(LEAST_UNKNOWN if unknown and best.kind == "responses" else LEAST_RATIO):
         best = _Explanation("sound")
     correlation = compared.correlation(best, found)
-    together = bool((np.abs(correlation) >= LINEAR).all())
+    agreement = np.abs(correlation)
     if best.kind == "sound":
         inverted = tuple(np.flatnonzero(correlation < INVERTED).tolist())
         if not inverted:
-            return None, together
+            return None, agreement
         best, ratio = _Explanation("sign", inverted), -1.0
     channels = [sensor.channel for sensor in given.sensors]
     names = {
@@ -130,7 +130,7 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         "stiffness": [link.name for link in given.links], "mass": [body.name for body in given.bodies],
     }  # fmt: skip
     assert best.kind != "sound"
-    return WrongScale(kind=best.kind, names=tuple(names.get(best.kind, [])[k] for k in best.places), ratio=ratio), together
+    return WrongScale(kind=best.kind, names=tuple(names.get(best.kind, [])[k] for k in best.places), ratio=ratio), agreement
 
 
 def _explanations(given: RigModel) -> Iterator[_Explanation]:

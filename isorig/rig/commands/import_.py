@@ -38,6 +38,7 @@ def import_(
     from isorig.rig.errors import PlanError
     from isorig.rig.exchange.draft import draft_mapping
     from isorig.rig.exchange.importing import import_campaign, shortcomings
+    from isorig.rig.exchange.mapping import read_mapping
     from isorig.rig.exchange.reading import read_foreign
     from isorig.rig.files.output import write_text
     from isorig.rig.model.baseline import doubts_in
@@ -63,6 +64,7 @@ def import_(
                 print(f"run {run.id!r} has the drive of run {run.repeat_of!r} and is stored as its repeat")
         for sentence in shortcomings(campaign):
             print(sentence)
-        for doubt in doubts_in(campaign):
+        units = {name: channel.unit for name, channel in read_mapping(files[0]).channels.items()}
+        for doubt in doubts_in(campaign, units):
             print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
     print(output)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from typing import Literal
 
 from isorig.analysis.campaign import Campaign
@@ -38,10 +39,10 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
     return recorded_in(model, campaign)
 
 
-def doubts_in(campaign: Campaign) -> tuple[Doubt, ...]:
+def doubts_in(campaign: Campaign, units: Mapping[str, str] | None = None) -> tuple[Doubt, ...]:
     """Units, given values, signs and sample rates of a campaign that contradict each other; () if no run can be compared.
 
-    Only a rig with its own description or with known values is compared.
+    Only a rig with its own description or with known values is compared. `units` are those that the channels were read as.
     """
     if campaign.description is None and not campaign.known:
         return ()
@@ -49,7 +50,7 @@ def doubts_in(campaign: Campaign) -> tuple[Doubt, ...]:
         model = baseline_model(campaign)
         if not model.sensors:
             return ()
-        return doubts_of_records(model, campaign)
+        return doubts_of_records(model, campaign, units)
     except (RigError, AnalysisError):
         return ()
 
