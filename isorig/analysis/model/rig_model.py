@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, NoReturn, cast
 
 import msgspec
 import numpy as np
@@ -325,16 +325,22 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         return float(item)
 
     def replace(self, values: Mapping[str, float]) -> RigModel:
-        """The same rig with new values of the parameters at these dotted paths."""
-        tree = to_tree(self)
+        """The same rig with new values of the parameters at these dotted paths.
+
+        Raises
+        ------
+        ModelError
+            A path is no parameter, or a value contradicts physics.
+        """
+        tree: dict[str, Any] = {}
         for path, value in values.items():
             self.get(path)
             *way, last = path.split(".")
-            node: Any = tree
+            node = tree
             for step in way:
-                node = _tree_step(node, step)
-            node[int(last) if isinstance(node, list) else last] = float(value)
-        return from_tree(tree)
+                node = node.setdefault(step, {})
+            node[last] = float(value)
+        return cast("RigModel", _with_values(self, tree))
 
 
 def to_tree(model: RigModel) -> dict[str, Any]:
@@ -365,10 +371,6 @@ def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> No
     raise ModelError(f"the rig has no {kind} {name!r}{did_you_mean(name, names)}, only {names}; name one of these")
 
 
-def _key(part: Any) -> str:
-    return str(part["channel"] if "channel" in part else part["name"])
-
-
 def _step(item: Any, step: str, path: str) -> Any:
     if isinstance(item, tuple):
         for part in item:
@@ -384,13 +386,17 @@ def _step(item: Any, step: str, path: str) -> Any:
     raise ModelError(f"the rig has no parameter {path!r} ({step!r} is not there); give an existing path")
 
 
-def _tree_step(node: Any, step: str) -> Any:
-    if isinstance(node, list):
-        for part in node:
-            if ("name" in part or "channel" in part) and _key(part) == step:
-                return part
-        return node[int(step)]
-    return node[step]
+def _with_values(item: Any, tree: float | Mapping[str, Any]) -> Any:
+    # A part of a rig with other values at existing places; all those of a part at once, since they may depend on each other.
+    if isinstance(tree, float):
+        return tree
+    if isinstance(item, tuple):
+        names = [getattr(part, "name", getattr(part, "channel", str(k))) for k, part in enumerate(item)]
+        places = {step if step in names else names[int(step)]: values for step, values in tree.items()}
+        return tuple(_with_values(part, places[name]) if name in places else part for name, part in zip(names, item, strict=True))
+    if isinstance(item, dict):
+        return item | {step: _with_values(item[step], values) for step, values in tree.items()}
+    return msgspec.structs.replace(item, **{step: _with_values(getattr(item, step), values) for step, values in tree.items()})
 
 
 def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> FloatArray:

@@ -435,14 +435,17 @@ def _segments(samples: int, length: int, hop: int) -> int:
 
 
 def _blocks(run: Run, names: Sequence[str], start: int, stop: int, length: int, hop: int) -> Iterator[FloatArray]:
-    # Segments of all channels, shape (channels, segments, length).
+    # Segments of all channels, shape (channels, segments, length), each time in the same memory.
     count = _segments(stop - start, length, hop)
+    rows = np.empty((len(names), (min(BLOCK, count) - 1) * hop + length if count else 0))
+    segments = np.lib.stride_tricks.sliding_window_view(rows, length, axis=1)[:, ::hop] if count else rows
     for first in range(0, count, BLOCK):
         many = min(BLOCK, count - first)
         begin = start + first * hop
         end = begin + (many - 1) * hop + length
-        rows = np.stack([run.channel(name).read(begin, end) for name in names])
-        yield np.lib.stride_tricks.sliding_window_view(rows, length, axis=1)[:, ::hop]
+        for row, name in zip(rows, names, strict=True):
+            row[: end - begin] = run.channel(name).read(begin, end)
+        yield segments[:, :many]
 
 
 class _Sums:
@@ -459,7 +462,12 @@ class _Sums:
         self.auto = np.zeros((len(names), lines))
         self.cross = {name: np.zeros((len(names), lines), dtype=np.complex128) for name in references}
         self.segments = 0
-        self.buffer = np.empty((BLOCK, length))
+        # Memory that is new for each block would take longer than the transform.
+        self.windowed = np.empty((BLOCK, length))
+        self.transformed = np.empty((BLOCK, length // 2 + 1), dtype=np.complex128)
+        self.conjugates = {name: np.empty((BLOCK, lines), dtype=np.complex128) for name in references}
+        self.products = np.empty((BLOCK, lines), dtype=np.complex128)
+        self.product, self.squares = np.empty(lines, dtype=np.complex128), np.empty(2 * lines)
         # Of the current group; the sums above are those of the groups before it.
         self.grouping = Grouping(group, groups)
         self.group = Sums(0, np.zeros_like(self.auto), {name: np.zeros_like(values) for name, values in self.cross.items()})
@@ -475,21 +483,21 @@ class _Sums:
                 self._close()
 
     def _add(self, block: FloatArray) -> None:
-        from scipy.fft import rfft
-
         many, auto, cross = block.shape[1], self.group.auto, self.group.cross
-        seen: dict[str, ComplexArray] = {}
+        part, products, product, squares = self.windowed[:many], self.products[:many], self.product, self.squares
         # References come first, so that a channel meets all of them when it is processed.
         for row, name in enumerate(self.names):
-            part = self.buffer[:many]
             np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
             part *= self.window
-            lines = rfft(part, axis=1)[:, : self.lines]
-            auto[row] += np.einsum("sf,sf->f", lines.real, lines.real) + np.einsum("sf,sf->f", lines.imag, lines.imag)
+            lines = np.fft.rfft(part, axis=1, out=self.transformed[:many])[:, : self.lines]
             if name in cross:
-                seen[name] = np.conj(lines)
-            for reference, conjugate in seen.items():
-                cross[reference][row] += np.einsum("sf,sf->f", conjugate, lines)
+                np.conj(lines, out=self.conjugates[name][:many])
+            parts = lines.view(np.float64) if lines.flags.c_contiguous else np.ascontiguousarray(lines).view(np.float64)
+            np.einsum("sf,sf->f", parts, parts, out=squares)
+            auto[row] += squares[0::2] + squares[1::2]
+            for reference in self.references[: row + 1]:
+                np.multiply(self.conjugates[reference][:many], lines, out=products)
+                cross[reference][row] += np.add.reduce(products, axis=0, out=product)
         self.group.segments += many
 
     def _close(self) -> None:
