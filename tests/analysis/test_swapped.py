@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.fitting import swapped
 from isorig.analysis.fitting.linear_spectra import spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import doubts
 from isorig.analysis.fitting.swapped import exceeds_noise, swapped_channels
@@ -162,3 +163,15 @@ def test_campaigns_of_another_program_have_none(shared: object) -> None:
     for path in sorted((Path(str(shared)) / "campaigns").rglob("*.h5")):
         campaign = read(path)
         assert not swapped_channels(baseline_model(campaign), spectra_of(baseline_model(campaign), campaign)), path
+
+
+@pytest.mark.parametrize(("own", "named"), [(0.4, True), (0.02, False)])
+def test_an_exchange_that_explains_little_of_the_shapes_is_none(
+    session: Campaign, own: float, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The first response falls where it should rise, and the second, which should be flat, rises by `own` of that: their
+    # exchange removes 2 own / (1.1 + own) of the distance.
+    rise = np.linspace(0.0, 3.0, 20)
+    recorded, predicted = np.stack([0.0 * rise, -0.1 * rise, own * rise]), np.stack([0.0 * rise, rise, 0.0 * rise])
+    monkeypatch.setattr(swapped, "_shapes", lambda *more: (recorded, predicted))
+    assert bool(swapped_channels(wire_bonder(), spectra_of(wire_bonder(), session))) is named

@@ -106,7 +106,7 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared
 def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> list[Sign]:
     flat = [
         Sign(
-            text=f"Flat tops: the {name} remains at its largest magnitude, {limit:.4g}, like a clipped record.",
+            text=f"Flat tops: the {name} is cut off at its largest magnitude, {limit:.4g}, like a clipped record.",
             supported=(("clipping", name),),
         )
         for name, limit in flat_tops(campaign, peaks_of(campaign)).items()

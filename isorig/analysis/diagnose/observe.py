@@ -14,12 +14,12 @@ from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.diagnose.mechanisms.base import Evidence
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
-from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import mains_in
 from isorig.analysis.spectra.motion import motion_of
+from isorig.analysis.spectra.overload import cut_off
 
-#: A record within this share of its largest magnitude for this many samples in total has flat tops.
+#: A record that is cut off within this share of its largest magnitude for this many samples in total has flat tops.
 FLAT_SHARE = 2e-3
 FLAT_SAMPLES = 12
 #: A measured swing is a link's own if it exceeds integrated noise by this factor, and this share of its ends' motion: calibration
@@ -156,14 +156,14 @@ def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | No
 
 
 def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
-    """Channels that remain at their largest magnitude, like a clipped record, with that magnitude; commands are left out."""
+    """Channels whose motion is cut off at their largest magnitude, with that magnitude."""
     found: dict[str, float] = {}
     for name, peak in peaks.items():
         if peak <= 0.0:
             continue
         records = (run.read(name) for run in campaign.runs if name in run.channels)
-        near = (np.abs(values) > (1 - FLAT_SHARE) * peak for values in records if not is_command(values))
-        count = sum(int(at_peak.sum()) for at_peak in near)
+        tops = (cut_off(values, np.abs(values) > (1 - FLAT_SHARE) * peak) for values in records)
+        count = sum(int(lengths.sum()) for lengths in tops)
         if count >= FLAT_SAMPLES:
             found[name] = peak * (1 - FLAT_SHARE / 2)
     return found

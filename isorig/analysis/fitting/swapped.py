@@ -27,6 +27,9 @@ TURNED = -0.1
 #: An exchange with the drive must reduce the distance of all channels' shapes by this (mean |log|): a wrong drive predicts
 #: another motion, so the regression is less informative. For records without faults there was no reduction at all.
 NEARER = 0.3
+#: Share of that distance that any exchange must remove. Chosen: those of the tests remove at least twice as much, and a misfit by
+#: strong contacts, whose shapes are turned by chance, not even a hundredth.
+EXPLAINS = 0.1
 #: Power of a record relative to its noise from which a band counts. Chosen: half of it is then motion.
 ABOVE_NOISE = 2.0
 
@@ -63,13 +66,13 @@ def _nearer(
         turned = _turned(recorded[a] - recorded[b], predicted[a] - predicted[b])
         if a == 0:
             gain = as_is - _distance(*_shapes(given, _exchanged(spectrum, b - 1), heard))
-            if gain > (0.0 if turned else NEARER):
+            if gain > (EXPLAINS * as_is if turned else NEARER):
                 yield gain, a, b
         elif turned:
             order = list(range(len(recorded)))
             order[a], order[b] = b, a
             gain = as_is - _distance(recorded[order], predicted)
-            if gain > 0.0:
+            if gain > EXPLAINS * as_is:
                 yield gain, a, b
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.overload import FULL, blocks, extremes, plateaus, rows_of
+from isorig.analysis.spectra.overload import FULL, ROW, blocks, cut_off, extremes, plateaus
 from isorig.analysis.spectra.welch import stretches
 
 Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut short", "weak"]
@@ -249,7 +249,7 @@ def _overloaded(run: Run, ends: Mapping[str, tuple[float, ...]], first: int, las
         values = channel.read(first, last)
         if channel.full_scale is not None and (np.abs(values) >= FULL * channel.full_scale).any():
             return f"{name}: it reached the end of its range of ±{channel.full_scale:g} {channel.unit}"
-        stayed = next((limit for limit in limits if rows_of(values, limit)), None)
+        stayed = next((limit for limit in limits if (cut_off(values, values == limit) >= ROW).any()), None)
         if stayed is not None:
             return f"{name}: it remains at its extreme of {stayed:.4g} {channel.unit} for several samples"
     return ""

@@ -1,4 +1,4 @@
-"""Flat tops of records: a clipped record has them, a command of few levels does not."""
+"""Flat tops of records: a clipped record has them; a rest, a plateau of a command and a slow swing have not."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import FLAT_SAMPLES, flat_tops
-from isorig.analysis.equations.motion import LEVELS
+from isorig.analysis.spectra.overload import plateaus
 
 TIME = np.arange(4000) / 400.0
 
@@ -28,11 +28,14 @@ def test_a_clipped_record_has_flat_tops() -> None:
 
 @pytest.mark.parametrize("count", [FLAT_SAMPLES - 1, FLAT_SAMPLES])
 def test_flat_tops_begin_at_their_number_of_samples(count: int) -> None:
-    samples = np.linspace(0.0, 0.9, len(TIME))
-    samples[:count] = 1.0
+    samples = 0.9 * np.sin(2 * np.pi * 20.0 * TIME)
+    samples[40 : 40 + count] = 1.0
     assert bool(found(samples)) is (count >= FLAT_SAMPLES)
 
 
-@pytest.mark.parametrize(("levels", "flat"), [(LEVELS - 1, False), (LEVELS, True)])
-def test_a_command_of_few_levels_has_none(levels: int, flat: bool) -> None:
-    assert bool(found(np.floor(TIME).astype(int) % levels / levels)) is flat
+def test_rests_plateaus_and_slow_swings_are_no_flat_tops() -> None:
+    rest = np.where(TIME < 4.0, 1.0 - np.exp(-5.0 * TIME), np.exp(-5.0 * (TIME - 4.0)))
+    noise = np.random.default_rng(4).normal(0.0, 3e-4, len(TIME))
+    for samples in (np.sign(np.sin(TIME)), np.floor(TIME), np.sin(TIME), rest, np.round(rest, 3), np.minimum(TIME, 1.0) + noise):
+        assert found(samples) == {}
+        assert plateaus(Channel(name="motor", samples=samples)) == 0
