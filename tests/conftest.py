@@ -28,7 +28,7 @@ def shared() -> Path:
 
 #: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
 LONGEST = (
-    "tests/docs/test_pages.py", "tests/blind/", "tests/rig/fleet/", "tests/rig/test_thesis.py", "tests/rig/test_commands.py",
+    "tests/docs/test_pages.py", "tests/blind/", "tests/rig/fleet/", "tests/thesis/", "tests/rig/test_commands.py",
     "tests/rig/test_demo.py", "tests/docs/", "tests/rig/test_fuzz.py", "tests/drivers/test_attacks.py",
     "tests/rig/acquire/test_host_clock.py", "tests/drivers/test_contract.py", "tests/rig/acquire/test_sessions_attacked.py",
 )  # fmt: skip

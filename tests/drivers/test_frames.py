@@ -24,6 +24,9 @@ def test_a_text_frame_is_one_column_of_bytes_without_numbers() -> None:
 def test_counters_wrap_at_32_bits() -> None:
     sent = encode_samples(np.array([[7]], np.int32), sequence=2**32 + 3, tick=2**33 + 4, time_us=2**32 - 1)
     assert sent == built(2, 1, 1, struct.pack("<i", 7), numbers=(3, 4, 2**32 - 1))
+    last = 2**33 - 1
+    sent = encode_samples(np.array([[7]], np.int32), sequence=last, tick=last, time_us=last)
+    assert sent == built(2, 1, 1, struct.pack("<i", 7), numbers=(2**32 - 1,) * 3)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,9 @@ MODULES: dict[str, Covered] = {
     "isorig/analysis/units.py": Covered(("tests/analysis/test_units.py",)),
     "isorig/analysis/isolation/ratio.py": Covered(("tests/analysis/test_isolation.py",), 40),
     "isorig/rig/acquire/run_check.py": Covered(("tests/rig/acquire/test_check.py",)),
-    "isorig/analysis/fitting/division.py": Covered(("tests/analysis/test_fits.py::test_what_judges_is_kept_from_fits",)),
+    "isorig/analysis/fitting/division.py": Covered(
+        ("tests/analysis/test_division.py", "tests/analysis/test_fits.py::test_what_judges_is_kept_from_fits")
+    ),
     "isorig/analysis/fitting/drive_noise.py": Covered(
         ("tests/analysis/test_characterize.py::test_intervals_hold_the_truth_with_other_noise_than_white",), 8
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.spectra.detection import Detection
+from isorig.rig.acquire.pace import Drift
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import PART, check_run
+from isorig.rig.acquire.run_check import PART, _distortion, check_run
 from isorig.rig.wire_bonder.description import wire_bonder
 
 
@@ -57,6 +60,97 @@ def test_a_long_run_is_checked_in_parts() -> None:
     assert max(each.longest for each in samples.values()) <= PART
 
 
+def recovered(values: dict[str, NDArray[Any]], *, gain: float = 7.0, **more: Any) -> Recovered:
+    """A complete run of the wire bonder, whose records are given."""
+    n = len(values["head"])
+    run = Run(
+        id="a", configuration="unlocked", sample_rate=1024.0, gain=gain, excitation="random", band=(1.0, 400.0),
+        channels={name: Channel(name=name, samples=each, quantity="gain" if name == "gain" else "acceleration")
+                  for name, each in values.items()},
+    )  # fmt: skip
+    found = Recovered(
+        id="a", finished=True, begun=True, run=run, stored=n, lost=0, planned=n, overloads=0, planned_gain=7.0, drift=None
+    )
+    return replace(found, **more)
+
+
+def sound() -> dict[str, NDArray[Any]]:
+    """Records in which nothing is wrong: bodies that move with the head, each in its own way."""
+    head, other = np.random.default_rng(2).normal(size=(2, 32768))
+    return {"head": head, "motor": head + other, "table": head, "heatblock": head}
+
+
+def told(found: Recovered) -> tuple[bool, str]:
+    """Whether the run is good, and the advice."""
+    verdict = check_run(found, rig=wire_bonder())
+    return verdict.good, " ".join(verdict.advice)
+
+
+def test_a_sound_run_is_good_and_one_without_samples_is_not() -> None:
+    assert told(recovered(sound())) == (True, "")
+    good, advice = told(recovered(sound(), run=None))
+    assert not good
+    assert advice.startswith("No sample arrived")
+
+
+@pytest.mark.parametrize(
+    ("more", "advice"),
+    [
+        ({"lost": 1}, "1 samples were lost in transmission"),
+        ({"finished": False, "stored": 10, "planned": 30}, "It ended at 10 of 30 samples"),
+        ({"overloads": 2}, "The instrument reported 2 overloads"),
+        ({"drift": Drift(ppm=2500.0, std=10.0)}, "Its clock deviates from the host's by +0.25"),
+    ],
+)
+def test_what_went_wrong_on_the_way_makes_a_run_bad(more: dict[str, Any], advice: str) -> None:
+    good, said = told(recovered(sound(), **more))
+    assert not good
+    assert advice in said
+
+
+@pytest.mark.parametrize(("share", "dead"), [(0.9e-4, True), (1.1e-4, False)])
+def test_a_channel_below_a_ten_thousandth_of_the_strongest_is_dead(share: float, dead: bool) -> None:
+    values = sound()
+    values["heatblock"] = share * values["motor"].std() / values["head"].std() * values["head"]
+    good, advice = told(recovered(values))
+    assert ("heatblock hardly moves" in advice) is dead
+    assert good is not dead
+
+
+@pytest.mark.parametrize(("off", "wrong"), [(0.9e-3, False), (-0.9e-3, False), (1.1e-3, True), (-1.1e-3, True)])
+def test_a_gain_may_differ_by_a_thousandth(off: float, wrong: bool) -> None:
+    assert ("but the plan has 7" in told(recovered(sound(), gain=7.0 * (1.0 + off)))[1]) is wrong
+    turned = sound() | {"gain": np.repeat([7.0, 7.0 * (1.0 + off)], 16384)}
+    assert ("The gain changed" in told(recovered(turned))[1]) is wrong
+
+
+@pytest.mark.parametrize(("coherence", "low"), [(0.4, True), (0.6, False)])
+def test_a_median_coherence_below_a_half_is_explained(coherence: float, low: bool) -> None:
+    """White noise is the sensor's: the run is to be repeated."""
+    values = sound()
+    noise = np.random.default_rng(3).normal(size=len(values["head"]))
+    values["heatblock"] = values["head"] + np.sqrt(1.0 / coherence - 1.0) * noise
+    good, advice = told(recovered(values))
+    assert ("heatblock has a coherence of 0.4" in advice) is low
+    assert good is not low
+
+
+@pytest.mark.parametrize(
+    ("odd", "even", "noise", "reported"),
+    [
+        (0.09, 0.0, 0.01, False),
+        (0.11, 0.0, 0.01, True),
+        (0.0, 0.11, 0.01, True),
+        (0.11, 0.0, 0.12, False),
+        (0.13, 0.0, 0.12, True),
+    ],
+)
+def test_distortion_above_a_tenth_and_above_the_noise_is_reported(odd: float, even: float, noise: float, reported: bool) -> None:
+    found = _distortion(Detection(response="motor", periods=8, noise=noise, odd=odd, even=even))
+    assert (found is not None) is reported
+    assert found is None or f"with {100 * max(odd, even):.0f} % of the driven ones" in found
+
+
 @pytest.mark.parametrize(("share", "stuck"), [(0.19, True), (0.21, False)])
 def test_friction_that_holds_a_body_is_reported(share: float, stuck: bool) -> None:
     """Relative motion below a fifth of the motor's own."""
@@ -64,14 +158,7 @@ def test_friction_that_holds_a_body_is_reported(share: float, stuck: bool) -> No
     head, apart = np.random.default_rng(2).normal(size=(2, n))
     motor = head / head.std()
     apart -= motor * (apart @ motor) / (motor @ motor)
-    values = {"head": head, "motor": motor, "table": motor - share * apart / apart.std(), "heatblock": head}
-    run = Run(
-        id="a", configuration="unlocked", sample_rate=1024.0, gain=7.0, excitation="random", band=(1.0, 400.0),
-        channels={name: Channel(name=name, samples=each) for name, each in values.items()},
-    )  # fmt: skip
-    found = Recovered(
-        id="a", finished=True, begun=True, run=run, stored=n, lost=0, planned=n, overloads=0, planned_gain=7.0, drift=None
-    )
+    found = recovered({"head": head, "motor": motor, "table": motor - share * apart / apart.std(), "heatblock": head})
     verdict = check_run(found, rig=wire_bonder())
     assert verdict.sliding == pytest.approx(share, rel=0.01)
     assert any("friction was not overcome" in line for line in verdict.advice) is stuck
