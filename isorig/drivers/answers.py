@@ -17,7 +17,7 @@ SHOWN = 60
 
 
 @dataclass(frozen=True)
-class Kind:
+class WordKind:
     """Valid values of one word of an answer.
 
     Parameters
@@ -32,7 +32,7 @@ class Kind:
     read: Callable[[str], Any]
 
 
-def whole(low: int, high: int) -> Kind:
+def whole(low: int, high: int) -> WordKind:
     """An integer within limits."""
 
     def read(word: str) -> int | None:
@@ -41,10 +41,10 @@ def whole(low: int, high: int) -> Kind:
         value = int(word)
         return value if low <= value <= high else None
 
-    return Kind(f"a whole number from {low} to {high}", read)
+    return WordKind(f"a whole number from {low} to {high}", read)
 
 
-def number(low: float = -math.inf, high: float = math.inf) -> Kind:
+def number(low: float = -math.inf, high: float = math.inf) -> WordKind:
     """A finite decimal number within limits."""
 
     def read(word: str) -> float | None:
@@ -54,20 +54,22 @@ def number(low: float = -math.inf, high: float = math.inf) -> Kind:
         return value if math.isfinite(value) and low <= value <= high else None
 
     limits = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
-    return Kind(f"a number{limits}", read)
+    return WordKind(f"a number{limits}", read)
 
 
-def one_of(*words: str) -> Kind:
+def one_of(*words: str) -> WordKind:
     """One of a few words."""
-    return Kind(" or ".join(words), lambda word: word if word in words else None)
+    return WordKind(" or ".join(words), lambda word: word if word in words else None)
 
 
-def text(longest: int) -> Kind:
+def text(longest: int) -> WordKind:
     """Printable characters."""
-    return Kind(f"text of up to {longest} characters", lambda word: word if word.isprintable() and len(word) <= longest else None)
+    return WordKind(
+        f"text of up to {longest} characters", lambda word: word if word.isprintable() and len(word) <= longest else None
+    )
 
 
-def parse(words: Sequence[str], kinds: Sequence[Kind], *, who: str, command: str) -> tuple[Any, ...]:
+def parse(words: Sequence[str], kinds: Sequence[WordKind], *, who: str, command: str) -> tuple[Any, ...]:
     """The values of the words of an answer.
 
     Parameters

@@ -82,7 +82,7 @@ class Block:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class InstrumentRecord:
     """A finished record, measured by the instrument.
 
     Parameters

@@ -12,13 +12,13 @@ from zlib import crc32
 
 import numpy as np
 
-from isorig.drivers.answers import Kind, number, one_of, parse, text, whole
+from isorig.drivers.answers import WordKind, number, one_of, parse, text, whole
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.frames import TEXT, Decoder, Frame
 from isorig.drivers.instrument import Values, in_real_time
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
-from isorig.drivers.order import Order, Reading
+from isorig.drivers.order import BlockHeader, Order
 from isorig.drivers.port import Port
 from isorig.drivers.waits import WAITS, Waits
 
@@ -34,7 +34,7 @@ TEXTS = 64
 #: Values of a drive sent at a time.
 PART = 65536
 #: The words of each answer after the first. GAIN, CONF and DRIVE repeat the request, or state that it is not possible.
-ANSWERS: Mapping[str, tuple[Kind, ...]] = {
+ANSWERS: Mapping[str, tuple[WordKind, ...]] = {
     "INPUTS": (whole(1, 255), one_of("int16", "int32"), text(16), number(1e-30, 1e30), number(1e-30, 1e30)),
     "RATE": (number(1e-3, 1e9),),
     "GAIN": (number(-1e9, 1e9),),
@@ -209,7 +209,7 @@ class FramedInstrument:
                 f"{self._name} announced {len(self.inputs)} inputs of {self.inputs[0].dtype} but sends {frame.columns} of "
                 f"{frame.dtype.name}; switch it off and on, then resume"
             )
-        reading = Reading(
+        reading = BlockHeader(
             counter=frame.tick, rows=frame.rows, host=host_time, clock=frame.time_us, sequence=frame.sequence,
             mark=crc32(frame.payload),
         )  # fmt: skip

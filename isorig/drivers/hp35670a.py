@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isorig.drivers.answers import Kind, number, parse, text, whole
-from isorig.drivers.block import FloatArray, Record, Status
+from isorig.drivers.answers import WordKind, number, parse, text, whole
+from isorig.drivers.block import FloatArray, InstrumentRecord, Status
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
 from isorig.drivers.link import linked
@@ -36,7 +36,7 @@ LARGEST = 1 << 16
 #: Maximum level of the source, V, and allowed relative difference of the level read back.
 LOUDEST, STEP = 5.0, 0.01
 #: Valid answers to each query.
-ANSWERS: dict[str, Kind] = {"*STB?": whole(0, 255), "SYST:ERR?": text(200), "SOUR:VOLT?": number(), "OUTP?": whole(0, 1)}
+ANSWERS: dict[str, WordKind] = {"*STB?": whole(0, 255), "SYST:ERR?": text(200), "SOUR:VOLT?": number(), "OUTP?": whole(0, 1)}
 
 
 class Hp35670aInstrument:
@@ -105,7 +105,7 @@ class Hp35670aInstrument:
             self._link.wait(self._waits.poll)
         self._errors()
 
-    def records(self) -> tuple[Record, ...]:
+    def records(self) -> tuple[InstrumentRecord, ...]:
         """The records of the traces."""
         return tuple(self._record(trace, shown) for trace, shown in enumerate(self._shows, 1))
 
@@ -118,7 +118,7 @@ class Hp35670aInstrument:
                 self._link.send("OUTP OFF")
         self._link.close()
 
-    def _record(self, trace: int, shown: Shows) -> Record:
+    def _record(self, trace: int, shown: Shows) -> InstrumentRecord:
         x, values = self._twice(f"CALC{trace}:X:DATA?"), self._twice(f"CALC{trace}:DATA?")
         if x.shape != values.shape:
             raise ProtocolError(
@@ -132,7 +132,7 @@ class Hp35670aInstrument:
             raise InstrumentError(f"{self._link.name} has no valid value in trace {trace}; measure again")
         if not good.all():
             self._invalid.append(f"trace {trace} has no value at {int((~good).sum())} of {len(good)} points, which are left out")
-        return Record(
+        return InstrumentRecord(
             kind=shown.kind, x=x[good], values=values[good], unit=shown.unit, source=shown.trace,
             status=Status.GOOD if good.all() else Status.LOST,
         )  # fmt: skip

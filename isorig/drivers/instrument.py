@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from isorig.drivers.block import Block, FloatArray, Input, Record, Status
+from isorig.drivers.block import Block, FloatArray, Input, InstrumentRecord, Status
 
 
 class Values(Protocol):
@@ -185,6 +185,6 @@ class Records(Instrument, Protocol):
         """
         ...
 
-    def records(self) -> tuple[Record, ...]:
+    def records(self) -> tuple[InstrumentRecord, ...]:
         """The records of the last measurement."""
         ...

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 import numpy as np
 
-from isorig.drivers.answers import Kind, number, whole
+from isorig.drivers.answers import WordKind, number, whole
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
 from isorig.drivers.link import LineLink, linked
-from isorig.drivers.order import EXACT, LOOSE, Order, Reading
+from isorig.drivers.order import EXACT, LOOSE, BlockHeader, Order
 from isorig.drivers.port import LONGEST
 from isorig.drivers.waits import WAITS, Waits
 
@@ -178,7 +178,7 @@ class LinesInstrument:
         kinds = [field.what for field in settings.fields]
         self._counted, self._clocked = "count" in kinds, "clock" in kinds
         self._wrap = next((field.wrap for field in settings.fields if field.what == "count"), Order.WRAP)
-        self._words: list[Kind] = [whole(0, self._wrap - 1) if kind == "count" else number() for kind in kinds]
+        self._words: list[WordKind] = [whole(0, self._wrap - 1) if kind == "count" else number() for kind in kinds]
         self._rate = math.nan
         self._open = False
         self.damaged = 0
@@ -432,7 +432,7 @@ class LinesInstrument:
         count = self._count_of(lines[0])
         clock = lines[0].clock if self._counted else None
         place = self._order.place(
-            Reading(
+            BlockHeader(
                 counter=count, rows=len(lines), host=lines[-1].host, clock=clock, mark=hash((lines[0].clock, lines[0].values))
             )
         )

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from isorig.drivers.block import Block, Input, Raw, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
 from isorig.drivers.kinds import DrivenRig, Settings, Simulation, StreamKind
-from isorig.drivers.order import EXACT, Order, Reading
+from isorig.drivers.order import EXACT, BlockHeader, Order
 from isorig.drivers.port import check_name
 from isorig.drivers.waits import WAITS, Waits
 
@@ -47,7 +47,7 @@ LONGEST = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
-class Groups:
+class DecodedGroups:
     """Decoded groups: counters as sent, accelerations as counts (shape (n, 3)), device time in seconds, clip flags."""
 
     counter: NDArray[np.int64]
@@ -56,7 +56,7 @@ class Groups:
     clipped: NDArray[np.bool_]
 
 
-def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8], *, following: int | None) -> Groups:
+def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8], *, following: int | None) -> DecodedGroups:
     """Converts frames to groups with both counter and acceleration.
 
     If the counter steps, the lost counter may have been anywhere after the last one received, and the acceleration there may
@@ -95,7 +95,7 @@ def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8], *, following
             clipped[own] = (_big(rows, ">u4") & CLIPPED) != 0
     has[:-1] &= np.diff(counter) % WRAP == 1
     has[-1:] &= following is not None and (following - counter[-1:]) % WRAP == 1
-    return Groups(counter=counter[has], acceleration=acceleration[has], seconds=seconds[has], clipped=clipped[has])
+    return DecodedGroups(counter=counter[has], acceleration=acceleration[has], seconds=seconds[has], clipped=clipped[has])
 
 
 def _big(rows: NDArray[np.uint8], kind: str) -> NDArray[Any]:
@@ -264,10 +264,10 @@ class MtiInstrument:
             self._frames = self._frames[end:]
         return self._straight(found, straight)
 
-    def _straight(self, found: Groups, count: int) -> Block | None:
+    def _straight(self, found: DecodedGroups, count: int) -> Block | None:
         acceleration = found.acceleration[:count]
         now = time.monotonic()
-        reading = Reading(
+        reading = BlockHeader(
             counter=int(found.counter[0]), rows=count, host=now, clock=self._clock(found.seconds[:count]),
             mark=crc32(acceleration.tobytes()),
         )  # fmt: skip

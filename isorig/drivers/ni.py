@@ -426,7 +426,7 @@ class NiInstrument:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundDevice:
     """A device or chassis: its port, its name, its inputs, and the output as a setting if it has one."""
 
     port: str
@@ -435,7 +435,7 @@ class Found:
     output: dict[str, str]
 
 
-def devices() -> list[Found]:
+def devices() -> list[FoundDevice]:
     """Devices of this computer with analog inputs; the modules of a chassis belong to it.
 
     Raises
@@ -444,7 +444,7 @@ def devices() -> list[Found]:
         The package or NI's runtime is missing.
     """
     package, errors = _package()
-    found: dict[str, Found] = {}
+    found: dict[str, FoundDevice] = {}
     try:
         for device in package.system.System.local().devices:
             inputs = tuple(str(name) for name in device.ai_physical_chans.channel_names)
@@ -453,9 +453,9 @@ def devices() -> list[Found]:
                 chassis = str(device.compact_daq_chassis_device.name)
             except errors.DaqError:
                 chassis = str(device.name)
-            before = found.get(chassis, Found(chassis, f"NI {device.product_type}", (), {}))
+            before = found.get(chassis, FoundDevice(chassis, f"NI {device.product_type}", (), {}))
             output = before.output or ({"output": outputs[0]} if outputs else {})
-            found[chassis] = Found(chassis, before.name, before.inputs + inputs, output)
+            found[chassis] = FoundDevice(chassis, before.name, before.inputs + inputs, output)
     except errors.DaqError as error:
         raise SettingError(f"NI devices cannot be listed ({_brief(error)}); check them in NI's own tool") from None
     except (errors.Error, OSError) as error:

@@ -33,7 +33,7 @@ def wrapped(value: int, near: int, wrap: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class BlockHeader:
     """Data received with a block.
 
     Parameters
@@ -115,7 +115,7 @@ class Order:
         self._counter = self._clock = self._sequence = 0
         self._rows = 0
         self._first = first
-        self._last: Reading | None = None
+        self._last: BlockHeader | None = None
         self._clock_moved = False
         # Whether all frames had the same number of rows.
         self._even = True
@@ -130,7 +130,7 @@ class Order:
         """The tick after the last block."""
         return self._tick + self._rows
 
-    def place(self, reading: Reading) -> Place | None:
+    def place(self, reading: BlockHeader) -> Place | None:
         """Position of a block; None if it is a duplicate, of an earlier run, or so late that its ticks already count as lost.
 
         Raises
@@ -160,7 +160,7 @@ class Order:
         """Whether the instrument can have counted so many samples: at least those received, at most what the time allows."""
         return self.end <= counted and (self._last is None or self._is_possible(counted - self._tick, host))
 
-    def _begin(self, reading: Reading) -> Place:
+    def _begin(self, reading: BlockHeader) -> Place:
         first = reading.counter if self._first is None else self._first
         self._counter = wrapped(reading.counter, first, self._wrap)
         self._clock, self._sequence = reading.clock or 0, reading.sequence or 0
@@ -171,7 +171,7 @@ class Order:
         self._tick = self._counter - first
         return Place(tick=self._tick, seconds=self._seconds(reading), status=Status.GOOD)
 
-    def _steps(self, reading: Reading) -> _Steps:
+    def _steps(self, reading: BlockHeader) -> _Steps:
         clock = None
         if reading.clock is not None and self._last is not None and self._last.clock is not None:
             moved = wrapped(reading.clock, self._clock, self.WRAP) - self._clock
@@ -193,7 +193,7 @@ class Order:
             frames=self._rows * sequence if known and sequence is not None else None,
         )  # fmt: skip
 
-    def _follow(self, reading: Reading, steps: _Steps) -> Place:
+    def _follow(self, reading: BlockHeader, steps: _Steps) -> Place:
         step, status = self._step(reading, steps)
         self._tick += step
         if status == Status.GOOD and reading.clock is not None:
@@ -209,7 +209,7 @@ class Order:
             self._notice(steps, step)
         return Place(tick=self._tick, seconds=self._seconds(reading), status=status)
 
-    def _step(self, reading: Reading, steps: _Steps) -> tuple[int, Status]:
+    def _step(self, reading: BlockHeader, steps: _Steps) -> tuple[int, Status]:
         counter, clock = steps.counter, steps.clock
         forward = counter >= self._rows and self._is_possible(counter, reading.host)
         timed = clock is not None and self._near(counter, clock)
@@ -234,13 +234,13 @@ class Order:
             "clock nor the host's shows how many were lost; it was restarted or is defective, so resume"
         )
 
-    def _is_late(self, steps: _Steps, reading: Reading) -> bool:
+    def _is_late(self, steps: _Steps, reading: BlockHeader) -> bool:
         first = self._tick + steps.counter
         return any(first >= begin and first + reading.rows <= end for begin, end in self._gaps) and (
             steps.clock is None or self._near(steps.counter, steps.clock)
         )
 
-    def _is_early(self, reading: Reading) -> bool:
+    def _is_early(self, reading: BlockHeader) -> bool:
         # Soon after the start, a block after a gap whose samples cannot have been taken yet: it is of an earlier run.
         passed = reading.host - self._began
         if not self._real_time or self._rate is None or self._first is None or passed > TRANSIT:
@@ -266,7 +266,7 @@ class Order:
         samples, seconds = self._loose
         return abs(count - clock) <= max(samples, SHARE * abs(clock), seconds * (self._rate or 0.0))
 
-    def _seconds(self, reading: Reading) -> float | None:
+    def _seconds(self, reading: BlockHeader) -> float | None:
         return None if reading.clock is None else self._clock * 1e-6
 
     def _notice(self, steps: _Steps, step: int) -> None:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isorig.drivers.answers import Kind, number, parse, text, whole
-from isorig.drivers.block import FloatArray, Record, Status
+from isorig.drivers.answers import WordKind, number, parse, text, whole
+from isorig.drivers.block import FloatArray, InstrumentRecord, Status
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
 from isorig.drivers.link import linked
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Bits of the standard event register: syntax error, execution error, output overflow.
 EVENTS = {5: "a command is unknown", 4: "a command could not be executed", 2: "its output overflowed"}
 #: Valid answers to each query.
-ANSWERS: dict[str, Kind] = {
+ANSWERS: dict[str, WordKind] = {
     "*ESR": whole(0, 255), "INPS": whole(0, 65535), "DSPS": whole(0, 1), "NAVG": whole(0, 32767), "DSPN": whole(2, 1 << 14),
     "DBIN": number(), "DSPY": number(), "STYP": whole(0, 3), "SRCO": whole(0, 1), "level": text(40),
 }  # fmt: skip
@@ -103,7 +103,7 @@ class Sr785Instrument:
         self._status = self.status()
         self._events()
 
-    def records(self) -> tuple[Record, ...]:
+    def records(self) -> tuple[InstrumentRecord, ...]:
         """The contents of its displays."""
         return tuple(self._record(int(shown.trace), shown) for shown in self._shows)
 
@@ -116,7 +116,7 @@ class Sr785Instrument:
                 self._link.send("SRCO 0")
         self._link.close()
 
-    def _record(self, display: int, shown: Shows) -> Record:
+    def _record(self, display: int, shown: Shows) -> InstrumentRecord:
         points = int(self._twice(f"DSPN?{display}"))
         first, middle, last = (self._ask(f"DBIN?{display},{j}") for j in (0, points // 2, points - 1))
         x = np.linspace(first, last, points)
@@ -125,7 +125,7 @@ class Sr785Instrument:
                 f"{self._link.name} reports x values {first:g}, {middle:g} and {last:g} for display {display}, not equal steps; "
                 "measure again"
             )
-        return Record(
+        return InstrumentRecord(
             kind=shown.kind, x=x, values=self._floats(display, points), unit=shown.unit, source=f"display {display}",
             averages=self._averages, window=None, status=self._status,
         )  # fmt: skip

@@ -14,7 +14,7 @@ from campaign import SHORT
 from far import Far, LinesFar, PrologixFar, TcpLines, TcpPrologix, within
 
 from isorig.drivers import visa
-from isorig.drivers.block import Record
+from isorig.drivers.block import InstrumentRecord
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.link import LineLink, linked
@@ -116,7 +116,7 @@ def wired(wire: str, answers: Answers, monkeypatch: pytest.MonkeyPatch, folder: 
         yield name, far
 
 
-def measured(kind: type, name: str) -> Record:
+def measured(kind: type, name: str) -> InstrumentRecord:
     """A measurement with one display."""
     with closing(kind(name, [Shows(trace=KINDS[kind][1], kind="time", unit="V")], SHORT)) as instrument:
         instrument.measure(0.5)

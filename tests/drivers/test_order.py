@@ -8,16 +8,16 @@ import pytest
 
 from isorig.drivers.block import Status
 from isorig.drivers.errors import InstrumentError
-from isorig.drivers.order import EXACT, Order, Reading, wrapped
+from isorig.drivers.order import EXACT, BlockHeader, Order, wrapped
 
 
 def second_block(rate: float, step: int, clock: float | None, *, host: float = 0.5, rows: int = 10) -> tuple[int, Status]:
     """Tick and status of a block whose counter stepped by `step` samples and whose clock by `clock` samples."""
     order = Order(who="It", began=0.0, rate=rate, first=0)
     micros = None if clock is None else 0
-    order.place(Reading(counter=0, rows=rows, host=0.1, clock=micros))
+    order.place(BlockHeader(counter=0, rows=rows, host=0.1, clock=micros))
     later = None if clock is None else round(clock / rate * 1e6)
-    place = order.place(Reading(counter=step, rows=rows, host=host, clock=later))
+    place = order.place(BlockHeader(counter=step, rows=rows, host=host, clock=later))
     assert place is not None
     return place.tick, place.status
 
@@ -41,8 +41,8 @@ def test_a_clock_agrees_with_the_counter_up_to_its_resolution(rate: float, step:
 )
 def test_a_latched_clock_agrees_within_six_tenths_of_a_sample(rate: float, off: float, status: Status) -> None:
     order = Order(who="It", began=0.0, rate=rate, first=0, loose=EXACT)
-    order.place(Reading(counter=0, rows=10, host=0.1, clock=0))
-    place = order.place(Reading(counter=20, rows=10, host=0.2, clock=round((20 + off) / rate * 1e6)))
+    order.place(BlockHeader(counter=0, rows=10, host=0.1, clock=0))
+    place = order.place(BlockHeader(counter=20, rows=10, host=0.2, clock=round((20 + off) / rate * 1e6)))
     assert place is not None
     assert place.status == status
 
@@ -57,13 +57,13 @@ def test_samples_may_be_a_second_late_and_arrive_twice_as_fast() -> None:
 def test_what_was_received_shows_that_an_instrument_is_faster_than_real_time() -> None:
     order = Order(who="It", began=0.0, rate=100.0, first=0)
     assert order.possible(10**9, 0.1)  # before the first block nothing is known
-    order.place(Reading(counter=0, rows=200, host=2.0))
-    order.place(Reading(counter=200, rows=200, host=2.0))
+    order.place(BlockHeader(counter=0, rows=200, host=2.0))
+    order.place(BlockHeader(counter=200, rows=200, host=2.0))
     # Received by then: as fast as real time; so twice the rate over 2 s and the second that they may be late.
     assert order.possible(600, 2.0)
     assert not order.possible(601, 2.0)
     assert not order.possible(399, 2.0)
-    order.place(Reading(counter=400, rows=200, host=2.0))
+    order.place(BlockHeader(counter=400, rows=200, host=2.0))
     # 400 samples in 2 s are twice as fast as real time, so twice that is possible.
     assert order.possible(1200, 2.0)
     assert not order.possible(1201, 2.0)
@@ -72,8 +72,8 @@ def test_what_was_received_shows_that_an_instrument_is_faster_than_real_time() -
 def test_a_frame_of_an_earlier_run_is_early_only_soon_after_the_start() -> None:
     def at(host: float, tick: int) -> bool:
         order = Order(who="It", began=7000.0, rate=1000.0, first=65_000, counter_wrap=1 << 16, real_time=True)
-        order.place(Reading(counter=65_000, rows=10, host=7000.02))
-        return order.place(Reading(counter=(65_000 + tick) % (1 << 16), rows=10, host=7000.0 + host)) is not None
+        order.place(BlockHeader(counter=65_000, rows=10, host=7000.02))
+        return order.place(BlockHeader(counter=(65_000 + tick) % (1 << 16), rows=10, host=7000.0 + host)) is not None
 
     # 2 % above the rate, and 5 ms of the host's clock: at 0.5 s no more than 515.1 samples.
     assert at(0.5, 505)
@@ -101,10 +101,10 @@ class Instrument:
         settings: dict[str, object] = {"first": self.FIRST, "rate": self.RATE, "began": self.HOST, "counter_wrap": self.WRAP}
         return Order(who="It", **{**settings, **more})  # type: ignore[arg-type]
 
-    def frame(self, k: int, *, counter: int = 0, clock: int = 0, sequence: int = 0, late: float = 0.02) -> Reading:
+    def frame(self, k: int, *, counter: int = 0, clock: int = 0, sequence: int = 0, late: float = 0.02) -> BlockHeader:
         """Frame number k, with errors of its indicators."""
         tick = k * self.rows
-        return Reading(
+        return BlockHeader(
             counter=(self.FIRST + tick + counter) % self.WRAP,
             rows=self.rows,
             host=self.HOST + (tick + self.rows) / self.RATE + late,
@@ -216,9 +216,9 @@ def test_numbers_count_samples_only_where_all_frames_have_the_same_size(sizes: t
     order = Order(who="It", began=0.0, rate=1000.0, first=0)
     ends = [0, *accumulate(sizes)]
     for k, rows in enumerate(sizes):
-        order.place(Reading(counter=ends[k], rows=rows, host=0.2, sequence=k, clock=1000 * ends[k]))
+        order.place(BlockHeader(counter=ends[k], rows=rows, host=0.2, sequence=k, clock=1000 * ends[k]))
     last = len(sizes) - 1
-    wrong = Reading(counter=900, rows=50, host=0.4, sequence=last + 2, clock=1000 * (ends[last] + 100))
+    wrong = BlockHeader(counter=900, rows=50, host=0.4, sequence=last + 2, clock=1000 * (ends[last] + 100))
     place = order.place(wrong)
     assert place is not None
     assert (place.tick, place.status) == (tick, Status.DISAGREES)
@@ -240,7 +240,7 @@ def test_a_counter_of_eight_bits_may_wrap_in_a_gap(gap: int) -> None:
     order = Order(who="It", began=0.0, rate=1000.0, first=17, counter_wrap=256)
     taken = [0, 1, 2, 2 + gap, 3 + gap]
     for k in taken:
-        place = order.place(Reading(counter=(17 + 50 * k) % 256, rows=50, host=0.05 * k + 0.1, clock=50_000 * k))
+        place = order.place(BlockHeader(counter=(17 + 50 * k) % 256, rows=50, host=0.05 * k + 0.1, clock=50_000 * k))
         assert place is not None
         assert (place.tick, place.status) == (50 * k, Status.GOOD)
 
@@ -250,7 +250,7 @@ def test_the_rate_of_a_clock_is_learned_in_half_a_second(frames: int, status: St
     """A clock 3 % fast shows 616 samples where 600 were taken: 2 % are allowed, unless its own rate is known."""
     order = Order(who="It", began=0.0, rate=1000.0, first=0)
     for k in [*range(frames), frames + 11]:
-        place = order.place(Reading(counter=50 * k, rows=50, host=0.05 * k + 0.1, clock=51_500 * k))
+        place = order.place(BlockHeader(counter=50 * k, rows=50, host=0.05 * k + 0.1, clock=51_500 * k))
         assert place is not None
         assert place.tick == 50 * k
     assert place is not None
@@ -259,10 +259,10 @@ def test_the_rate_of_a_clock_is_learned_in_half_a_second(frames: int, status: St
 
 def test_without_a_rate_everything_is_possible_and_the_first_counter_is_tick_0() -> None:
     order = Order(who="It", began=0.0)
-    place = order.place(Reading(counter=77, rows=10, host=0.1))
+    place = order.place(BlockHeader(counter=77, rows=10, host=0.1))
     assert place is not None
     assert place.tick == 0
-    place = order.place(Reading(counter=10**6, rows=10, host=0.1))
+    place = order.place(BlockHeader(counter=10**6, rows=10, host=0.1))
     assert place is not None
     assert place.tick == 10**6 - 77
 
@@ -270,6 +270,6 @@ def test_without_a_rate_everything_is_possible_and_the_first_counter_is_tick_0()
 def test_a_clock_that_stands_still_is_none() -> None:
     order = Order(who="It", began=0.0, rate=1000.0, first=0)
     for k in range(4):
-        place = order.place(Reading(counter=50 * k, rows=50, host=0.1 * k, clock=12_345))
+        place = order.place(BlockHeader(counter=50 * k, rows=50, host=0.1 * k, clock=12_345))
         assert place is not None
         assert place.status == Status.GOOD

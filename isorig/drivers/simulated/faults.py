@@ -71,7 +71,7 @@ class Mishaps:
         self._until = 0.0
         self.happened: Counter[str] = Counter()
 
-    def met(self, kind: str) -> bool:
+    def occurs(self, kind: str) -> bool:
         """Whether this fault occurs now."""
         chance = getattr(self._faults, kind)
         hit = bool(chance > 0.0 and self._random.random() < chance)
@@ -85,16 +85,16 @@ class Mishaps:
 
     def stalls(self) -> None:
         """Stall, if that fault occurs now."""
-        if self.met("stall"):
+        if self.occurs("stall"):
             self._until = time.monotonic() + STALL
 
     def sent(self, frame: bytes) -> list[bytes]:
         """The bytes of a frame that are sent."""
-        if self.met("drop"):
+        if self.occurs("drop"):
             return []
-        if self.met("corrupt"):
+        if self.occurs("corrupt"):
             hurt = bytearray(frame)
             hurt[int(self._random.integers(len(hurt)))] ^= 1 << int(self._random.integers(8))
             frame = bytes(hurt)
         self.stalls()
-        return [frame, frame] if self.met("duplicate") else [frame]
+        return [frame, frame] if self.occurs("duplicate") else [frame]

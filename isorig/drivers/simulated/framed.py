@@ -123,7 +123,7 @@ class SimulatedFramed:
         frame = encode_samples(
             part, sequence=self._sequence, tick=faults.first_tick + self._sent,
             time_us=round(1e6 * seconds / (1.0 + 1e-6 * faults.ppm)), gain=self._gain * (1.0 + TURN * turned),
-            status=int(self.mishaps.met("overload")),
+            status=int(self.mishaps.occurs("overload")),
         )  # fmt: skip
         self._sent += len(part)
         self._sequence += 1

@@ -105,7 +105,7 @@ class SimulatedDataq:
         first = self._pace.sent
         count = self._pace.due(self._rate, min(4096, half - first % half))
         if count and first % half == 0:
-            self._losing = first % (2 * half) != 0 and self.mishaps.met("drop")
+            self._losing = first % (2 * half) != 0 and self.mishaps.occurs("drop")
         self._pace.sent += count
         if self._losing:
             self.dropped += count
@@ -220,7 +220,7 @@ class SimulatedSlcan:
         for group in groups(part, rate=rate, first=first, counter=self._counter):
             for identifier, data in group:
                 flags = (0x100).to_bytes(4, "big")
-                clipped = identifier == STATUS_WORD and self.mishaps.met("overload")
+                clipped = identifier == STATUS_WORD and self.mishaps.occurs("overload")
                 frames += self.mishaps.sent(slcan((identifier, flags if clipped else data)))
         return b"".join(frames)
 
@@ -277,7 +277,7 @@ class SimulatedLines:
         lines: list[bytes] = []
         for tick in range(first, first + count):
             values = self._signal[tick % len(self._signal)]
-            words = ["OL" if self.mishaps.met("overload") else f"{value:.6f}" for value in values]
+            words = ["OL" if self.mishaps.occurs("overload") else f"{value:.6f}" for value in values]
             clock = round(1e3 * tick / self._rate / (1.0 + 1e-6 * self._ppm))
             text = ",".join([f"{(self._first + tick) % WRAP}", f"{clock}", *words])
             lines += self.mishaps.sent(text.encode() + b"\n")

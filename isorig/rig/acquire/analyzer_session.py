@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import USABLE, Channel, Run, Spectrum
 from isorig.analysis.errors import DataError
-from isorig.drivers.block import Record, Status
+from isorig.drivers.block import InstrumentRecord, Status
 from isorig.drivers.instrument import Records
 from isorig.rig.acquire.plan import Plan, RunPlan
 
@@ -48,7 +48,7 @@ def measure_with_analyzer(instrument: Records, plan: Plan, run: RunPlan, name: s
     return taken, sum(bool(record.status & Status.OVERLOAD) for record in records)
 
 
-def _channel(plan: Plan, name: str, record: Record) -> Channel:
+def _channel(plan: Plan, name: str, record: InstrumentRecord) -> Channel:
     about = plan.channels[name]
     return Channel(
         name=name, samples=record.values.astype(np.float32), quantity=about.quantity, unit=about.unit,
@@ -56,7 +56,7 @@ def _channel(plan: Plan, name: str, record: Record) -> Channel:
     )  # fmt: skip
 
 
-def _rate(run: str, records: list[Record]) -> float:
+def _rate(run: str, records: list[InstrumentRecord]) -> float:
     first = records[0].x
     steps = np.diff(first)
     if len(first) < 2 or not np.allclose(steps, steps.mean(), rtol=1e-2) or steps.mean() <= 0.0:

@@ -24,7 +24,7 @@ SINE_PER_GAIN = 2.0**0.5 * HEAD_PER_GAIN
 
 
 @dataclass(frozen=True)
-class Drive:
+class RunDrive:
     """The head's acceleration at gain 1, m/s^2, computed on demand, so that memory does not grow with the length of a run.
 
     Parameters
@@ -49,17 +49,17 @@ class Drive:
         return self.make(start, max(stop, start))
 
 
-def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
+def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> RunDrive:
     """The drive of a run; each repeat is another realization.
 
     Runs that are driven by other means have one sample of value 0: an instrument outputs 0 after the end of its drive.
     """
     n = run.ticks(sample_rate)
     if not run.played:
-        return Drive(1, lambda start, stop: np.zeros(stop - start))
+        return RunDrive(1, lambda start, stop: np.zeros(stop - start))
     if run.excitation in ("moves", "steps"):
         make = moves if run.excitation == "moves" else steps
-        return Drive(
+        return RunDrive(
             n,
             lambda start, stop: make(
                 samples=stop - start, sample_rate=sample_rate, peak=MOVE_PER_GAIN, start=0.25 - start / sample_rate
@@ -67,7 +67,7 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
         )
     if run.frequency is not None:
         frequency = run.frequency
-        return Drive(
+        return RunDrive(
             n,
             lambda start, stop: sine(
                 samples=stop - start, sample_rate=sample_rate, peak=SINE_PER_GAIN, frequency=frequency,
@@ -77,19 +77,19 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> Drive:
     assert run.band is not None  # the plan was checked
     if run.excitation == "sweep":
         band = run.band
-        return Drive(
+        return RunDrive(
             n,
             lambda start, stop: sweep(
                 samples=stop - start, sample_rate=sample_rate, peak=SINE_PER_GAIN, band=band, of=n, first=start
             ),
         )
     if run.excitation == "random":
-        return Drive(n, _random(n, sample_rate, run.band, run.seed + repeat))
+        return RunDrive(n, _random(n, sample_rate, run.band, run.seed + repeat))
     period = round(run.period * sample_rate)
     values, _ = multisine(
         period=period, periods=1, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat,
     )  # fmt: skip
-    return Drive(n, lambda start, stop: values[np.arange(start, stop) % period], period)
+    return RunDrive(n, lambda start, stop: values[np.arange(start, stop) % period], period)
 
 
 def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 
-class Equations(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class EquationsReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the equations of motion tell of a run.
 
     Parameters

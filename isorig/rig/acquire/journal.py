@@ -36,7 +36,7 @@ _sync_data = getattr(os, "fdatasync", os.fsync)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class JournalBlock:
     """A valid block: its header, and the offset of its content."""
 
     kind: int
@@ -226,7 +226,7 @@ class Reader:
         """Return all blocks again from the start."""
         self._next = 0
 
-    def blocks(self) -> Iterator[Found]:
+    def blocks(self) -> Iterator[JournalBlock]:
         """The complete blocks after those already returned, in the order of the file."""
         while (head := self._head()) is not None:
             kind, run, take, number, length, checksum = head
@@ -237,7 +237,7 @@ class Reader:
             content = self.read(place, length)
             self._next = place + length + CHECKSUM.size
             if CHECKSUM.unpack(self.read(place + length, CHECKSUM.size))[0] == zlib.crc32(content, checksum):
-                yield Found(kind, run, take, number, place, content)
+                yield JournalBlock(kind, run, take, number, place, content)
 
     def close(self) -> None:
         """Close the file."""

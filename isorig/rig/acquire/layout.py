@@ -24,7 +24,7 @@ SAMPLES = struct.Struct("<QII")
 LOG = struct.Struct("<Q")
 
 
-class Kind(IntEnum):
+class BlockKind(IntEnum):
     """Kinds of blocks."""
 
     LAYOUT = 1
@@ -143,7 +143,7 @@ def layout_of(plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) ->
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class BlockShape:
     """Size of a block of samples, and the offsets of its parts."""
 
     first_tick: int
@@ -166,16 +166,16 @@ def pack(layout: Layout, first_tick: int, timing: NDArray[Any], columns: Sequenc
     return b"".join(parts)
 
 
-def shape_of(layout: Layout, content: bytes) -> Shape | None:
+def shape_of(layout: Layout, content: bytes) -> BlockShape | None:
     """The size stated in a content; None if it contradicts the content's length."""
     if len(content) < SAMPLES.size:
         return None
-    shape = Shape(*SAMPLES.unpack_from(content))
+    shape = BlockShape(*SAMPLES.unpack_from(content))
     whole = shape.samples + shape.rows * layout.row == len(content)
     return shape if whole and shape.rows > 0 and shape.first_tick < 1 << 62 else None
 
 
-def timing_of(shape: Shape, content: bytes) -> NDArray[Any]:
+def timing_of(shape: BlockShape, content: bytes) -> NDArray[Any]:
     """The timing rows of a content."""
     return np.frombuffer(content, TIMING, shape.blocks, SAMPLES.size)
 

@@ -30,7 +30,7 @@ SURE = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drift:
+class ClockDrift:
     """Relative deviation of the instrument's sample rate by the host's clock, and its standard uncertainty, parts per million."""
 
     ppm: float
@@ -78,7 +78,7 @@ class Pace:
         """Arrival of tick 0 by the earliest of all arrivals, s; None if nothing has arrived."""
         return float((self._arrivals[:, 1] - self._arrivals[:, 0] / self._rate).min()) if len(self._arrivals) else None
 
-    def drift(self) -> Drift | None:
+    def drift(self) -> ClockDrift | None:
         """The deviation of the rate; None if too little has arrived."""
         if len(self._arrivals) < LEAST:
             return None
@@ -97,7 +97,7 @@ class Pace:
             return None
         scatter = float(np.sqrt(np.mean((np.array(known) - slope) ** 2)))
         # In the time t the instrument has taken rate * t * (1 - slope) samples.
-        return Drift(ppm=-1e6 * slope, std=1e6 * max(scatter, GRAIN / span))
+        return ClockDrift(ppm=-1e6 * slope, std=1e6 * max(scatter, GRAIN / span))
 
 
 def _slope(times: FloatArray, late: FloatArray) -> float | None:

@@ -18,11 +18,11 @@ from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 
-class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PlanPart(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Any part of a plan."""
 
 
-class ShowsPlan(Part, frozen=True):
+class ShowsPlan(PlanPart, frozen=True):
     """The content of a display or trace of an analyzer.
 
     `trace` is the analyzer's name for it: a display's number (SR785), a feed like "XTIM:VOLT 1" (35670A). A "time" trace becomes
@@ -36,7 +36,7 @@ class ShowsPlan(Part, frozen=True):
     unit: str = "1"
 
 
-class InstrumentPlan(Part, frozen=True):
+class InstrumentPlan(PlanPart, frozen=True):
     """The source of the samples: kind of instrument, port, rate in Hz.
 
     `usable_to` is the highest frequency in Hz that the instrument's filter leaves unchanged, from its data sheet. `shows` is
@@ -61,7 +61,7 @@ class InstrumentPlan(Part, frozen=True):
         return isinstance(self.about, RecordsKind)
 
 
-class ChannelPlan(Part, frozen=True):
+class ChannelPlan(PlanPart, frozen=True):
     """A sensor at an input: `sensitivity` is the input's unit per unit of the channel (V per m/s^2), `calibrated` a date."""
 
     input: int
@@ -80,7 +80,7 @@ class ChannelPlan(Part, frozen=True):
         return {key: getattr(self, key) for key in SENSOR}
 
 
-class LogPlan(Part, frozen=True):
+class LogPlan(PlanPart, frozen=True):
     """A channel of a logger: any unit; `sensitivity` is the input's unit per unit of the channel."""
 
     input: int
@@ -88,7 +88,7 @@ class LogPlan(Part, frozen=True):
     sensitivity: float = 1.0
 
 
-class LoggerPlan(Part, frozen=True):
+class LoggerPlan(PlanPart, frozen=True):
     """A slow instrument that runs along and is stored next to the channels with its own rate in Hz; `settings` are the other
     keys, those of its kind."""
 
@@ -99,7 +99,7 @@ class LoggerPlan(Part, frozen=True):
     settings: Any = None
 
 
-class RunPlan(Part, frozen=True):
+class RunPlan(PlanPart, frozen=True):
     """A run, or several repeats: configuration, excitation, duration in seconds; a multisine's period in seconds, a sine's
     frequency in Hz.
 
@@ -145,7 +145,7 @@ class RunPlan(Part, frozen=True):
         return (self.id,) if self.repeats == 1 else tuple(f"{self.id}-{k + 1}" for k in range(self.repeats))
 
 
-class Plan(Part, frozen=True):
+class Plan(PlanPart, frozen=True):
     """A session. `rig` contains known values (SI) under the recording's names, `limits` the limits of runs; `sensors` is the path
     of the laboratory's list of sensors. `loggers` run along.
     """

@@ -17,7 +17,7 @@ from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Records, Stream, in_real_time
 from isorig.rig.acquire.block_stream import Incoming
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.pace import DECIDED, REFUSED, Drift, Pace
+from isorig.rig.acquire.pace import DECIDED, REFUSED, ClockDrift, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.acquire.waits import SessionWaits
@@ -153,7 +153,7 @@ class _Watched:
         assert self._last is not None
         return (self._last.end_tick - self._first.end_tick) / self._passed
 
-    def _wrong(self, drift: Drift | None, *, certain: bool) -> bool:
+    def _wrong(self, drift: ClockDrift | None, *, certain: bool) -> bool:
         if drift is not None:
             return drift.beyond(REFUSED) if certain else abs(drift.ppm) > 1e6 * REFUSED
         return self._passed > 0.0 and abs(self._few / self._rate - 1.0) > FEW

@@ -23,7 +23,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.drivers.block import Block, Input, Status
 from isorig.rig.acquire.block_queue import Waiting
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
-from isorig.rig.acquire.layout import TIMING, Begin, End, Kind, Layout, layout_of, pack, pack_log
+from isorig.rig.acquire.layout import TIMING, Begin, BlockKind, End, Layout, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError
@@ -55,7 +55,7 @@ def lay_out(path: Path, plan: Plan, inputs: Sequence[Input], *, real_time: bool 
         raise OutputError(f"the plan has {len(plan.runs)} runs, more than {path} can hold; split it into several plans")
     with replaced(path) as temporary:
         try:
-            Journal.create(temporary, Kind.LAYOUT, layout)
+            Journal.create(temporary, BlockKind.LAYOUT, layout)
         except OSError as error:
             raise OutputError(f"{path} cannot be written ({reason(error)}); choose another place with -o") from None
 
@@ -112,7 +112,7 @@ class WorkingFileWriter:
         take, self._takes = self._takes, self._takes + 1
         started = self._opened_ns + time.monotonic_ns() - self._ticking_ns
         begin = Begin(started_ns=started, period=period, sample_rate=sample_rate, layout=self.layout)
-        self.journal.append(Kind.BEGIN, run, take, msgspec.json.encode(begin))
+        self.journal.append(BlockKind.BEGIN, run, take, msgspec.json.encode(begin))
         self.journal.sync()
         return run, take
 
@@ -223,7 +223,7 @@ class RunWriter:
             end = End(whole=whole and (enough or self._next >= self._planned), counted=self._next)
             try:
                 self._store_logs()
-                self._file.journal.append(Kind.END, self._run, self._take, msgspec.json.encode(end))
+                self._file.journal.append(BlockKind.END, self._run, self._take, msgspec.json.encode(end))
                 self._file.journal.sync()
                 self._in_place()
             except OSError as error:
@@ -288,7 +288,7 @@ class RunWriter:
 
     def _store_logs(self) -> None:
         while self._logged:
-            self._file.journal.append(Kind.LOG, self._run, self._take, pack_log(*self._logged.popleft()))
+            self._file.journal.append(BlockKind.LOG, self._run, self._take, pack_log(*self._logged.popleft()))
 
     def _append(self, first: int, rows: Sequence[tuple[int, float, float, float, int]], parts: Sequence[np.ndarray]) -> None:
         if not parts:
@@ -305,7 +305,7 @@ class RunWriter:
                 [part[:, k] for k in self._columns],
             )
             try:
-                self._file.journal.append(Kind.SAMPLES, self._run, self._take, content)
+                self._file.journal.append(BlockKind.SAMPLES, self._run, self._take, content)
             except OSError:
                 if start > 0 or len(parts) == 1:
                     raise

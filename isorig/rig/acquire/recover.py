@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Samples
 from isorig.drivers.block import Status
-from isorig.rig.acquire.journal import Found, Reader
+from isorig.rig.acquire.journal import JournalBlock, Reader
 from isorig.rig.acquire.layout import (
     SAMPLES,
     TIMING,
     Begin,
+    BlockKind,
+    BlockShape,
     End,
-    Kind,
     Layout,
     LogLayout,
     RunLayout,
-    Shape,
     log_of,
     shape_of,
     timing_of,
 )  # fmt: skip
-from isorig.rig.acquire.pace import REPORTED, Drift, Pace
+from isorig.rig.acquire.pace import REPORTED, ClockDrift, Pace
 from isorig.rig.errors import RecordingError
 
 T = TypeVar("T")
@@ -115,7 +115,7 @@ class Recovered:
     planned: int
     overloads: int
     planned_gain: float
-    drift: Drift | None
+    drift: ClockDrift | None
     damaged: int = 0
     timing: Samples | None = None
     sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -157,7 +157,7 @@ class _Take:
         """Its blocks, in the order of their ticks."""
         return self._entries[: self._count]
 
-    def add(self, shape: Shape, found: Found) -> None:
+    def add(self, shape: BlockShape, found: JournalBlock) -> None:
         """Add a block of samples to the index; one that goes back in time is omitted."""
         if shape.first_tick < self.next:
             return
@@ -232,7 +232,7 @@ class WorkingFileReader:
         """
         layout = self._whole
         for found in self._reader.blocks():
-            if found.kind == Kind.LAYOUT:
+            if found.kind == BlockKind.LAYOUT:
                 continue
             if found.take not in self._takes:
                 self._takes[found.take] = _Take(found.run, layout.sample_rate)
@@ -240,15 +240,15 @@ class WorkingFileReader:
             if take.run != found.run:
                 # Blocks of one take are of one run; what names another one is not filed, and counts as damaged.
                 continue
-            if found.kind == Kind.BEGIN and (begin := _begin(found)) is not None:
+            if found.kind == BlockKind.BEGIN and (begin := _begin(found)) is not None:
                 take.begin = found.number, begin
                 take.pace = Pace(begin.sample_rate)
-            elif found.kind == Kind.END and (end := _decoded(found, End)) is not None:
+            elif found.kind == BlockKind.END and (end := _decoded(found, End)) is not None:
                 take.end = found.number, end
-            elif found.kind == Kind.LOG and (logged := log_of(layout, found.content)) is not None:
+            elif found.kind == BlockKind.LOG and (logged := log_of(layout, found.content)) is not None:
                 take.logs.setdefault(logged[0], []).append(logged[1])
                 take.logged.append(found.number)
-            elif found.kind == Kind.SAMPLES and (shape := shape_of(layout, found.content)) is not None:
+            elif found.kind == BlockKind.SAMPLES and (shape := shape_of(layout, found.content)) is not None:
                 take.add(shape, found)
 
     def runs(self) -> list[Recovered]:
@@ -399,11 +399,11 @@ def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
     return gaps, int(counts[torn].sum())
 
 
-def _layout(found: Found) -> Layout | None:
+def _layout(found: JournalBlock) -> Layout | None:
     layout = None
-    if found.kind == Kind.LAYOUT:
+    if found.kind == BlockKind.LAYOUT:
         layout = _decoded(found, Layout)
-    elif found.kind == Kind.BEGIN:
+    elif found.kind == BlockKind.BEGIN:
         begin = _begin(found)
         layout = None if begin is None else begin.layout
     if layout is None or not layout.channels or not 0.0 < layout.sample_rate < math.inf:
@@ -411,14 +411,14 @@ def _layout(found: Found) -> Layout | None:
     return layout
 
 
-def _begin(found: Found) -> Begin | None:
+def _begin(found: JournalBlock) -> Begin | None:
     begin = _decoded(found, Begin)
     if begin is None or not (0.0 < begin.sample_rate < math.inf and 0 <= begin.started_ns < 1 << 62):
         return None
     return begin
 
 
-def _decoded(found: Found, kind: type[T]) -> T | None:
+def _decoded(found: JournalBlock, kind: type[T]) -> T | None:
     try:
         return msgspec.json.decode(found.content, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError):

@@ -139,12 +139,12 @@ def _distortion(item: Detection) -> str | None:
         return None
     return (
         f"{item.response} responds at frequencies that are not driven, with {100 * size:.0f} % of the driven ones (noise "
-        f"{100 * item.noise:.1g} %): this is distortion, which averaging does not remove."
+        f"{100 * item.noise:.2g} %): this is distortion, which averaging does not remove."
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sliding:
+class ContactSliding:
     """Relative motion at the contact that moves least: its share, and a text that the first body moved with the other."""
 
     share: float
@@ -153,7 +153,7 @@ class Sliding:
 
 def least_sliding(
     rig: RigModel, configuration: str, parts: Callable[[str, str], Iterable[Sequence[FloatArray]] | None]
-) -> Sliding | None:
+) -> ContactSliding | None:
     """The contact of a rig with the smallest relative motion; None if no contact has sensors on both bodies.
 
     Parameters
@@ -171,11 +171,11 @@ def least_sliding(
     for contact, one, other in rig.sensed_contacts(configuration):
         records = parts(one, other)
         if records is not None:
-            found.append(Sliding(share=_relative_motion(records), text=f"The {contact.a} moved with the {contact.b}"))
+            found.append(ContactSliding(share=_relative_motion(records), text=f"The {contact.a} moved with the {contact.b}"))
     return min(found, key=lambda item: item.share, default=None)
 
 
-def _sliding(run: Run, rig: RigModel) -> Sliding | None:
+def _sliding(run: Run, rig: RigModel) -> ContactSliding | None:
     def parts(one: str, other: str) -> Iterable[Sequence[FloatArray]] | None:
         return _parts(run, one, other) if {one, other} <= set(run.channels) else None
 

@@ -19,7 +19,7 @@ from isorig.rig.acquire.instruments import opened, opened_analyzer
 from isorig.rig.acquire.journal import SYNC
 from isorig.rig.acquire.locks import output_locked, port_locked
 from isorig.rig.acquire.measure_run import LiveState, measure_run
-from isorig.rig.acquire.pace import Drift
+from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
 from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
@@ -42,7 +42,7 @@ class MeasuredRun:
     id: str
     tally: Tally
     verdict: Verdict
-    drift: Drift | None = None
+    drift: ClockDrift | None = None
 
 
 #: Decision on the next run: measure it, skip it, or end the session before it.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from isorig.rig.acquire.equations import Equations
+from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.levels import advice, shares
 from isorig.rig.errors import PlanError
 from isorig.rig.process.terminal import Unhurried, never_wait_for_terminal
@@ -107,7 +107,7 @@ class Terminal:
         else:
             self._quietly(lambda: _print(self._console, item))
 
-    def equations(self, told: Equations) -> None:
+    def equations(self, told: EquationsReport) -> None:
         """Print what the equations of motion tell of a run once that is certain; as JSON all of it."""
         if self._json:
             self._line("equations", told)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from isorig.rig.acquire.equations import Equations
+    from isorig.rig.acquire.equations import EquationsReport
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.view.requests import Desk
 
@@ -133,7 +133,7 @@ def acquire(
         discard_output()
 
 
-def _tell(terminal: Terminal, desk: Desk | None, told: Equations) -> None:
+def _tell(terminal: Terminal, desk: Desk | None, told: EquationsReport) -> None:
     """Show what the equations of motion tell, on the page and in the terminal."""
     if desk is not None:
         desk.equations(told)

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from isorig.rig.errors import REFUSALS
-from isorig.rig.view.messages import Asked, Begin, Standing
+from isorig.rig.view.messages import Begin, PageRequest, Standing
 from isorig.rig.view.screen import Screen
 from isorig.rig.view.sources import watched
 from isorig.rig.view.state import Subject
@@ -65,7 +65,7 @@ def _lines() -> Iterator[bytes]:
         yield from lines
 
 
-def _say(message: str | Asked) -> None:
+def _say(message: str | PageRequest) -> None:
     with suppress(OSError):
         sys.stdout.buffer.write(msgspec.json.encode(message) + b"\n")
         sys.stdout.buffer.flush()

@@ -1,6 +1,6 @@
 """The equations of motion of a run while it is measured: computed in a process of its own, so that the session never waits.
 
-The process, which `isorig.rig.view.equations_watch` starts, reads what the session writes and prints an `Equations` message as a
+The process, which `isorig.rig.view.equations_watch` starts, reads what the session writes and prints an `EquationsReport` as a
 line of JSON after each reading; it ends when its standard input is closed.
 """
 
@@ -24,7 +24,7 @@ from isorig.analysis.diagnose.early_answer import Decision, EarlyAnswer, early_a
 from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.errors import AnalysisError
-from isorig.rig.acquire.equations import Equations
+from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.errors import RigError
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.conclusion import KINDS
@@ -54,7 +54,7 @@ def main() -> None:
         sys.stdout.buffer.flush()
 
 
-def told(campaigns: Iterable[Campaign]) -> Iterator[Equations]:
+def told(campaigns: Iterable[Campaign]) -> Iterator[EquationsReport]:
     """A message for the last run of each campaign, once that has grown by `GROWTH`."""
     begun: datetime | None = None
     run_id, before, decision = "", 0.0, Decision()
@@ -72,7 +72,7 @@ def told(campaigns: Iterable[Campaign]) -> Iterator[Equations]:
             if answer is None:
                 continue
             known = decision.add(run.duration, answer)
-            yield Equations(
+            yield EquationsReport(
                 run=run.id, seconds=run.duration, residuals=dict(answer.residuals), limit=HOLDS, known=known, text=_text(answer)
             )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from isorig.rig.acquire.equations import Equations
+from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.session import Decision, Operator
 from isorig.rig.process.interpreter import python
 
@@ -21,7 +21,7 @@ END = 5.0
 
 @contextmanager
 def equations_watched(
-    output: Path, operator: Operator, tell: Callable[[Equations], None], *, until_known: bool
+    output: Path, operator: Operator, tell: Callable[[EquationsReport], None], *, until_known: bool
 ) -> Iterator[Operator]:
     """Compute the equations of motion of a session's runs during the block.
 
@@ -52,7 +52,7 @@ def equations_watched(
     def listen() -> None:
         with suppress(OSError, ValueError, msgspec.DecodeError):
             for line in lines:
-                message = msgspec.json.decode(line, type=Equations)
+                message = msgspec.json.decode(line, type=EquationsReport)
                 if message.run == current.run and not current.known:
                     current.known = message.known
                     tell(message)

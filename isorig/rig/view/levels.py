@@ -16,7 +16,7 @@ POINTS = 500
 BLOCK = 1 << 16
 
 
-class Level(msgspec.Struct, frozen=True, kw_only=True):
+class ChannelLevel(msgspec.Struct, frozen=True, kw_only=True):
     """One channel: rms, peak and highest peak of the run in its unit; full scale if known; whether it was reached."""
 
     name: str
@@ -48,7 +48,7 @@ class Levels:
         self._recent = np.zeros((len(self._names), 0))
         self._lows = self._highs = np.zeros((len(self._names), 0))
         self.seen = 0
-        self._last: tuple[Level, ...] = ()
+        self._last: tuple[ChannelLevel, ...] = ()
 
     def add(self, run: Run) -> None:
         """Read the new samples since the last call, up to a whole interval of the trace."""
@@ -59,14 +59,14 @@ class Levels:
             self._block(np.stack([run.channels[name].read(self.seen, stop) for name in self._names]))
             self.seen = stop
 
-    def levels(self) -> tuple[Level, ...]:
+    def levels(self) -> tuple[ChannelLevel, ...]:
         """The level of each channel."""
         if self._last:
             return self._last
         recent = self._recent if self._recent.shape[1] else np.zeros((len(self._names), 1))
         rms, peak = np.sqrt(np.mean(recent**2, axis=1)), np.abs(recent).max(axis=1)
         return tuple(
-            Level(
+            ChannelLevel(
                 name=name, unit=self._units[name], rms=float(rms[k]), peak=float(peak[k]), held=float(self._held[k]),
                 full=self._full[name], over=bool(self._over[k]),
             )

@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from isorig.rig.acquire.equations import Equations
+from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.view.run_list import Planned
 
@@ -25,7 +25,7 @@ class Begin(Message, frozen=True):
     planned: tuple[Planned, ...]
 
 
-class Asked(Message, frozen=True, tag="asked", tag_field="say"):
+class PageRequest(Message, frozen=True, tag="asked", tag_field="say"):
     """A pressed button: the request, the run that the page showed, and the text of a note."""
 
     do: Wish
@@ -88,4 +88,4 @@ class Standing(Message, frozen=True):
     overloads: int = 0
     damaged: int = 0
     notes: tuple[Note, ...] = ()
-    equations: Equations | None = None
+    equations: EquationsReport | None = None

@@ -18,7 +18,7 @@ import msgspec
 
 from isorig.rig.errors import OutputError
 from isorig.rig.process.interpreter import python
-from isorig.rig.view.messages import Asked, Begin, Standing
+from isorig.rig.view.messages import Begin, PageRequest, Standing
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import Planned
 
@@ -108,7 +108,7 @@ class SessionScreen:
     def _receive(self) -> None:
         with suppress(OSError, RuntimeError, msgspec.DecodeError):
             for line in self._output:
-                asked = msgspec.json.decode(line, type=Asked)
+                asked = msgspec.json.decode(line, type=PageRequest)
                 # A note waits for the disk, and no other request waits for a note.
                 if asked.do == "note":
                     self._notes.submit(self._desk.ask, asked)

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import msgspec
 
-from isorig.rig.acquire.equations import Equations
+from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.view.messages import Asked, Judgement, Standing, Wish
+from isorig.rig.view.messages import Judgement, PageRequest, Standing, Wish
 from isorig.rig.view.run_list import Planned
 
 #: Seconds between two checks for the operator's answer, so that Ctrl-C is handled meanwhile.
@@ -80,7 +80,7 @@ class Desk:
         # Confirming a run includes that the rig is locked or unlocked for it.
         return Operator(lock=lambda configuration: None, watch=watch, taken=taken, decide=self.decide, stopped=self.stopped)
 
-    def equations(self, told: Equations) -> None:
+    def equations(self, told: EquationsReport) -> None:
         """Show what the equations of motion tell of the current run."""
         with self._changed:
             self._stand(equations=told)
@@ -124,23 +124,23 @@ class Desk:
             self._wait("finishes", self._last, text)
         return self._again
 
-    def ask(self, wish: Asked) -> bool:
+    def ask(self, request: PageRequest) -> bool:
         """Execute a request if the session allows it now; returns whether it was allowed."""
-        if wish.do == "note":
-            return self._note(wish.text)
+        if request.do == "note":
+            return self._note(request.text)
         with self._changed:
             now = self._standing
-            if wish.do not in now.may or wish.run != now.run:
+            if request.do not in now.may or request.run != now.run:
                 return False
             text = now.text
-            if wish.do == "stop":
+            if request.do == "stop":
                 self._stop, text = True, f"{now.run} is being stopped."
-            elif wish.do == "again":
+            elif request.do == "again":
                 self._again = now.run if now.phase == "measures" else self._last
                 text = f"{self._again} will be repeated."
-            self._stand(text=text, may=tuple(item for item in now.may if item != wish.do))
+            self._stand(text=text, may=tuple(item for item in now.may if item != request.do))
             if now.phase in ("asks", "finishes"):
-                self._answers.append(wish.do)
+                self._answers.append(request.do)
                 self._changed.notify_all()
             return True
 

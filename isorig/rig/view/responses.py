@@ -22,7 +22,7 @@ LINES = 600
 MEMORY = 32 << 20
 
 
-class Response:
+class GrowingSpectra:
     """The spectra of a growing run; there are no averages if its drive is not broad-band.
 
     Parameters
@@ -72,7 +72,7 @@ class Response:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Group:
+class AveragedRuns:
     """The runs of one configuration and gain: averaged spectra within a band, and number of averages at the session's end."""
 
     configuration: str
@@ -107,7 +107,7 @@ class Group:
         return f"{phrase} of {self.planned:.0f}, error {100 * error:.2g} % now, {100 * at_end:.2g} % at the end"
 
 
-def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned]) -> dict[tuple[str, float], Group]:
+def groups_of(responses: Mapping[str, GrowingSpectra], planned: Mapping[str, Planned]) -> dict[tuple[str, float], AveragedRuns]:
     """Runs of a configuration and gain, averaged; the keys are (configuration, gain)."""
     found = {}
     for key, names in _alike(responses):
@@ -121,19 +121,19 @@ def groups_of(responses: Mapping[str, Response], planned: Mapping[str, Planned])
             spectra = merged(parts)
         except DataError:  # runs with different rates or bands: use the last one
             spectra = parts[-1]
-        found[key] = Group(
+        found[key] = AveragedRuns(
             configuration=key[0], gain=key[1], band=(max(b[0] for b in bands), min(b[1] for b in bands)), spectra=spectra,
             planned=sum(responses[names[0]].averages_in(item.seconds) for item in coming) if with_plan else None,
         )  # fmt: skip
     return found
 
 
-def _alike(responses: Mapping[str, Response]) -> Iterator[tuple[tuple[str, float], list[str]]]:
+def _alike(responses: Mapping[str, GrowingSpectra]) -> Iterator[tuple[tuple[str, float], list[str]]]:
     for key in dict.fromkeys((item.configuration, item.gain) for item in responses.values()):
         yield key, [name for name, item in responses.items() if (item.configuration, item.gain) == key]
 
 
-def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
+def transfer_rows(group: AveragedRuns, drive: str) -> tuple[list[str], FloatArray]:
     """Names of the responses, and rows to plot: Hz, then for each response magnitude, std, phase, std (deg), coherence."""
     frfs, kept = group.frfs(drive), _spread(group)
     rows = [group.spectra.frequency[kept]]
@@ -145,7 +145,7 @@ def transfer_rows(group: Group, drive: str) -> tuple[list[str], FloatArray]:
 
 
 def ratio_rows(
-    groups: Mapping[tuple[str, float], Group], response: str, drive: str, over: tuple[str, str]
+    groups: Mapping[tuple[str, float], AveragedRuns], response: str, drive: str, over: tuple[str, str]
 ) -> tuple[list[str], FloatArray] | None:
     """The ratio |response / drive| of two configurations (thesis, Eq. 6).
 
@@ -178,7 +178,7 @@ def _cut(frf: Frf, n: int) -> Frf:
     return replace(frf, value=frf.value[:n], magnitude_std=frf.magnitude_std[:n])
 
 
-def _spread(group: Group) -> np.ndarray:
+def _spread(group: AveragedRuns) -> np.ndarray:
     kept = group.lines()
     return kept[_even(group.spectra.frequency[kept])]
 

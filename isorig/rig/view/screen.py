@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from isorig.rig.errors import RigError
-from isorig.rig.view.messages import Asked, Standing
-from isorig.rig.view.server import FRAME, Server, Tally
-from isorig.rig.view.snapshot import Board, Picture, Plot
+from isorig.rig.view.messages import PageRequest, Standing
+from isorig.rig.view.server import FRAME, PageTally, Server
+from isorig.rig.view.snapshot import Board, Plot, Snapshot
 from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject, state_of
 
@@ -34,10 +34,12 @@ class Screen:
         Called with the requests of a page.
     """
 
-    def __init__(self, subject: Subject, readings: Iterator[Reading], ask: Callable[[Asked], None] = lambda asked: None) -> None:
+    def __init__(
+        self, subject: Subject, readings: Iterator[Reading], ask: Callable[[PageRequest], None] = lambda asked: None
+    ) -> None:
         self._subject, self._readings = subject, readings
         self._board = Board(subject.planned, judge=subject.mode != "session")
-        self._picture = Picture()
+        self._picture = Snapshot()
         self._standing: Standing | None = Standing() if subject.mode == "session" else None
         self._failed: Exception | None = None
         self._server = Server(content=self._content, ask=ask)
@@ -46,7 +48,7 @@ class Screen:
         """Update the session's state."""
         self._standing = standing
 
-    def run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> Tally:
+    def run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> PageTally:
         """Serve the page until `over` returns True; `listening` is called with its address. Returns what pages have drawn.
 
         Raises
@@ -56,7 +58,7 @@ class Screen:
         """
         return asyncio.run(self._run(over, listening))
 
-    async def _run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> Tally:
+    async def _run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> PageTally:
         # Refused requests are not logged in the terminal, where the session prints.
         logging.getLogger("tornado").setLevel(logging.ERROR)
         address = self._server.listen()
@@ -93,5 +95,5 @@ class Screen:
             # Raised in the screen's loop, otherwise the page would freeze without a message.
             self._failed = error
 
-    def _publish(self, picture: Picture) -> None:
+    def _publish(self, picture: Snapshot) -> None:
         self._picture = picture

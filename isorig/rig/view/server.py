@@ -21,7 +21,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from isorig.rig.view.frames import frame
-from isorig.rig.view.messages import Asked, Drawn
+from isorig.rig.view.messages import Drawn, PageRequest
 from isorig.rig.view.snapshot import Plot
 
 #: Seconds between two frames.
@@ -43,7 +43,7 @@ HEADERS = {
 
 
 @dataclass
-class Tally:
+class PageTally:
     """What pages have drawn, and how many were disconnected because they did not respond."""
 
     frames: int = 0
@@ -68,11 +68,11 @@ class Server:
     """
 
     content: Callable[[], tuple[dict[str, Any], dict[str, Plot]]]
-    ask: Callable[[Asked], None]
+    ask: Callable[[PageRequest], None]
     stalled: float = 30.0
     most_pages: int = 8
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
-    tally: Tally = field(default_factory=Tally)
+    tally: PageTally = field(default_factory=PageTally)
     pages: set[_Socket] = field(default_factory=set)
     port: int = 0
 
@@ -199,11 +199,11 @@ class _Socket(_Guarded, WebSocketHandler):
     def on_message(self, message: str | bytes) -> None:
         """The page has drawn a frame, or sends a request; any other message ends the connection."""
         try:
-            said = msgspec.json.decode(message, type=Asked | Drawn)
+            said = msgspec.json.decode(message, type=PageRequest | Drawn)
         except (msgspec.DecodeError, UnicodeDecodeError):
             self.close(1008, "not understood")
             return
-        if isinstance(said, Asked):
+        if isinstance(said, PageRequest):
             self.server.ask(said)
         elif said.frame == self._frame != self._drawn and 0 <= said.values < 1 << 32:
             self._drawn = said.frame

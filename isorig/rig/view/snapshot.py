@@ -18,8 +18,8 @@ from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import STUCK, check_run, least_sliding
 from isorig.rig.errors import RigError
 from isorig.rig.files.rigfile import rig_of
-from isorig.rig.view.levels import Level, Levels
-from isorig.rig.view.responses import Response, groups_of, ratio_rows, transfer_rows
+from isorig.rig.view.levels import ChannelLevel, Levels
+from isorig.rig.view.responses import GrowingSpectra, groups_of, ratio_rows, transfer_rows
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Reading, beginning_of
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -45,19 +45,19 @@ class Plot(msgspec.Struct, frozen=True, kw_only=True):
     rows: NDArray[np.float32]
 
 
-class Seen(msgspec.Struct, frozen=True, kw_only=True):
+class ShownRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run: seconds measured, samples lost, overloaded channels, and result of the post-run check."""
 
     planned: Planned
     seconds: float
     lost: int
-    levels: tuple[Level, ...]
+    levels: tuple[ChannelLevel, ...]
     whole: bool
     judged: Judged | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture:
+class Snapshot:
     """All displayed content after a reading.
 
     Parameters
@@ -76,7 +76,7 @@ class Picture:
         Findings on the current run.
     """
 
-    runs: Mapping[str, Seen] = field(default_factory=dict)
+    runs: Mapping[str, ShownRun] = field(default_factory=dict)
     shown: str = ""
     grown: float = 0.0
     plots: Mapping[str, Plot] = field(default_factory=dict)
@@ -90,7 +90,7 @@ class _Track:
 
     def __init__(self, run: Run, drive: str) -> None:
         self.started: datetime | None = run.started
-        self.levels, self.response = Levels(run), Response(run, drive)
+        self.levels, self.response = Levels(run), GrowingSpectra(run, drive)
         self.planned = Planned(id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.0, broad=False)
         self.n = self.lost = 0
         self.drawn = (0, 0)
@@ -118,12 +118,12 @@ class Board:
         self._planned = {item.id: item for item in planned}
         self._judge = judge
         self._tracks: dict[str, _Track] = {}
-        self._picture = Picture()
+        self._picture = Snapshot()
         self._version = 0
         self._rig = wire_bonder()
         self._whole: tuple[Run, ...] = ()
 
-    def see(self, reading: Reading, publish: Callable[[Picture], None]) -> None:
+    def see(self, reading: Reading, publish: Callable[[Snapshot], None]) -> None:
         """Process a reading; a picture is published after each new part of a run."""
         self._rig = _rig(reading.campaign)
         drive = self._rig.drive.channel
@@ -163,7 +163,7 @@ class Board:
         texts: dict[str, str] = {}
         if averaged or run.id != self._picture.shown:
             plots, texts = self._averages(plots, track, drive)
-        self._picture = Picture(
+        self._picture = Snapshot(
             runs={name: _seen(item) for name, item in self._tracks.items()}, shown=run.id,
             grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run, self._rig)),
             averaged=texts.get("averaged", self._picture.averaged), isolated=texts.get("isolated", self._picture.isolated),
@@ -201,8 +201,8 @@ class Board:
         return Judged(good=verdict.good, advice=verdict.advice)
 
 
-def _seen(track: _Track) -> Seen:
-    return Seen(
+def _seen(track: _Track) -> ShownRun:
+    return ShownRun(
         planned=track.planned, seconds=track.seconds, lost=track.lost, levels=track.levels.levels(), whole=track.whole,
         judged=track.judged,
     )  # fmt: skip

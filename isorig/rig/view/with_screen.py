@@ -11,7 +11,7 @@ from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
-from isorig.rig.view.messages import Asked, Standing
+from isorig.rig.view.messages import PageRequest, Standing
 from isorig.rig.view.process import SessionScreen
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import planned_by
@@ -48,7 +48,7 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
 
     def answer() -> None:
         while answer_line():
-            desk.ask(Asked(do="next", run=desk.standing.run))
+            desk.ask(PageRequest(do="next", run=desk.standing.run))
 
     try:
         with SessionScreen(desk, planned, output) as screen:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Channel, Run
 from isorig.analysis.spectra.detection import Detection
-from isorig.rig.acquire.pace import Drift
+from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import PART, _distortion, check_run
+from isorig.rig.acquire.run_check import PART, _distortion, check_run, least_sliding
 from isorig.rig.wire_bonder.description import wire_bonder
 
 
@@ -97,9 +98,9 @@ def test_a_sound_run_is_good_and_one_without_samples_is_not() -> None:
     ("more", "advice"),
     [
         ({"lost": 1}, "1 samples were lost in transmission"),
-        ({"finished": False, "stored": 10, "planned": 30}, "It ended at 10 of 30 samples"),
+        ({"finished": False, "stored": 10, "lost": 5, "planned": 30}, "It ended at 15 of 30 samples"),
         ({"overloads": 2}, "The instrument reported 2 overloads"),
-        ({"drift": Drift(ppm=2500.0, std=10.0)}, "Its clock deviates from the host's by +0.25"),
+        ({"drift": ClockDrift(ppm=2500.0, std=10.0)}, "Its clock deviates from the host's by +0.25"),
     ],
 )
 def test_what_went_wrong_on_the_way_makes_a_run_bad(more: dict[str, Any], advice: str) -> None:
@@ -148,7 +149,41 @@ def test_a_median_coherence_below_a_half_is_explained(coherence: float, low: boo
 def test_distortion_above_a_tenth_and_above_the_noise_is_reported(odd: float, even: float, noise: float, reported: bool) -> None:
     found = _distortion(Detection(response="motor", periods=8, noise=noise, odd=odd, even=even))
     assert (found is not None) is reported
-    assert found is None or f"with {100 * max(odd, even):.0f} % of the driven ones" in found
+
+
+def test_distortion_is_told_with_its_size_and_leaves_the_run_good() -> None:
+    found = _distortion(Detection(response="motor", periods=8, noise=0.06, odd=0.6, even=0.0))
+    assert found is not None
+    assert "with 60 % of the driven ones (noise 6 %)" in found
+    # Odd frequencies are driven; the square of their motion has even ones.
+    lines = 2 * np.arange(1, 200) + 1
+    time = np.arange(32768)[:, None] / 4096.0
+    head = np.sin(2.0 * np.pi * time * lines[None, ::2] + np.random.default_rng(4).uniform(0.0, 6.0, len(lines[::2]))).sum(axis=1)
+    run = recovered({"head": head, "motor": head + 0.1 * head**2, "table": -head, "heatblock": head})
+    assert run.run is not None
+    good, advice = told(replace(run, run=replace(run.run, excitation="multisine", period=4096)))
+    assert good
+    assert "motor responds at frequencies that are not driven" in advice
+    assert "heatblock responds" not in advice
+
+
+def test_records_of_any_size_are_alive() -> None:
+    assert told(recovered({name: 1e-6 * values for name, values in sound().items()}))[0]
+
+
+def test_of_several_contacts_the_one_that_moves_least_counts() -> None:
+    names = (("motor", "table", 0.5), ("table", "foot", 0.1), ("foot", "floor", 0.3))
+    contacts = [(SimpleNamespace(a=a, b=b), a, b) for a, b, _ in names]
+    rig = SimpleNamespace(configurations=("unlocked",), sensed_contacts=lambda configuration: contacts)
+    one = np.array([1.0, -1.0])
+    found = least_sliding(
+        rig,  # type: ignore[arg-type]
+        "unlocked",
+        lambda a, b: [[one, (1.0 - next(share for start, _, share in names if start == a)) * one]],
+    )
+    assert found is not None
+    assert found.share == pytest.approx(0.1)
+    assert found.text == "The table moved with the foot"
 
 
 @pytest.mark.parametrize(("share", "stuck"), [(0.19, True), (0.21, False)])

@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from isorig.rig.view.frames import read_frame
-from isorig.rig.view.messages import Asked, Standing
+from isorig.rig.view.messages import PageRequest, Standing
 from isorig.rig.view.screen import Screen
 from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject
@@ -123,7 +123,7 @@ class Served:
     """A screen in a thread, what pages asked of it, and its address."""
 
     def __init__(self, readings: Iterator[Reading], subject: Subject) -> None:
-        self.asked: list[Asked] = []
+        self.asked: list[PageRequest] = []
         self.screen = Screen(subject, readings, self.asked.append)
         self.over, self._listening = threading.Event(), threading.Event()
         self.address = ""

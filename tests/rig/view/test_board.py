@@ -20,9 +20,9 @@ from isorig.rig.files.recording import write
 from isorig.rig.view.frames import frame, read_frame
 from isorig.rig.view.levels import Levels
 from isorig.rig.view.messages import Judgement, Standing
-from isorig.rig.view.responses import MEMORY, RESOLUTION, Response
+from isorig.rig.view.responses import MEMORY, RESOLUTION, GrowingSpectra
 from isorig.rig.view.run_list import Planned, planned_as
-from isorig.rig.view.snapshot import Board, Picture
+from isorig.rig.view.snapshot import Board, Snapshot
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
 from isorig.rig.view.state import Subject, state_of
 from isorig.rig.virtual.campaign import SESSION, virtual_campaign
@@ -36,9 +36,9 @@ def campaign() -> Campaign:
     return virtual_campaign(wire_bonder(), takes, seed=4)
 
 
-def seen(campaign: Campaign, *, planned: tuple[Planned, ...] = (), pieces: int = 5, judge: bool = True) -> Picture:
+def seen(campaign: Campaign, *, planned: tuple[Planned, ...] = (), pieces: int = 5, judge: bool = True) -> Snapshot:
     """What a board shows behind a session that grew in pieces."""
-    board, pictures = Board(planned, judge=judge), [Picture()]
+    board, pictures = Board(planned, judge=judge), [Snapshot()]
     done: list[Run] = []
     for run in campaign.runs:
         for k in range(1, pieces):
@@ -167,7 +167,7 @@ def test_overloads_are_latched_by_channel_and_run_and_losses_are_reported() -> N
 def test_a_repeated_run_replaces_the_first_on_the_screen(campaign: Campaign) -> None:
     first = campaign.runs[0]
     other = replace(campaign.runs[1], id=first.id, gain=first.gain, band=first.band)
-    pictures: list[Picture] = []
+    pictures: list[Snapshot] = []
     board = Board(judge=False)
     for run in (first, other):
         board.see(Reading(campaign=replace(campaign, runs=(run,)), whole=frozenset()), pictures.append)
@@ -249,7 +249,7 @@ class _Flaky:
 def test_a_temporarily_unreadable_file_is_read_at_the_next_poll(campaign: Campaign) -> None:
     sound = campaign.runs[0]
     flaky = replace(sound, channels={n: replace(c, samples=_Flaky(np.asarray(c.samples[:]))) for n, c in sound.channels.items()})
-    board, pictures, failures = Board(judge=False), [Picture()], 0
+    board, pictures, failures = Board(judge=False), [Snapshot()], 0
     for n in [*range(2000, len(sound), 700), *[len(sound)] * 30]:
         reading = Reading(campaign=replace(campaign, runs=(beginning_of(flaky, n),)), whole=frozenset())
         try:
@@ -298,7 +298,7 @@ def test_the_spectra_of_a_wide_run_take_bounded_memory() -> None:
 
     tracemalloc.start()
     try:
-        response = Response(measured(2.0), "a")
+        response = GrowingSpectra(measured(2.0), "a")
         sizes = []
         for seconds in range(4, 61, 4):
             response.add(measured(float(seconds)))
@@ -322,7 +322,7 @@ def test_finished_runs_keep_no_samples() -> None:
         )
         for k in range(8)
     )  # fmt: skip
-    board, pictures = Board(judge=False), [Picture()]
+    board, pictures = Board(judge=False), [Snapshot()]
 
     def grown(first: int, last: int) -> int:
         tracemalloc.start()

@@ -21,7 +21,7 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, acquire
 from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.files.recording import read
-from isorig.rig.view.messages import Asked, Standing
+from isorig.rig.view.messages import PageRequest, Standing
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import planned_by
 from isorig.rig.view.with_screen import viewed
@@ -61,7 +61,7 @@ class Session:
 
     def press(self, do: str, run: str, text: str = "") -> bool:
         """Press a button."""
-        return self.desk.ask(Asked(do=do, run=run, text=text))  # type: ignore[arg-type]
+        return self.desk.ask(PageRequest(do=do, run=run, text=text))  # type: ignore[arg-type]
 
     def taken(self) -> list[str]:
         """Runs in the order in which they were taken."""
@@ -184,7 +184,7 @@ def test_no_wish_starts_what_the_plan_does_not_say(tmp_path_factory: pytest.Temp
     desk = Desk(planned_by(plan_of(*RUNS)), tmp_path_factory.getbasetemp() / "none.h5", asks=asks)
     for do, run in wishes:
         # The session has not begun: it waits for nobody, no run lasts, and a note needs one of these.
-        assert not desk.ask(Asked(do=do, run=run, text="x"))
+        assert not desk.ask(PageRequest(do=do, run=run, text="x"))
     assert not desk.stopped()
     assert desk.standing == Standing()
 
@@ -248,7 +248,7 @@ def test_late_requests_have_no_effect(tmp_path: Path) -> None:
     until(lambda: desk.standing.phase == "asks")
     operator.watch(levels["a"])
     assert desk.standing.phase == "asks"
-    desk.ask(Asked(do="next", run="a"))
+    desk.ask(PageRequest(do="next", run="a"))
     until(lambda: desk.standing.phase == "checks")
     time.sleep(0.3)
     assert desk.standing.run == "a"  # it is not on to the next before this one has been told of
@@ -262,7 +262,7 @@ def test_late_requests_have_no_effect(tmp_path: Path) -> None:
     until(lambda: desk.standing.phase == "asks")
     operator.watch(levels["b"])
     assert (desk.standing.phase, desk.standing.run) == ("asks", "c")
-    desk.ask(Asked(do="next", run="c"))
+    desk.ask(PageRequest(do="next", run="c"))
     session.join(10.0)
     assert decided == ["take"] * 3
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pages import Socket, request, served, until
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.rig.view.messages import Asked, Standing
+from isorig.rig.view.messages import PageRequest, Standing
 from isorig.rig.view.sources import Reading, beginning_of
 
 NOW = Standing(phase="measures", run="u70", may=("stop", "again", "note"))
@@ -91,7 +91,7 @@ def test_only_what_has_the_form_of_a_wish_is_handed_on() -> None:
         page.say({"say": "asked", "do": "stop", "run": "u70"})
         page.say({"say": "asked", "do": "note", "run": "u70", "text": "<b>loud</b>"})
         until(lambda: len(screen.asked) == 2)
-        assert screen.asked[1] == Asked(do="note", run="u70", text="<b>loud</b>")
+        assert screen.asked[1] == PageRequest(do="note", run="u70", text="<b>loud</b>")
         for wrong in (
             {"say": "asked", "do": "drive", "run": "u70"}, {"say": "asked", "do": "stop"},
             {"say": "asked", "do": "stop", "run": 3}, ["stop", "u70"],
