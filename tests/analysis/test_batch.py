@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from scipy.linalg import expm
 
 from isorig.analysis import laws
-from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.diagnose.causes.at_link import added
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.rig_model import Configuration
 from isorig.analysis.simulate import Excitation, scan, simulate, simulate_many

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from isorig.analysis import laws
-from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.diagnose.causes.at_link import added
 from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.model.rig_model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate

@@ -6,10 +6,10 @@ import pytest
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.causes.at_link import added
+from isorig.analysis.diagnose.causes.base import exchange
 from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.evidence import Sign, signs, surfaces
-from isorig.analysis.diagnose.mechanisms.base import exchange
-from isorig.analysis.diagnose.mechanisms.springs import added
 from isorig.analysis.diagnose.misfit import Discrepancy, discrepancies
 from isorig.analysis.fitting.division import refined
 from isorig.analysis.fitting.score import BLOCKS, Score, improvement

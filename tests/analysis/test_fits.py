@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.diagnose.mechanisms.modes import ExtraMode
+from isorig.analysis.diagnose.causes.extra_mode import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends

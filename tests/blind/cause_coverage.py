@@ -1,7 +1,7 @@
 """The study of a cause's uncertainty: how often the stated 95 % intervals hold the true parameters of sealed rigs.
 
 `python tests/blind/cause_coverage.py --minutes 25` draws rigs of another simulation with every catalogued cause in turn, fits the
-true mechanism from its true values, and compares; it goes on where docs/study/cause-coverage.csv ends and can be stopped at any
+true cause from its true values, and compares; it goes on where docs/study/cause-coverage.csv ends and can be stopped at any
 time. With `--minutes 0` it prints the shares and writes them to docs/theory.md alone.
 """
 
@@ -30,7 +30,7 @@ from rigs import FAMILIES
 from study_table import append
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.candidate import Candidate
@@ -91,13 +91,13 @@ def true_values(
 
 
 def true_fit(campaign: Campaign, answer: Mapping[str, Any]) -> tuple[Candidate, Fit, dict[str, float]] | None:
-    """The true mechanism, fitted from its true values, and these; None if the catalogue has no such place."""
+    """The true cause, fitted from its true values, and these; None if the catalogue has no such place."""
     effect, values = answer["effects"][0], answer["values"]
     base = known(rig_of(campaign), values)
     trials = prepare(campaign, base)
-    mechanism = next(one for one in CATALOGUE if one.cause == effect["cause"])
+    cause = next(one for one in CATALOGUE if one.name == effect["cause"])
     found = []
-    for candidate in mechanism.candidates(base, observe(campaign, base, trials, base)):
+    for candidate in cause.candidates(base, observe(campaign, base, trials, base)):
         if candidate.location != effect["place"]:
             continue
         start = candidate.starts[0]

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.rig.virtual.campaign import LATER, SESSION, Take
-from isorig.rig.virtual.effects import CAUSES, KINDS, OUTSIDE, drawn_effect, drawn_rig, played
+from isorig.rig.virtual.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, drawn_rig, played
 
 __all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
 
@@ -39,7 +37,7 @@ class Envelope:
 
 def draw_envelope(kind: str, size: float, seed: int, takes: Sequence[Take] = SESSION) -> Envelope:
     """Draw the rig, the effect's place and its numbers by the seed, and play the session and the one after it."""
-    draw = np.random.default_rng([seed, KINDS.index(kind)])
+    draw = drawing(seed, kind)
     hidden = drawn_effect(kind, drawn_rig(draw), size, draw)
     return Envelope(
         kind=kind, truth=hidden.truth, outside=hidden.outside, parameters=hidden.parameters,

@@ -11,7 +11,6 @@ from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
-from other_envelopes import KINDS as OTHER_KINDS
 from other_envelopes import hide_other
 from small_rigs import UNITS, guessed
 
@@ -25,7 +24,7 @@ from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.next.course import Measured
 from isorig.rig.virtual.campaign import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL, known_of
-from isorig.rig.virtual.effects import KINDS, Hidden, drawn_effect, drawn_rig, scale_of
+from isorig.rig.virtual.effects import Hidden, amplitudes_of, drawing, drawn_effect, drawn_rig
 
 RATE, NOISE = 1024.0, 1e-3
 
@@ -161,9 +160,9 @@ def _start(asked: RunPlan, before: list[Run]) -> float:
 
 def sealed(kind: str, size: float, seed: int) -> SealedRig:
     """The wire bonder that `draw_envelope` hides under these words, for an investigation."""
-    draw = np.random.default_rng([seed, KINDS.index(kind)])
+    draw = drawing(seed, kind)
     model = drawn_rig(draw)
-    stroke = STROKE * scale_of(model).deflection["isolation"]
+    stroke = STROKE * amplitudes_of(model).deflection["isolation"]
     limits = Limits(stroke={"isolation": stroke}, gains=GAINS, band=BAND, seconds=60.0, lock_price=LOCKING)
     hidden = drawn_effect(kind, model, size, draw)
     names = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
@@ -177,7 +176,7 @@ def sealed(kind: str, size: float, seed: int) -> SealedRig:
 
 def sealed_other(kind: str, size: float, seed: int) -> SealedRig:
     """A chain, two carts or a stage, described with values up to a quarter off, with something hidden in it."""
-    found = hide_other(kind, size, np.random.default_rng([seed, OTHER_KINDS.index(kind)]))
+    found = hide_other(kind, size, drawing(seed, kind))
     guess, motion = guessed(found.sound, seed), found.motion
     drive = guess.drive
     quantities = {drive.channel: drive.quantity, **{sensor.channel: sensor.quantity for sensor in guess.sensors}}

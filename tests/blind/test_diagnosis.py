@@ -16,7 +16,7 @@ from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import SESSION, Take
 
 #: Kind, size and seed; what is hidden where is drawn. Twenty seconds of five runs do for these.
-DRAWN = (("none", 1.0, 11), ("asymmetric_friction", 0.33, 12))
+DRAWN = (("none", 1.0, 16), ("asymmetric_friction", 0.33, 12))
 SHORT = tuple(replace(take, seconds=20.0) for take in SESSION if take.id in ("u70a", "u35", "u7", "l70", "l7"))
 #: Sensors, and an effect outside the catalogue, for which every free shape is fitted in vain: that takes minutes.
 MORE = (("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14), ("outside: hose", 1.0, 15))
@@ -81,7 +81,7 @@ def test_folder_of_envelopes(
 
 def test_friction_and_a_second_cause(tmp_path: Path) -> None:
     """A baseline without friction names the friction first, and then the second effect."""
-    envelope = draw_envelope("hardening_stiffness", 0.33, 24)
+    envelope = draw_envelope("hardening_stiffness", 0.33, 35)
     write(tmp_path / "sealed.h5", envelope.campaign)
     assert main(["diagnose", str(tmp_path / "sealed.h5"), "--baseline", "linear", "-o", str(tmp_path / "out")]) == 0
     findings = json.loads((tmp_path / "out" / "findings.json").read_text())

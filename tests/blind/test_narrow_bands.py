@@ -10,7 +10,7 @@ from envelopes import drawn_rig
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import Take, virtual_campaign
-from isorig.rig.virtual.effects import Hidden, hide, played, scale_of
+from isorig.rig.virtual.effects import Hidden, amplitudes_of, hide, played
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 #: Nothing drives the heatblock's resonance at 165 Hz.
@@ -58,7 +58,7 @@ def test_a_wrong_mass_is_named_before_the_added_mode_with_equal_physics(tmp_path
 def test_effects_that_resemble_others_are_named_alone(kind: str, size: float, tmp_path: Path) -> None:
     draw = np.random.default_rng([7, 5])
     rig = drawn_rig(draw)
-    hidden = hide(kind, rig, scale_of(rig), size, draw)
+    hidden = hide(kind, rig, amplitudes_of(rig), size, draw)
     write(tmp_path / "campaign.h5", played(hidden, WIDE, 7))
     assert main(["diagnose", str(tmp_path / "campaign.h5"), "-o", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "findings.json").read_text())

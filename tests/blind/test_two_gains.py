@@ -18,7 +18,7 @@ from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import Take, known_of, virtual_campaign
-from isorig.rig.virtual.effects import scale_of
+from isorig.rig.virtual.effects import amplitudes_of
 
 PLAN = Path(__file__).parents[2] / "docs" / "plans" / "two-gains.toml"
 SEEDS = range(1, 7)
@@ -28,7 +28,7 @@ def drawn(kind: str, seed: int) -> tuple[Campaign, FrictionLaw]:
     """What the plan measures on a drawn rig with a drawn law, and the law."""
     draw = np.random.default_rng([seed, kind == "stribeck"])
     rig = drawn_rig(draw)
-    speed = scale_of(rig).speed["isolation"]
+    speed = amplitudes_of(rig).speed["isolation"]
     static = float(draw.uniform(12.0, 24.0))
     law: FrictionLaw = Coulomb(friction_force=static)
     if kind == "stribeck":

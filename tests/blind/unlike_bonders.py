@@ -16,12 +16,12 @@ from other_envelopes import OtherEnvelope
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.diagnose.causes.base import Amplitudes, exchange
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.diagnose.mechanisms.base import exchange
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.rig.virtual import effects
 from isorig.rig.virtual.campaign import BEGIN, Take, head_of, known_of
-from isorig.rig.virtual.effects import CAUSES, CHANNELS, Hidden, Scale, drawn_rig, scale_of
+from isorig.rig.virtual.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_rig
 
 Draw = np.random.Generator
 
@@ -44,7 +44,7 @@ LATER = (
 RATE = 1024.0
 
 
-def _friction_levels(model: RigModel, scale: Scale, bend: float, draw: Draw) -> RigModel:
+def _friction_levels(model: RigModel, scale: Amplitudes, bend: float, draw: Draw) -> RigModel:
     # Coulomb friction whose level varies with the position.
     reach = 1.2 * scale.deflection["isolation"]
     at = reach * np.linspace(-1.0, 1.0, 31)
@@ -54,11 +54,11 @@ def _friction_levels(model: RigModel, scale: Scale, bend: float, draw: Draw) -> 
     return msgspec.structs.replace(model, contacts=exchange(model.contacts, "isolation", law=law), free=())
 
 
-def _uneven(model: RigModel, scale: Scale, place: str, size: float, draw: Draw) -> RigModel:
+def _uneven(model: RigModel, scale: Amplitudes, place: str, size: float, draw: Draw) -> RigModel:
     return _friction_levels(model, scale, size * draw.uniform(0.5, 0.85), draw)
 
 
-def _loop(model: RigModel, scale: Scale, place: str, size: float, draw: Draw) -> RigModel:
+def _loop(model: RigModel, scale: Amplitudes, place: str, size: float, draw: Draw) -> RigModel:
     force = model.get("contacts.isolation.law.friction_force")
     law = laws.BoucWen(
         friction_force=force, initial_stiffness=force / (size * draw.uniform(0.05, 0.2) * scale.deflection["isolation"]),
@@ -67,8 +67,8 @@ def _loop(model: RigModel, scale: Scale, place: str, size: float, draw: Draw) ->
     return msgspec.structs.replace(model, contacts=exchange(model.contacts, "isolation", law=law), free=())
 
 
-def _by(make: forms.Maker) -> Callable[[RigModel, Scale, str, float, Draw], RigModel]:
-    def made(model: RigModel, scale: Scale, place: str, size: float, draw: Draw) -> RigModel:
+def _by(make: forms.Maker) -> Callable[[RigModel, Amplitudes, str, float, Draw], RigModel]:
+    def made(model: RigModel, scale: Amplitudes, place: str, size: float, draw: Draw) -> RigModel:
         motion = forms.Motion(deflection=scale.deflection, speed=scale.speed, peak=scale.peak)
         return make(model, motion, place, size, draw)
 
@@ -77,7 +77,7 @@ def _by(make: forms.Maker) -> Callable[[RigModel, Scale, str, float, Draw], RigM
 
 SPRINGS = ("isolation", "isolation", "table", "heatblock")
 #: Forms outside the catalogue (or nearly in it): maker, catalogued cause or None, kind, places.
-FOREIGN: Mapping[str, tuple[Callable[[RigModel, Scale, str, float, Draw], RigModel], str | None, str, tuple[str, ...]]] = {
+FOREIGN: Mapping[str, tuple[Callable[[RigModel, Amplitudes, str, float, Draw], RigModel], str | None, str, tuple[str, ...]]] = {
     "stop that damps": (_by(forms.EFFECTS["stop that damps"][0]), "end_stop", "spring_shape", ("isolation",)),
     "fifth power": (_by(forms.EFFECTS["fifth power"][0]), None, "spring_shape", SPRINGS),
     "cogging": (_by(forms.EFFECTS["cogging"][0]), None, "spring_shape", ("isolation",)),
@@ -90,7 +90,7 @@ FOREIGN: Mapping[str, tuple[Callable[[RigModel, Scale, str, float, Draw], RigMod
 KINDS = ("none", *CAUSES, *FOREIGN, "two")
 
 
-def _soiled(hidden: Hidden, scale: Scale, soil: float, draw: Draw) -> Hidden:
+def _soiled(hidden: Hidden, scale: Amplitudes, soil: float, draw: Draw) -> Hidden:
     # Two small loose parts, friction uneven by twice the share, bent sensors and small calibration errors.
     model = hidden.model
     for k in range(2):
@@ -159,9 +159,9 @@ def draw_bonder(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: b
     rest
         Whether every run begins with rest, and its drive fades in.
     """
-    draw = np.random.default_rng([seed, KINDS.index(kind), 77])
+    draw = drawing(seed, f"{kind} of an unlike bonder")
     model = drawn_rig(draw)
-    scale = scale_of(model)
+    scale = amplitudes_of(model)
     truth: tuple[tuple[str | None, str, str], ...] = ()
     hidden = Hidden(model=model)
     if kind in FOREIGN:

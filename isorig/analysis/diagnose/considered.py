@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.diagnose.kinds import FORMS, kind_of
-from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Kind, RecordedRuns
 from isorig.analysis.diagnose.observe import swings
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Step
@@ -108,28 +106,14 @@ def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, nam
 def not_tested(model: RigModel, trials: Sequence[Trial]) -> list[ConsideredCandidate]:
     """Causes that are not identifiable from these runs."""
     deflection, _ = swings(model, trials)
-    configurations = {trial.run.configuration for trial in trials}
-    blocked = {name for setup in model.configurations.values() for name in setup.rigid}
-    found = []
-    for link in model.links:
-        if link.name in blocked or not blocked:
-            reach = deflection.get(link.name, 0.0)
-            why = f"The runs deflect it by at most {1e3 * reach:.3g} mm; a stop beyond that is not identifiable."
-            found.append(_untested("end_stop", link.name, why))
-            free = [trial for trial in trials if link.name not in model.configurations[trial.run.configuration].rigid]
-            if not free:
-                why = "It is blocked in all runs; record one in a configuration that does not block it."
-                found += [_untested(form, link.name, why) for kind in ("spring_shape", "friction_shape") for form in FORMS[kind]]
-    if blocked and not any(model.configurations[name].rigid for name in configurations):
-        found.append(_untested("imperfect_lock", "lock", "No run was recorded in the locked configuration; record one."))
-    spans = [trial.start_time for trial in trials]
-    if len(spans) < 2 or np.ptp(spans) == 0.0:
-        why = "The runs have no start times, or there is only one; record several, minutes apart."
-        found += [_untested("stiffness_drift", link.name, why) for link in model.links if link.stiffness > 0.0]
-    return found
-
-
-def _untested(cause: str, place: str, why: str) -> ConsideredCandidate:
-    return ConsideredCandidate(
-        cause=cause, kind=kind_of(cause), location=place, holdout_error=None, share=None, standing="not tested", why=why
-    )
+    configurations = frozenset(trial.run.configuration for trial in trials)
+    runs = RecordedRuns(
+        deflection=deflection, configurations=configurations, start_times=[trial.start_time for trial in trials]
+    )  # fmt: skip
+    return [
+        ConsideredCandidate(
+            cause=cause.name, kind=cause.kind, location=place, holdout_error=None, share=None, standing="not tested", why=why
+        )
+        for cause in CATALOGUE
+        for place, why in cause.not_identifiable(model, runs)
+    ]

@@ -13,6 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import BROAD, Campaign, FloatArray
+from isorig.analysis.diagnose.causes import supported
+from isorig.analysis.diagnose.causes.base import SignKind
 from isorig.analysis.diagnose.estimate_pairs import Double, Doubles, Group, Lines
 from isorig.analysis.diagnose.observe import flat_tops, mains, peaks_of
 from isorig.analysis.diagnose.surface import Surface, surface_of
@@ -52,14 +54,6 @@ ONE_SIDED = 3.0
 RISE, UNLIKE = 0.02, 0.03
 #: Ratio of distortion to noise that is a sign of a nonlinearity. Chosen.
 DISTORTED = 3.0
-#: Causes that depend on the amplitude at a link.
-CURVED = ("hardening_stiffness", "softening_stiffness", "backlash", "end_stop", "quadratic_damping")
-RUBBING = ("coulomb_friction", "stribeck_friction", "presliding_friction", "asymmetric_friction")
-STIFFER = ("hardening_stiffness", "end_stop", "backlash")
-SOFTER = ("softening_stiffness", "presliding_friction")
-LINEAR = ("extra_mode", "wrong_mass", "sensor_gain", "channel_delay", "crosstalk", "moment_coupling", "imperfect_lock")
-
-
 Groups = Mapping[tuple[str, float], Group]
 
 
@@ -107,14 +101,14 @@ def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> li
     flat = [
         Sign(
             text=f"Flat tops: the {name} is cut off at its largest magnitude, {limit:.4g}, like a clipped record.",
-            supported=(("clipping", name),),
+            supported=supported("flat tops", name),
         )
         for name, limit in flat_tops(campaign, peaks_of(campaign)).items()
     ]
     hums = [
         Sign(
             text=f"Spectral peaks: in most runs the residual of the {name} has peaks at {frequency:g} Hz and its multiples.",
-            supported=(("mains_hum", name),),
+            supported=supported("hum", name),
         )
         for name, frequency in mains(model, trials).items()
     ]
@@ -175,10 +169,10 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             if not off and not shifted and share < LEAST:
                 found.append(Sign(text=text + ": they agree."))
                 continue
-            supported = [("imperfect_lock", "lock")]
-            supported += [(c, p) for p in (one, other) for c in ("sensor_gain", "crosstalk", "clipping")] if off else []
-            supported += [("channel_delay", one), ("channel_delay", other)] if shifted else []
-            found.append(Sign(text=text + ": one of the sensors, or the lock, is faulty.", supported=tuple(supported)))
+            causes = supported("lock", "lock")
+            causes += supported("ratio of rigid bodies", one, other) if off else ()
+            causes += supported("delay", one, other) if shifted else ()
+            found.append(Sign(text=text + ": one of the sensors, or the lock, is faulty.", supported=causes))
     return found
 
 
@@ -197,7 +191,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
                 Sign(
                     text=f"Constant ratio: the recorded {sensor.channel} is {level:.4g} ± {error:.1g} times the simulated one, "
                     "the same in all runs and frequency bins.",
-                    supported=(("sensor_gain", sensor.channel),),
+                    supported=supported("constant ratio", sensor.channel),
                 )
             )
         ratios = np.concatenate([x.ratio for x in each])
@@ -209,7 +203,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
                 Sign(
                     text=f"Linear phase: the phase of {sensor.channel} relative to the simulation is proportional to frequency, "
                     f"{_late(sensor.channel, delay, late)}.",
-                    supported=(("channel_delay", sensor.channel), ("channel_delay", model.drive.channel)),
+                    supported=supported("delay", sensor.channel, model.drive.channel),
                 )
             )
     return found
@@ -244,7 +238,7 @@ def poles(model: RigModel, groups: Groups) -> list[Sign]:
                     text=f"Poles: near {best[0]:.4g} Hz the measured and simulated transfer functions of the {sensor.channel} "
                     f"differ by {100 * best[1]:.0f} % of the larger one, elsewhere by {100 * best[2]:.2g} %: a mode that the "
                     "model lacks or has at another frequency.",
-                    supported=(("extra_mode", place), ("moment_coupling", place)),
+                    supported=supported("mode", place),
                 )
             )
     return found
@@ -273,11 +267,10 @@ def _configurations(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
         return [Sign(text=text + ".")]
     free, held = pair
     if error[free] > ONE_SIDED * error[held]:
-        places = sorted(blocks[held] - blocks[free])
-        supported = tuple((cause, place) for place in places for cause in (*CURVED, *RUBBING, "stiffness_drift"))
-        return [Sign(text=text + f": the error is in a part that moves only when {free}.", supported=supported)]
+        causes = supported("blocked by the lock", *sorted(blocks[held] - blocks[free]))
+        return [Sign(text=text + f": the error is in a part that moves only when {free}.", supported=causes)]
     if error[held] > ONE_SIDED * error[free]:
-        return [Sign(text=text + f": the error is larger when {held}.", supported=(("imperfect_lock", "lock"),))]
+        return [Sign(text=text + f": the error is larger when {held}.", supported=supported("lock", "lock"))]
     return [Sign(text=text + ": the error is present in both.")]
 
 
@@ -318,9 +311,10 @@ def _gains(model: RigModel, groups: Groups) -> list[Sign]:
         ]
         own = [group for (c, _), group in groups.items() if c == name]
         found.append(homogeneity(name, gains, seen, _misfit([p for group in own for p in group.pairs]), _linear(model, own)))
-    changes = any(sign.supported and sign.supported[0][0] in CURVED for sign in found)
     # An amplitude dependence within one configuration is nonlinear, whatever the others do.
-    return [Sign(text=sign.text) if changes and sign.supported == _anywhere(LINEAR) else sign for sign in found]
+    changes = any(sign.supported == supported("amplitude") for sign in found)
+    linear = supported("independent of amplitude")
+    return [Sign(text=sign.text) if changes and sign.supported == linear else sign for sign in found]
 
 
 def _linear(model: RigModel, groups: Sequence[Group]) -> float:
@@ -328,10 +322,6 @@ def _linear(model: RigModel, groups: Sequence[Group]) -> float:
     seen = [lines for group in groups for sensor in model.sensors if (lines := group.lines(sensor.channel)) is not None]
     shares = [float(np.linalg.norm(x.simulated - x.measured) / np.linalg.norm(x.measured)) for x in seen]
     return float(np.median(shares)) if shares else 0.0
-
-
-def _anywhere(causes: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    return tuple((cause, "") for cause in causes)
 
 
 def homogeneity(
@@ -357,7 +347,7 @@ def homogeneity(
         text = (
             f"the ratio measured/simulated changes with the drive gain ({'; '.join(moved[:3])}): the misfit depends on amplitude."
         )
-        return Sign(text=f"Homogeneity: {name}, {text}", supported=_anywhere((*CURVED, *RUBBING, "clipping")))
+        return Sign(text=f"Homogeneity: {name}, {text}", supported=supported("amplitude"))
     within = max((max(apart, APART * noise) for _, apart, noise in seen), default=np.inf)
     if not within <= RESOLVED:
         known = "no common frequency bins" if not seen else f"a difference below {100 * within:.2g} % would not be detected"
@@ -370,7 +360,7 @@ def homogeneity(
     if misfit > MOSTLY * max(linear, LEAST):
         return Sign(text=f"Homogeneity: {name}, {text}; but most of the misfit is not related to the drive, so it is not linear.")
     text += "."
-    return Sign(text=f"Homogeneity: {name}, {text}", supported=_anywhere(LINEAR))
+    return Sign(text=f"Homogeneity: {name}, {text}", supported=supported("independent of amplitude"))
 
 
 def _time(model: RigModel, groups: Groups) -> list[Sign]:
@@ -394,7 +384,7 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
                 f"{where} differ by more than the random error ({', '.join(differences)}): the rig has changed in between, or "
                 "its response does not repeat."
             )
-            found.append(Sign(text=text, supported=(("stiffness_drift", ""),)))
+            found.append(Sign(text=text, supported=supported("time")))
         elif 0.0 < within <= RESOLVED:
             found.append(Sign(text=f"{where} agree to within {100 * within:.2g} %: no change of the rig was detected."))
         elif within:
@@ -429,12 +419,12 @@ def _bends(surface: Surface) -> list[Sign]:
     ends = f"{surface.stiffness[1]:.4g} N/m near the middle and {surface.stiffness[-1]:.4g} N/m at ±{1e3 * surface.swing:.2g} mm"
     if not abs(rise) > max(SURE * error, RISE):
         return []
-    causes, verb = (STIFFER, "stiffens") if rise > 0.0 else (SOFTER, "softens")
+    verb: SignKind = "stiffens" if rise > 0.0 else "softens"
     return [
         Sign(
             text=f"Restoring force: the {where} {verb} with its swing by {100 * abs(rise):.2g} ± {100 * error:.1g} % beyond the "
             f"baseline ({ends}).",
-            supported=tuple((cause, surface.link) for cause in causes),
+            supported=supported(verb, surface.link),
         )
     ]
 
@@ -448,19 +438,17 @@ def _rubs(surface: Surface) -> list[Sign]:
             Sign(
                 text=f"Friction force: at the {surface.link} the force at high velocity is {abs(ways):.2g} ± {ways_std:.1g} N "
                 "larger in one direction than in the other, beyond the baseline.",
-                supported=(("asymmetric_friction", surface.link),),
+                supported=supported("uneven directions", surface.link),
             )
         )
     if abs(bend) > max(SURE * bend_std, least):
         more = "larger" if bend > 0.0 else "smaller"
+        kind: SignKind = "more at low and high velocity" if bend > 0.0 else "less at low and high velocity"
         found.append(
             Sign(
                 text=f"Friction force: at the {surface.link} friction is {abs(bend):.2g} ± {bend_std:.1g} N {more} at low and "
                 "high than at medium velocity, beyond the baseline.",
-                supported=tuple(
-                    (cause, surface.link)
-                    for cause in (("stribeck_friction", "quadratic_damping") if bend > 0.0 else ("presliding_friction",))
-                ),
+                supported=supported(kind, surface.link),
             )
         )
     return found
@@ -487,12 +475,11 @@ def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             noise, known = float(np.median(frf.noise)) / size, frf.distortion[np.isfinite(frf.distortion)]
             if len(known):  # needs more than one realization
                 bent = float(np.median(known)) / size
-                supported = tuple((cause, "") for cause in (*CURVED, *RUBBING)) if bent > DISTORTED * noise else ()
                 found.append(
                     Sign(
                         text=f"Periods: {group[0].configuration} at gain {gain:g} the distortion of the {sensor.channel} is "
                         f"{100 * bent:.2g} % of the signal, its noise {100 * noise:.2g} %.",
-                        supported=supported,
+                        supported=supported("amplitude") if bent > DISTORTED * noise else (),
                     )
                 )
     return found

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import cast, get_args
 
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Kind
 
 #: The catalogued forms of each kind.
 FORMS: Mapping[Kind, tuple[str, ...]] = {
-    kind: tuple(mechanism.cause for mechanism in CATALOGUE if mechanism.kind == kind) for kind in get_args(Kind)
+    kind: tuple(cause.name for cause in CATALOGUE if cause.kind == kind) for kind in get_args(Kind)
 }
 #: Kinds with a free shape: it bounds what any law of the kind can explain.
 SHAPED: frozenset[Kind] = frozenset(("spring_shape", "damping_shape", "friction_shape", "memory", "drift", "sensor"))
-_KIND_OF: dict[str, Kind] = {mechanism.cause: mechanism.kind for mechanism in CATALOGUE}
+_KIND_OF: dict[str, Kind] = {cause.name: cause.kind for cause in CATALOGUE}
 
 
 def kind_of(cause: str) -> Kind:

@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Quantity
+from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
-from isorig.analysis.diagnose.mechanisms.base import Evidence
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
 from isorig.analysis.simulate import simulate

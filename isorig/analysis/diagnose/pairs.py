@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.diagnose.mechanisms.base import Evidence
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.ladder import TELLING, Race, Rung, Running, tried
 from isorig.analysis.fitting.screen import Progress, Screen
@@ -114,7 +114,7 @@ def _complete(
         first, alone = queue.pop(0)
         model = msgspec.structs.replace(alone.model, free=tuple(free.path for free in alone.free))
         evidence = seen(model)
-        candidates = [c for mechanism in CATALOGUE for c in mechanism.candidates(model, evidence)]
+        candidates = [c for cause in CATALOGUE for c in cause.candidates(model, evidence)]
         screened = Screen(alone, rung.problem).ranked([c for c in candidates if _apart(c, first)])
         for item in (item for item in screened[:SECONDS] if item.cost < PROMISED * alone.cost):
             second = item.candidate

@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
+from isorig.analysis.diagnose.free_shapes import free_shapes, tabulated
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
-from isorig.analysis.diagnose.mechanisms.shapes import free_shapes, tabulated
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.pairs import Pair, pairs
 from isorig.analysis.diagnose.places import Places, compared_places
@@ -350,7 +350,7 @@ def _searched(job: _Job, kinds: Collection[Kind] | None, places: Places | None =
 
     problem = Problem(shortened(job.trials, job.seconds))
     glance = fit(job.current.model, job.current.free, problem, iterations=3, tolerance=CLOSE)
-    proposed = (c for mechanism in CATALOGUE for c in mechanism.candidates(glance.model, job.evidence))
+    proposed = (c for cause in CATALOGUE for c in cause.candidates(glance.model, job.evidence))
     candidates = [c for c in proposed if sought(c) or c.cause in ALWAYS]
     screened = Screen(glance, problem).ranked(candidates)
     if screened:
@@ -398,7 +398,7 @@ def _suspected(job: _Job, found_by: Suspects) -> _Tries:
         ]
         return fitted([*_started(suspected, found_by, job.current), *from_forms]).ranked
 
-    considered = (c for mechanism in CATALOGUE for c in mechanism.candidates(job.current.model, job.evidence))
+    considered = (c for cause in CATALOGUE for c in cause.candidates(job.current.model, job.evidence))
     return _Tries(
         run=fitted(begun), screened=(), known=frozenset(c.key for c in considered),
         pairs=lambda: _suspected_pairs(job, begun), shapes=shapes,
@@ -573,7 +573,7 @@ def _extended(
     starts: Starts = []
     for entry in (entry for entry in forms if entry.place == place):
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
-        for candidate in (c for mechanism in CATALOGUE for c in mechanism.candidates(model, evidence)):
+        for candidate in (c for cause in CATALOGUE for c in cause.candidates(model, evidence)):
             if (kind_of(candidate.cause), candidate.location) == place and candidate.key not in known:
                 free = candidate.parameters(model, entry.fit.free)
                 starts += [(candidate, free, start) for start in candidate.starts]

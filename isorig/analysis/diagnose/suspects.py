@@ -10,10 +10,10 @@ from math import pi
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS
+from isorig.analysis.diagnose.causes.base import Evidence
+from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.diagnose.mechanisms.base import Evidence
-from isorig.analysis.diagnose.mechanisms.shapes import free_shapes
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
@@ -55,20 +55,9 @@ TELLS = 0.5
 #: their remaining forces (as `Policy.form_alike`). Chosen: right forms left less than 1 %, those of another power 4 % and more.
 STANDS, STANDS_ALIKE = 0.02, POLICY.form_alike
 #: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
-ALWAYS = frozenset({"clipping", "mains_hum"})
+ALWAYS = frozenset(cause.name for cause in CATALOGUE if cause.always_tried)
 #: Kinds that a force over velocity cannot distinguish: where one is suspected, so is the other.
 OVER_VELOCITY = frozenset({"damping_shape", "friction_shape"})
-#: The forms of kinds that have several unlike ones, by what the equations found.
-FORM_OF: Mapping[str, frozenset[str]] = {
-    "resonator": frozenset({"extra_mode"}),
-    "rocking": frozenset({"moment_coupling"}),
-    "elastic lock": frozenset({"imperfect_lock"}),
-    "mass": frozenset({"wrong_mass"}),
-    "gain": frozenset({"sensor_gain", "wrong_mass"}),
-    "delay": frozenset({"channel_delay"}),
-    "crosstalk": frozenset({"crosstalk"}),
-    "static curve": frozenset({"clipping"}),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +102,8 @@ class Suspects:
     def _is(self, explanation: Explanation, cause: str, location: str) -> bool:
         if location not in self.places.get(explanation.place, frozenset({explanation.place})):
             return False
-        if explanation.what in FORM_OF and cause != explanation.kind:
-            return cause in FORM_OF[explanation.what]
+        if explanation.what in FOUND_AS and cause != explanation.kind:
+            return cause in FOUND_AS[explanation.what]
         kind = kind_of(cause)
         return kind == explanation.kind or {kind, explanation.kind} == OVER_VELOCITY
 
@@ -174,7 +163,7 @@ class Suspects:
 
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
-        proposed = [c for mechanism in CATALOGUE for c in mechanism.candidates(current.model, self._located(evidence))]
+        proposed = [c for cause in CATALOGUE for c in cause.candidates(current.model, self._located(evidence))]
         untested = {("wrong_mass", body) for body in self.equations.unscaled}
         found = [c for c in proposed if c.cause in ALWAYS or c.key in untested or self.includes(c.cause, c.location)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}

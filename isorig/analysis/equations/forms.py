@@ -18,6 +18,7 @@ from isorig.analysis.equations.sliding import Sliding, SlidingFit
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import RigModel
 
 #: Largest ratio of a parameter from the equations to its given value, and its inverse: others are artefacts of a wrong equation.
@@ -197,11 +198,11 @@ def _predicted(model: RigModel, element: Element, force: ElementForce, offset: f
         for law in link.laws:
             if law.remembers:
                 return None
-            total = total + law.force(d, v, t, still, link.stiffness)
+            total = total + law.force(d, v, t, still, model.constants_of(link))
     if contact is not None:
         if contact.law.remembers:
             return None
-        total = total + contact.law.force(d, v, t, still, 0.0)
+        total = total + contact.law.force(d, v, t, still, NO_LINK)
     return total
 
 

@@ -31,8 +31,8 @@ def law_columns(element: Element) -> int:
 
 
 def law_forces(
-    element: Element, d: FloatArray, v: FloatArray, time: FloatArray, rate: float, run: SlidingRun | None = None,
-    place: IntArray | None = None,
+    model: RigModel, element: Element, d: FloatArray, v: FloatArray, time: FloatArray, rate: float,
+    run: SlidingRun | None = None, place: IntArray | None = None,
 ) -> FloatArray:  # fmt: skip
     """Forces of an element's laws along its motion, shape (n, columns).
 
@@ -41,7 +41,8 @@ def law_forces(
     link = element.link
     assert link is not None
     still = np.zeros((1, len(d)))
-    plain = [law.force(d, v, time, still, link.stiffness) for law in link.laws if not law.remembers]
+    constants = model.constants_of(link)
+    plain = [law.force(d, v, time, still, constants) for law in link.laws if not law.remembers]
     found = [np.sum(plain, axis=0)] if plain else []
     whole, at = (d, slice(None)) if run is None else (run.deflection, place)
     memory = run.memory if run is not None else {}

@@ -22,6 +22,7 @@ from isorig.analysis.equations.motion import (
 from isorig.analysis.equations.sliding import ROUNDS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
+from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
@@ -153,7 +154,7 @@ class Equations:
             if law_columns(element) and self.combos.of(element.weights, 0) is not None:
                 d, v = (self.combined(signals, self.motion_row(element.weights, order)) for order in (0, 1))
                 time = record.start + np.arange(len(d)) / self.rate
-                for k, part in enumerate(law_forces(element, d, v, time, self.rate).T):
+                for k, part in enumerate(law_forces(self.model, element, d, v, time, self.rate).T):
                     signals[law_of(element, k), -1] = part
             else:
                 signals |= {(law_of(element, k), -1): np.zeros(len(values)) for k in range(law_columns(element))}
@@ -298,10 +299,10 @@ class Equations:
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
             rubbing: FloatArray = np.sign(v)
             if shaped and friction is not None:
-                rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), 0.0)
+                rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), NO_LINK)
             parts = [d, v, rubbing]
             if laws:
-                parts.append(law_forces(element, d, v, run.time[place], self.rate, run, place))
+                parts.append(law_forces(self.model, element, d, v, run.time[place], self.rate, run, place))
             return np.column_stack([*parts, run.fixed[place]])
 
         return columns

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
 from isorig.analysis.laws.elements import Element, Formula, State
 from isorig.analysis.laws.shapes import falling
 
@@ -53,7 +53,7 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
             exponent=float(draw.uniform(1.0, 2.0)), viscous_coefficient=float(draw.uniform(0.0, 20.0)),
         )  # fmt: skip
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         top = self._static
         falls = top - self.friction_force
         return Element(
@@ -62,7 +62,7 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
             steepest=(0.0, top / self.smoothing_velocity + 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         level = falling(v, self.friction_force, self._static, self.stribeck_velocity, self.exponent)
         return np.asarray(level * (2.0 / np.pi) * np.arctan(v / self.smoothing_velocity) + self.viscous_coefficient * v)
 

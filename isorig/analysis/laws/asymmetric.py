@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, dry
 
 
@@ -30,11 +30,11 @@ class Asymmetric(ContactLaw, frozen=True, kw_only=True, tag="asymmetric"):
         for name in self.__struct_fields__:
             self.require(name, least=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         levels = (self.forward_force, self.backward_force)
         return Element(states=dry(levels, levels, (self.forward_viscosity, self.backward_viscosity)))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         forward = self.forward_force + self.forward_viscosity * np.abs(v)
         backward = self.backward_force + self.backward_viscosity * np.abs(v)
         return np.asarray(np.where(v > 0.0, forward, np.where(v < 0.0, -backward, 0.0)))

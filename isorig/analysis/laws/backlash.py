@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Exit, State
 
 
@@ -28,8 +28,8 @@ class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
         if not 0.0 <= self.residual <= 1.0:
             raise ModelError(f"residual is {self.residual:g}, which must lie in [0, 1]; correct it")
 
-    def element(self, stiffness: float) -> Element | None:
-        slack, c = stiffness * (1.0 - self.residual), self.clearance
+    def element(self, link: LinkConstants) -> Element | None:
+        slack, c = link.stiffness * (1.0 - self.residual), self.clearance
         if slack == 0.0 or c == 0.0:
             return None
         return Element(
@@ -40,5 +40,5 @@ class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
             )
         )
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
-        return np.asarray(-stiffness * (1.0 - self.residual) * np.clip(d, -self.clearance, self.clearance))
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return np.asarray(-link.stiffness * (1.0 - self.residual) * np.clip(d, -self.clearance, self.clearance))

@@ -26,6 +26,19 @@ class Parameter:
     high: float
 
 
+@dataclass(frozen=True)
+class LinkConstants:
+    """Constants of the link that has a law: stiffness (N/m), damping (N s/m), and the mass of its lighter end (kg)."""
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    mass: float = math.inf
+
+
+#: Of a contact.
+NO_LINK = LinkConstants()
+
+
 class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="law"):
     """Base of all laws: every number is finite.
 
@@ -61,11 +74,11 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
             values[name] = p.low * (p.high / p.low) ** even if p.low > 0.0 else p.low + (p.high - p.low) * even
         return cls(**values)
 
-    def element(self, stiffness: float) -> Element | None:
-        """The law in the form for the engine, on a link with that stiffness in N/m; None if its parameters make it zero."""
+    def element(self, link: LinkConstants) -> Element | None:
+        """The law in the form for the engine, on a link with these constants; None if its parameters make it zero."""
         raise NotImplementedError(f"the law {type(self).__name__} lacks element(); implement it")
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         """Resistance in N while sliding, by the law's formula in plain numpy, independent of the engine's kernels.
 
         Parameters
@@ -74,8 +87,8 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
             Elongation (m), velocity (m/s) and time (s), shape (n,).
         memory
             Its memory, shape (numbers, n).
-        stiffness
-            Of its link, N/m.
+        link
+            Constants of its link.
         """
         raise SimulationError(
             f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
@@ -91,7 +104,7 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         """Initial memory, shape (numbers,)."""
         return np.zeros(1 if self.remembers else 0)
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         """Resistance in N along a measured motion, elongation (m) and velocity (m/s) at `rate` Hz, shape (n,).
 
         Raises
@@ -112,7 +125,7 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
                     k3 = self.rates(x[1], y[1], now + 0.5 * dt * k2)
                     now = now + dt * (k1 + 2.0 * k2 + 2.0 * k3 + self.rates(x[2], y[2], now + dt * k3)) / 6.0
                 memory[:, k + 1] = now
-        return self.force(d, v, np.arange(len(d)) / rate, memory, stiffness)
+        return self.force(d, v, np.arange(len(d)) / rate, memory, link)
 
 
 class SpringLaw(Law, frozen=True, kw_only=True):

@@ -9,7 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import integrated
 
@@ -42,11 +42,11 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
         if not 0.0 <= self.pinching <= 1.0:
             raise ModelError(f"pinching is {self.pinching:g}, which must lie in [0, 1]; correct it")
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         params = (self.friction_force, self.initial_stiffness, self.sharpness, self.pinching)
         return Element(formula=FORMULA, params=params, memories=1, steepest=(2.0 * self.initial_stiffness, 0.0))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.friction_force * memory[0]
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 
 
@@ -29,11 +29,11 @@ class BoundedSoftening(SpringLaw, frozen=True, kw_only=True, tag="bounded_soften
         if not 0.0 <= self.softening < 1.0:
             raise ModelError(f"softening is {self.softening:g}, which must lie in [0, 1); correct it")
 
-    def element(self, stiffness: float) -> Element:
-        return Element(formula=FORMULA, params=(stiffness * self.softening, self.scale))
+    def element(self, link: LinkConstants) -> Element:
+        return Element(formula=FORMULA, params=(link.stiffness * self.softening, self.scale))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
-        return np.asarray(stiffness * self.softening * (self.scale * np.tanh(d / self.scale) - d))
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return np.asarray(link.stiffness * self.softening * (self.scale * np.tanh(d / self.scale) - d))
 
 
 @kernel

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
 from isorig.analysis.laws.elements import Element, dry
 
 
@@ -32,11 +32,11 @@ class Coulomb(ContactLaw, frozen=True, kw_only=True, tag="coulomb"):
         force = float(draw.uniform(1.0, 12.0))
         return cls(friction_force=force, static_force=force * float(draw.uniform(1.0, 1.6)))
 
-    def element(self, stiffness: float) -> Element | None:
+    def element(self, link: LinkConstants) -> Element | None:
         static = self.friction_force if self.static_force is None else self.static_force
         if static == 0.0:
             return None
         return Element(states=dry((self.friction_force, self.friction_force), (static, static)))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.friction_force * np.sign(v)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 
 
@@ -16,10 +16,10 @@ class Cubic(SpringLaw, frozen=True, kw_only=True, tag="cubic"):
     cubic_stiffness: float
     parameters: ClassVar[dict[str, Parameter]] = {"cubic_stiffness": Parameter("N/m^3", 1e4, 1e7)}
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         return Element(formula=FORMULA, params=(self.cubic_stiffness,))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.cubic_stiffness * d**3
 
 

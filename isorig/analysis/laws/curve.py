@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import read, spline, table, tabulated
 
@@ -17,12 +17,13 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     """A tabulated law: a natural cubic spline through the points (`at`, `values`), linear beyond its ends.
 
     over "deflection" (m) or "speed" (m/s): a force in N added to the link's; over "time" (s since the campaign's first sample,
-    constant beyond the ends): a stiffness in N/m added to the link's.
+    constant beyond the ends): a stiffness in N/m added to the link's, or a damping in N s/m if it is `of` the damping.
     """
 
     over: Literal["deflection", "speed", "time"]
     at: tuple[float, ...]
     values: tuple[float, ...]
+    of: Literal["stiffness", "damping"] = "stiffness"
     parameters: ClassVar[dict[str, Parameter]] = {"at": Parameter("m", 1e-3, 2e-2), "values": Parameter("N", 0.0, 10.0)}
 
     def __post_init__(self) -> None:
@@ -35,17 +36,19 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
         values = np.sort(draw.uniform(-5.0, 5.0, 9))
         return cls(over="deflection", at=tuple(at.tolist()), values=tuple((values - values[4]).tolist()))
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.values)
         if self.over == "deflection":
             return Element(formula=OVER_DEFLECTION, params=params, steepest=(slope, 0.0))
         if self.over == "speed":
             return Element(formula=OVER_SPEED, params=params, steepest=(0.0, slope))
+        if self.of == "damping":
+            return Element(formula=DAMPING_OVER_TIME, params=params, steepest=(0.0, max(map(abs, self.values))))
         return Element(formula=OVER_TIME, params=params)
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         if self.over == "time":
-            return read(self.at, self.values, t, straight=False) * d
+            return read(self.at, self.values, t, straight=False) * (v if self.of == "damping" else d)
         return read(self.at, self.values, d if self.over == "deflection" else v, straight=True)
 
 
@@ -64,4 +67,10 @@ def over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float
     return tabulated(p, 0, t, False) * d
 
 
-OVER_DEFLECTION, OVER_SPEED, OVER_TIME = Formula(resist=over_deflection), Formula(resist=over_speed), Formula(resist=over_time)
+@kernel
+def damping_over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return tabulated(p, 0, t, False) * v
+
+
+OVER_DEFLECTION, OVER_SPEED = Formula(resist=over_deflection), Formula(resist=over_speed)
+OVER_TIME, DAMPING_OVER_TIME = Formula(resist=over_time), Formula(resist=damping_over_time)

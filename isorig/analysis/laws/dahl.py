@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import turning, way
 
@@ -29,17 +29,17 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
         self.require("friction_force", above=0.0)
         self.require("bristle_stiffness", above=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         params = (self.friction_force, self.bristle_stiffness)
         return Element(formula=FORMULA, params=params, memories=1, steepest=(2.0 * self.bristle_stiffness, 0.0))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return memory[0]
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.array([self.bristle_stiffness * (v - abs(v) * memory[0] / self.friction_force)])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         # Within a step of one direction the law is linear in the distance: it decays towards the level of that direction.
         level = self.friction_force * np.sign(v)
         kept = np.exp(-self.bristle_stiffness * np.abs(v) / (self.friction_force * rate))

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 
 #: Time in s longer than any campaign.
@@ -25,13 +25,13 @@ class Drift(SpringLaw, frozen=True, kw_only=True, tag="drift"):
         "until": Parameter("s", 0.5, 2.0),
     }
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         until = NEVER if self.until is None else self.until
-        return Element(formula=FORMULA, params=(stiffness * self.drift_rate, until))
+        return Element(formula=FORMULA, params=(link.stiffness * self.drift_rate, until))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         until = NEVER if self.until is None else self.until
-        return np.asarray(stiffness * self.drift_rate * np.minimum(t, until) * d)
+        return np.asarray(link.stiffness * self.drift_rate * np.minimum(t, until) * d)
 
 
 @kernel

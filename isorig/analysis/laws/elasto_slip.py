@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import NO_LINK, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import dragged, turning, way
 
@@ -37,11 +37,11 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
         self.require("slip_force", least=0.0)
         self.require("clearance", least=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         params = (self.spring_stiffness, self.slip_force, self.clearance)
         return Element(formula=FORMULA, params=params, memories=1, steepest=(self.spring_stiffness, 0.0))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         x = d - memory[0]
         return np.asarray(self.spring_stiffness * np.sign(x) * np.maximum(np.abs(x) - self.clearance, 0.0))
 
@@ -50,10 +50,10 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
         slips = abs(lead) >= self.slip_force / self.spring_stiffness + self.clearance and lead * v > 0.0
         return np.array([v if slips else 0.0])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         sliders = np.empty(len(d))
         dragged_along(self.slip_force / self.spring_stiffness + self.clearance, np.ascontiguousarray(d), sliders)
-        return self.force(d, v, d, sliders[None], stiffness)
+        return self.force(d, v, d, sliders[None], link)
 
 
 @kernel

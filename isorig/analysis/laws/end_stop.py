@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Exit, State
 
 
@@ -29,7 +29,7 @@ class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
         self.require("contact_stiffness", least=0.0)
         self.require("contact_damping", least=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         # Free, or pressing at either end; a damped stop separates before the stroke is left, because it never pulls.
         stroke, k, c = self.stroke, self.contact_stiffness, self.contact_damping
         free = State(exits=(Exit(to=1, const=stroke, d=-1.0), Exit(to=2, const=stroke, d=1.0)))
@@ -51,7 +51,7 @@ class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
             )
         )
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         side, over = np.sign(d), np.abs(d) - self.stroke
         pressed = self.contact_stiffness * over + self.contact_damping * v * side
         return np.asarray(np.where(over > 0.0, np.maximum(pressed, 0.0) * side, 0.0))

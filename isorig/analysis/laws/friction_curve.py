@@ -9,7 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula, dry, levelled
 from isorig.analysis.laws.shapes import read, spline, table, tabulated
 
@@ -50,7 +50,7 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
         at = tuple((np.linspace(-0.02, 0.02, 7)).tolist())
         return cls(over="position", at=at, levels=tuple(draw.uniform(3.0, 8.0, 7).tolist()))
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.levels)
         if self.over == "speed":
             back, other = spline(self.at, self.backward or self.levels)
@@ -63,7 +63,7 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
             return Element(states=levelled(), formula=OVER_POSITION, params=params, gates=(1.0, 1.0, -1.0), steepest=(slope, 0.0))
         return Element(states=levelled(), formula=OVER_TIME, params=params, gates=(1.0, 1.0, -1.0))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         x = {"speed": np.abs(v), "position": d, "time": t}[self.over]
         level = read(self.at, self.levels, x, straight=False)
         if self.backward:

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter, breakaway
 from isorig.analysis.laws.elements import Element, Exit, State
 from isorig.analysis.laws.shapes import falling
 from isorig.analysis.laws.stribeck import FORMULA
@@ -56,7 +56,7 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
             viscous_coefficient=float(draw.uniform(0.0, 20.0)),
         )  # fmt: skip
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         # Sticking within the band, moving through it in either direction, sliding in either direction.
         band, static, sliding, viscous = self.band, self.static_force, self.friction_force, self.viscous_coefficient
         out = (Exit(to=1, const=static, v=viscous, hold=-1.0), Exit(to=2, const=static, v=-viscous, hold=1.0))
@@ -75,18 +75,18 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
             gates=(0.0, 0.0, 0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         # Within the band it is the holding force, which does not follow from the motion.
         level: float | FloatArray = self.friction_force
         if self.stribeck_velocity is not None:
             level = falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
         return np.where(np.abs(v) > self.band, level * np.sign(v), np.nan) + self.viscous_coefficient * v
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         within = int(np.count_nonzero(np.abs(v) <= self.band))
         if within:
             raise SimulationError(
                 f"{within} of {len(v)} samples are within Karnopp's band of {self.band:g} m/s, where the motion does not "
                 "determine the friction force; choose a law with a force at every velocity, e.g. coulomb or stribeck"
             )
-        return super().along(d, v, rate, stiffness)
+        return super().along(d, v, rate, link)

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import falling, integrated
 
@@ -55,7 +55,7 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
             bristle_damping=float(draw.uniform(0.0, 20.0)), viscous_coefficient=float(draw.uniform(0.0, 20.0)),
         )  # fmt: skip
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         return Element(
             formula=FORMULA, memories=1,
             steepest=(2.0 * self.bristle_stiffness, 2.0 * (self.bristle_damping + self.viscous_coefficient)),
@@ -65,7 +65,7 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
             ),
         )  # fmt: skip
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         moving = v - self.bristle_stiffness * np.abs(v) * memory[0] / self._level(v)
         return np.asarray(self.bristle_stiffness * memory[0] + self.bristle_damping * moving + self.viscous_coefficient * v)
 

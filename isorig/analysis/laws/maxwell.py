@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import NO_LINK, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 
 
@@ -32,17 +32,17 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
         self.require("relaxation_stiffness", least=0.0)
         self.require("relaxation_time", above=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         params = (self.relaxation_stiffness, self.relaxation_time)
         return Element(formula=FORMULA, params=params, memories=1, steepest=(self.relaxation_stiffness, 0.0))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return memory[0]
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.array([self.relaxation_stiffness * v - memory[0] / self.relaxation_time])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, stiffness: float = 0.0) -> FloatArray:
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         from scipy.signal import lfilter
 
         # The damper's elongation lags behind by a first-order filter: exact for an elongation that is linear between samples.

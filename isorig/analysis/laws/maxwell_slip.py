@@ -9,7 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import dragged, turning, way
 
@@ -49,14 +49,14 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
         stiffnesses, forces = draw.uniform(2e2, 3e3, count), draw.uniform(0.3, 3.0, count)
         return cls(stiffnesses=tuple(stiffnesses.tolist()), slip_forces=tuple(forces.tolist()))
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         pairs = [value for pair in zip(self.stiffnesses, self.slip_forces, strict=True) for value in pair]
         count = len(self.stiffnesses)
         return Element(
             formula=FORMULA, params=(float(count), *pairs), memories=count, steepest=(2.0 * sum(self.stiffnesses), 0.0)
         )
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return np.asarray(np.array(self.stiffnesses) @ (d - memory))
 
     def begun(self) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula, levelled
 
 
@@ -35,14 +35,14 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
         self.require("friction_force", least=0.0)
         self.require("pitch", above=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         return Element(
             states=levelled(), formula=FORMULA, gates=(1.0, 1.0, -1.0),
             params=(self.friction_force, self.gradient, self.ripple, 2.0 * np.pi / self.pitch),
             steepest=(abs(self.gradient) + 2.0 * np.pi * abs(self.ripple) / self.pitch, 0.0),
         )  # fmt: skip
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         level = self.friction_force + self.gradient * d + self.ripple * np.cos(2.0 * np.pi * d / self.pitch)
         return np.asarray(np.maximum(level, 0.0) * np.sign(v))
 

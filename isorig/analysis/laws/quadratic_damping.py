@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import Parameter, SpringLaw
+from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
 
 
@@ -22,10 +22,10 @@ class QuadraticDamping(SpringLaw, frozen=True, kw_only=True, tag="quadratic_damp
         super().__post_init__()
         self.require("quadratic_damping", least=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         return Element(formula=FORMULA, params=(self.quadratic_damping,))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.quadratic_damping * v * np.abs(v)
 
 

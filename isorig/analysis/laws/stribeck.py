@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
 from isorig.analysis.laws.elements import Element, Formula, dry
 
 
@@ -45,7 +45,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
             stribeck_velocity=float(draw.uniform(0.02, 0.1)), exponent=float(draw.uniform(1.0, 2.0)),
         )  # fmt: skip
 
-    def element(self, stiffness: float) -> Element | None:
+    def element(self, link: LinkConstants) -> Element | None:
         if self.static_force == 0.0:
             return None
         falls = self.static_force - self.friction_force
@@ -55,7 +55,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
             gates=(0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         ratio = (np.abs(v) / self.stribeck_velocity) ** self.exponent
         fall = np.exp(-ratio) if self.shape == "exponential" else 1.0 / (1.0 + ratio)
         return np.asarray((self.friction_force + (self.static_force - self.friction_force) * fall) * np.sign(v))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.laws.base import ContactLaw, Parameter
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, State
 
 
@@ -19,8 +19,8 @@ class Viscous(ContactLaw, frozen=True, kw_only=True, tag="viscous"):
         super().__post_init__()
         self.require("viscous_coefficient", least=0.0)
 
-    def element(self, stiffness: float) -> Element:
+    def element(self, link: LinkConstants) -> Element:
         return Element(states=(State(v=self.viscous_coefficient),))
 
-    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, stiffness: float) -> FloatArray:
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.viscous_coefficient * v

@@ -18,6 +18,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import FrictionLaw, LinkLaw
+from isorig.analysis.laws.base import LinkConstants
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.refusals import explained
 from isorig.analysis.views import call
@@ -251,6 +252,11 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         reference = self.drive.channel
         response = next((sensor.channel for sensor in reversed(self.sensors) if sensor.channel != reference), reference)
         return response, reference, tuple(self.configurations)[:2]
+
+    def constants_of(self, link: Link) -> LinkConstants:
+        """What a law on a link may depend on."""
+        mass = min(self.body(body).mass for body in (link.a, link.b) if body != GROUND)
+        return LinkConstants(stiffness=link.stiffness, damping=link.damping, mass=mass)
 
     def sensed_contacts(self, configuration: str) -> tuple[tuple[Contact, str, str], ...]:
         """Contacts that may slide in a configuration, each with the channels that record the motion of its two bodies alike."""

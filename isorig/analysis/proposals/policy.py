@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 # Distances between causes.
 
 #: Distances, in standard errors of a frequency bin, up to which a run cannot distinguish two causes and from which it will.
@@ -100,73 +98,7 @@ TRIED = 3
 
 # Hypothetical causes.
 
-#: Frequencies of a hypothetical attached resonator, Hz. Chosen: two from the range used in the study of the diagnosis, 20 to 300
-#: Hz.
-HIDDEN_MODES = (30.0, 110.0)
-#: Mains frequency of a hypothetical hum, Hz, and its amplitude in the channel's unit: a third of the smallest in the study.
-MAINS, HUM = 50.0, 0.01
 #: Duration of a drift, seconds: the length of a session.
 SESSION = 720.0
 #: Replacement value for what does not move at all.
 TINY = 1e-12
-
-
-@dataclass(frozen=True, kw_only=True)
-class Smallest:
-    """The smallest relevant size of each cause: a third of the smallest in the study of the diagnosis.
-
-    Parameters
-    ----------
-    spring
-        Deviation of a spring's force from linearity at the largest deflection, as a share.
-    softening_scale
-        Deflection at which a softening spring softens, as a share of the largest.
-    breakaway, stribeck_speed
-        Breakaway above sliding friction, as a share; velocity scale of its decrease as a share of the largest velocity.
-    presliding, play
-        Share of the largest deflection before friction slides; half the play.
-    asymmetry
-        Relative difference of friction from its mean in each direction.
-    stop, stop_stiffness
-        Deflection of a stop as a share of the largest, and its stiffness as a multiple of the spring's.
-    drag
-        Force of quadratic damping at the largest velocity divided by dry friction and viscous force there.
-    drift
-        Relative change of a stiffness over `SESSION`.
-    relaxation
-        Relaxation stiffness divided by the spring's.
-    resonator, arm
-        Mass of a hypothetical attached resonator as a share of its body's; arm of the drive about the centre of gravity, m.
-    mass, gain
-        Shares.
-    lock
-        Stiffness of a lock divided by the spring's.
-    delay
-        Samples.
-    clipping, crosstalk
-        Limit as a share of the largest record; share of the largest record that comes from another channel.
-    """
-
-    spring: float = 0.1
-    softening_scale: float = 0.25
-    breakaway: float = 0.17
-    stribeck_speed: float = 0.07
-    presliding: float = 0.01
-    play: float = 0.02
-    asymmetry: float = 0.08
-    stop: float = 0.75
-    stop_stiffness: float = 0.5
-    drag: float = 0.17
-    drift: float = 0.033
-    relaxation: float = 0.1
-    resonator: float = 0.007
-    arm: float = 0.0033
-    mass: float = 0.02
-    lock: float = 1200.0
-    gain: float = 0.017
-    delay: float = 0.27
-    clipping: float = 0.88
-    crosstalk: float = 0.01
-
-
-SMALLEST = Smallest()

@@ -16,6 +16,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError
+from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.laws.elements import Element, Exit
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
@@ -140,11 +141,11 @@ def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray, loose
     for link in model.links:
         if link.name not in blocked:
             w = direction(model, link.a, link.b, link.arms) @ basis
-            found += [_placed(law.element(link.stiffness), link.name, w, rubs=False) for law in link.laws]
+            found += [_placed(law.element(model.constants_of(link)), link.name, w, rubs=False) for law in link.laws]
     for contact in model.contacts:
         if contact.name not in blocked:
             w = direction(model, contact.a, contact.b, contact.arms) @ basis
-            found.append(_placed(contact.law.element(0.0), contact.name, w, rubs=True))
+            found.append(_placed(contact.law.element(NO_LINK), contact.name, w, rubs=True))
     # An element has no effect if locked links prevent relative motion of its ends, or if both ends are imposed motions.
     elements = [element for element in found if element is not None and np.abs(element.direction[loose]).max(initial=0.0) > 1e-12]
     if prod(len(element.states) for element in elements) > MODES:

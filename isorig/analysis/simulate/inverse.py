@@ -75,7 +75,7 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
             d, v = _relative(motion, link)
             resistance = link.stiffness * d + link.damping * v
             for law in link.laws:
-                resistance = resistance + law.along(d, v, motion.sample_rate, link.stiffness)
+                resistance = resistance + law.along(d, v, motion.sample_rate, model.constants_of(link))
             force = force + (1.0 if name == link.a else -1.0) * resistance
     for contact in model.contacts:
         if name in (contact.a, contact.b):

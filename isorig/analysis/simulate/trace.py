@@ -8,6 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
@@ -180,8 +181,8 @@ def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> Fl
         d, v = _motion(inside, direction(model, part.a, part.b, part.arms))
         if np.ptp(d) > 0.0:
             for law in (part.law,) if isinstance(part, Contact) else part.laws:
-                stiffness = 0.0 if isinstance(part, Contact) else part.stiffness
-                force = force + law.along(d, v, 1.0 / inside.step, stiffness)
+                constants = NO_LINK if isinstance(part, Contact) else model.constants_of(part)
+                force = force + law.along(d, v, 1.0 / inside.step, constants)
     return force
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError, FitError
 from isorig.analysis.fitting.candidate import Candidate
@@ -141,7 +141,7 @@ def explanations(
         found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
     evidence = observe(campaign, still.model, trials, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
-        screened = Screen(still, whole).ranked([c for m in CATALOGUE for c in m.candidates(still.model, evidence)])
+        screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
     for item in _distinct(screened)[:FITTED]:
         progress(f"trying {item.candidate.cause} ({item.candidate.location})")
         done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)

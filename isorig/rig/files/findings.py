@@ -7,7 +7,7 @@ from typing import Literal
 
 import msgspec
 
-from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.diagnose.causes.base import Kind
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json

@@ -8,36 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from isorig.analysis.diagnose.mechanisms.base import Kind
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.wording import sized
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, Value
 from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
-CAUSES: Mapping[str, str] = {
-    "coulomb_friction": "dry friction of {friction_force} at the {place}",
-    "stribeck_friction": "Stribeck friction at the {place} that holds with {static_force} and slides with {friction_force}, "
-    "falling over {stribeck_velocity}",
-    "presliding_friction": "friction at the {place} that is elastic before it slides, with {bristle_stiffness}",
-    "asymmetric_friction": "friction at the {place} of {forward_force} forward and {backward_force} backward",
-    "play_and_friction": "play of {play} with friction of {friction_force} behind it in the {place}",
-    "relaxation": "a force in the {place} that relaxes, {relaxation_stiffness} within {relaxation_time}",
-    "hardening_stiffness": "a hardening spring in the {place}, cubic stiffness {cubic_stiffness}",
-    "softening_stiffness": "a softening spring in the {place}: it loses {softening} of its stiffness beyond {scale}",
-    "backlash": "play of {play} in the {place} ({clearance_alone} either way)",
-    "end_stop": "an end stop in the {place} at {stroke}, contact stiffness {contact_stiffness}",
-    "quadratic_damping": "damping in the {place} that grows with the square of the velocity, {quadratic_damping}",
-    "extra_mode": "a resonator of {mode_mass} at {mode_frequency} attached to the {place}",
-    "moment_coupling": "a drive force off the centre of gravity: the {place} rocks",
-    "wrong_mass": "the mass of the {place} is {mass}",
-    "imperfect_lock": "a lock that yields, with {lock_stiffness}",
-    "stiffness_drift": "a stiffness of the {place} that changes by {per_hour} per hour",
-    "channel_delay": "the {place} channel is {shifted}",
-    "sensor_gain": "the {place} channel reads {factor} of the true value",
-    "clipping": "the {place} channel is limited at {limit}",
-    "crosstalk": "the {place} channel contains {fraction} of another channel",
-    "mains_hum": "mains hum of {frequency} in the {place} channel",
-}
+PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}
 KINDS: Mapping[Kind, str] = {
     "spring_shape": "a nonlinear spring force over deflection",
     "damping_shape": "a nonlinear damping force over velocity",
@@ -113,7 +91,7 @@ def cause_in_words(step: NamedCause) -> str:
         return f"{KINDS[step.kind]} at the {place}{near}"
     shown = {name: _size(row) for name, row in values.items()} | _derived(values)
     try:
-        return CAUSES[step.cause].format(place=place, **shown)
+        return PHRASES[step.cause].format(place=place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have
         listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
         return f"{words(step.cause)} at the {place}" + (f", {listed}" if listed else "")

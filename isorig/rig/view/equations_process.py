@@ -20,8 +20,8 @@ from typing import cast
 import msgspec
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.early_answer import Decision, EarlyAnswer, early_answer
-from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.errors import AnalysisError
 from isorig.rig.acquire.equations import EquationsReport

@@ -1,4 +1,4 @@
-"""Every cause of the catalogue: unique, documented, assumed by proposals, and part of the virtual rig's campaigns."""
+"""Every cause of the catalogue: unique, documented, and the same size for proposals and for the virtual rig."""
 
 from __future__ import annotations
 
@@ -7,26 +7,41 @@ from collections import Counter
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.diagnose.mechanisms.base import Kind, Mechanism
-from isorig.analysis.proposals.hypotheses import SIZED
-from isorig.rig.virtual.effects import CAUSES, KINDS
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import SMALLEST, Cause, Evidence, Kind, RandomSizes
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.virtual.effects import KINDS, OUTSIDE, PAIRS, drawing, hidden_in
+from isorig.rig.wire_bonder.description import wire_bonder
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "diagnosing.md").read_text(encoding="utf-8")
-#: Causes for which proposals of further runs assume no size, and why.
-NOT_SIZED = {"play_and_friction": "the smallest one is a small clearance, which is assumed as `backlash`"}
-#: Causes that no campaign of the virtual wire bonder hides, and why.
-NOT_VIRTUAL = {
-    "coulomb_friction": "the baseline of the wire bonder has it; campaigns of other rigs hide it",
-    "play_and_friction": "`tests/blind/test_other_rigs.py` finds it in the measured record of a friction damper",
-}
+CHANNELS = ("head", "motor", "table", "heatblock")
+EVIDENCE = Evidence(
+    deflection={"table": 1e-3, "heatblock": 1e-5, "isolation": 5e-3}, speed={"table": 0.1, "heatblock": 0.01, "isolation": 0.3},
+    peak=dict.fromkeys(CHANNELS, 4.0), sample_rate=1024.0, end_time=720.0, flat_tops=dict.fromkeys(CHANNELS, 3.0),
+    mains=dict.fromkeys(CHANNELS, 50.0), misfit_frequencies=(30.0,), forces={}, push=25.0,
+    configurations=frozenset({"locked", "unlocked"}), guess=wire_bonder(),
+)  # fmt: skip
+#: Reported parameters that grow with the size of their cause.
+DETERMINE_SIZE = {
+    "cubic_stiffness", "softening", "clearance", "contact_stiffness", "quadratic_damping", "relaxation_stiffness", "mode_mass",
+    "drive_arm", "static_force", "delay", "amplitude",
+}  # fmt: skip
 
 
-def name_of(mechanism: Mechanism) -> str:
-    return mechanism.cause
+def name_of(cause: Cause) -> str:
+    return cause.name
+
+
+def rig_without(cause: Cause) -> RigModel:
+    """A wire bonder that has a place for it."""
+    return wire_bonder(friction=cause.name != "coulomb_friction")
+
+
+every_cause = pytest.mark.parametrize("cause", CATALOGUE, ids=name_of)
 
 
 def test_names_are_unique_and_differ_from_the_kinds() -> None:
@@ -36,33 +51,61 @@ def test_names_are_unique_and_differ_from_the_kinds() -> None:
     assert all(re.fullmatch("[a-z]+(_[a-z]+)*", name) for name in names), "findings and reports show it in words"
 
 
-@pytest.mark.parametrize("mechanism", CATALOGUE, ids=name_of)
-def test_a_cause_is_complete(mechanism: Mechanism) -> None:
-    cause = mechanism.cause
-    assert mechanism.kind in get_args(Kind)
-    assert type(mechanism).__doc__
-    assert f"| `{cause}` | `{mechanism.kind}` | " in PAGE, "docs/diagnosing.md has a row for it"
-    assert (cause in SIZED) != (cause in NOT_SIZED), "a size in analysis/proposals/hypotheses.py, or the reason here"
-    assert (cause in CAUSES) != (cause in NOT_VIRTUAL), "an effect in rig/virtual/effects.py, or the reason here"
+@every_cause
+def test_its_row_in_the_documentation_is_its_docstring(cause: Cause) -> None:
+    first = (type(cause).__doc__ or "").partition("\n")[0].rstrip(".")
+    assert f"| `{cause.name}` | `{cause.kind}` | {first[:1].lower()}{first[1:]} |" in PAGE
 
 
-def test_the_tables_have_no_other_names() -> None:
-    names = set(map(name_of, CATALOGUE))
-    assert set(SIZED) | set(CAUSES) | set(NOT_SIZED) | set(NOT_VIRTUAL) <= names
-    assert set(re.findall(r"^\| `(\w+)` \| `\w+` \|", PAGE, re.MULTILINE)) == names
+def test_the_documentation_has_no_other_causes() -> None:
+    assert set(re.findall(r"^\| `(\w+)` \| `\w+` \|", PAGE, re.MULTILINE)) == set(map(name_of, CATALOGUE))
 
 
-def test_the_order_of_effects_gives_every_campaign_its_seed() -> None:
-    assert KINDS[:20] == (
-        "none", "stribeck_friction", "presliding_friction", "asymmetric_friction", "hardening_stiffness", "softening_stiffness",
-        "backlash", "end_stop", "quadratic_damping", "extra_mode", "moment_coupling", "wrong_mass", "imperfect_lock",
-        "stiffness_drift", "channel_delay", "sensor_gain", "clipping", "crosstalk", "mains_hum", "relaxation",
-    )  # fmt: skip
+@every_cause
+def test_a_candidates_parameters_exist_in_its_models(cause: Cause) -> None:
+    candidates = cause.candidates(rig_without(cause), EVIDENCE)
+    assert {candidate.location for candidate in candidates} == set(cause.places(rig_without(cause)))
+    for candidate in candidates:
+        for start in candidate.starts:
+            assert all(free.low <= start.get(free.path) <= free.high for free in candidate.free)
+            assert all(np.isfinite(reported.of(start)) for reported in candidate.reported)
+
+
+@every_cause
+def test_a_report_says_its_parameters_in_words(cause: Cause) -> None:
+    derived = {"place", "play", "clearance_alone", "per_hour", "shifted"}
+    reported = {r.name for candidate in cause.candidates(rig_without(cause), EVIDENCE) for r in candidate.reported}
+    assert set(re.findall(r"\{(\w+)\}", cause.phrase)) <= reported | derived
+
+
+@every_cause
+def test_the_smallest_cause_changes_the_rig_less_than_a_hidden_one(cause: Cause) -> None:
+    """The size of what a virtual rig hides under the same relative size is at least that of the smallest."""
+    model = rig_without(cause)
+    for place in cause.supposed_places(model):
+        for smallest in cause.smallest(model, EVIDENCE, place):
+            assert smallest.model != model or smallest.hum is not None
+            hidden = [cause.sized(model, EVIDENCE, place, SMALLEST, RandomSizes(drawing(seed, "any"))) for seed in range(9)]
+            assert all(set(one.parameters) == set(smallest.parameters) for one in hidden)
+            for name in DETERMINE_SIZE & set(smallest.parameters):
+                assert smallest.parameters[name] <= min(one.parameters[name] for one in hidden), name
+
+
+def test_an_effects_random_numbers_follow_from_its_name() -> None:
+    """A new cause must not change what a seed hides under the others' names: these are the numbers that the names give."""
+    assert drawing(3, "end_stop").uniform() == pytest.approx(0.158149683)
+    assert drawing(3, "quadratic_damping").uniform() == pytest.approx(0.095356169)
+    assert len({drawing(3, kind).uniform() for kind in KINDS}) == len(KINDS)
+
+
+def test_every_kind_of_effect_can_be_hidden() -> None:
+    assert {*(cause for pair in PAIRS for cause in pair), *(f"outside: {name}" for name in OUTSIDE), "none", "two"} <= set(KINDS)
+    for kind in KINDS:
+        hidden = hidden_in(wire_bonder(), kind, 1.0, 5)
+        assert {name for name, _ in hidden.truth} <= ({kind} if kind != "two" else set(KINDS))
 
 
 def test_the_page_on_causes_lists_every_family() -> None:
-    sources = (ROOT / "isorig" / "analysis" / "diagnose" / "mechanisms").glob("*.py")
-    families = {name for file in sources for name in re.findall(r'family="(\w+)"', file.read_text(encoding="utf-8"))}
     page = (ROOT / "docs" / "add-cause.md").read_text(encoding="utf-8")
     listed = page.split("*Which family?*")[1].split("\n-")[0]
-    assert set(re.findall("`([a-z]+)`", listed)) == families
+    assert set(re.findall("`([a-z]+)`", listed)) == {cause.family for cause in CATALOGUE}

@@ -9,8 +9,8 @@ import pytest
 from small_rigs import guessed, played, stage
 
 from isorig.analysis.diagnose import diagnosis
+from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _Search, _Stage, merged
-from isorig.analysis.diagnose.mechanisms.base import Kind
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, Step, _by_kind

@@ -12,12 +12,14 @@ from scipy.interpolate import CubicSpline
 
 from isorig.analysis import laws
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.laws.base import LinkConstants
 from isorig.analysis.model.parameter_units import rotational, unit_of
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, trace
 
 RATE, SECONDS = 2048.0, 2.0
 STIFFNESS, DAMPING = 600.0, 3.0
+LINK = LinkConstants(stiffness=STIFFNESS, damping=DAMPING)
 PAGE = (Path(__file__).parents[3] / "docs" / "friction.md").read_text(encoding="utf-8")
 
 
@@ -96,7 +98,7 @@ def test_the_simulated_force_is_the_formulas(law: type[laws.Law], seed: int) -> 
             rtol=1e-7, atol=1e-10, max_step=1.0 / RATE,
         )  # fmt: skip
         memory = found.y
-    want = drawn.force(d, v, t, memory, STIFFNESS)
+    want = drawn.force(d, v, t, memory, LINK)
     if isinstance(drawn, laws.EndStop):
         # The force of a damped stop jumps as it is met: the samples beside that are left out.
         met = np.flatnonzero(np.diff((np.abs(d) > drawn.stroke).astype(int)))
@@ -110,7 +112,7 @@ def test_the_simulated_force_is_the_formulas(law: type[laws.Law], seed: int) -> 
 def test_the_force_along_a_measured_motion_is_the_simulated_one(law: type[laws.Law]) -> None:
     drawn = law.drawn(np.random.default_rng(3))
     d, v, force, _ = simulated(drawn)
-    along = drawn.along(d, v, RATE, STIFFNESS)
+    along = drawn.along(d, v, RATE, LINK)
     assert np.std(along - force) < 0.03 * np.std(force)
 
 

@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 from made_up import FIRST, PARAMETERS, SCATTER, SPRING
 
-from isorig.analysis.diagnose.mechanisms.chain import with_chain
-from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.diagnose.causes.at_link import added
+from isorig.analysis.diagnose.causes.measurement_chain import with_chain
 from isorig.analysis.laws import EndStop
-from isorig.analysis.model.rig_model import Chain, Configuration, RigModel
+from isorig.analysis.model.rig_model import Configuration, RigModel
 from isorig.rig.files.recording import write
 from isorig.rig.virtual.campaign import BEGIN, SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import FRICTION, THESIS, wire_bonder
@@ -51,7 +51,7 @@ def gain(draw: Draw) -> Hidden:
     """A sensor's gain is off by 4 to 15 %."""
     channel = str(draw.choice(["motor", "table", "heatblock"]))
     factor = 1.0 + float(draw.choice([-1.0, 1.0])) * draw.uniform(0.04, 0.15)
-    return Hidden(change=lambda m: with_chain(m, channel, Chain(gain=factor)), cause="sensor_gain", place=channel)
+    return Hidden(change=lambda m: with_chain(m, channel, gain=factor), cause="sensor_gain", place=channel)
 
 
 def lock(draw: Draw) -> Hidden:

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis import laws
-from isorig.analysis.diagnose.mechanisms.springs import added
+from isorig.analysis.diagnose.causes.at_link import added
 from isorig.analysis.fitting.solve import base_parameters, positive
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.files.rivals import NAME, FittedModel, OpenSet, Rivals, TakenRun, fitted_model

@@ -14,10 +14,12 @@ import numpy as np
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import SI_UNIT, FloatArray
-from isorig.analysis.diagnose.mechanisms.base import SHARE_OF_PUSH, Evidence, Kind, exchange
-from isorig.analysis.diagnose.mechanisms.chain import with_chain
+from isorig.analysis.diagnose.causes.base import Evidence, Kind, exchange
+from isorig.analysis.diagnose.causes.coulomb_friction import SHARE_OF_PUSH
+from isorig.analysis.diagnose.causes.measurement_chain import with_chain
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
 
 #: Points of a curve over a two-sided range (odd, so that one is in the middle), over velocities, over a session, of a sensor's
@@ -68,17 +70,22 @@ def _two_sided(reach: float, points: int = POINTS) -> FloatArray:
 
 
 def _curve(
-    model: RigModel, link: Link, over: Literal["deflection", "speed", "time"], at: FloatArray, replaced: tuple[type, ...]
+    model: RigModel,
+    link: Link,
+    over: Literal["deflection", "speed", "time"],
+    at: FloatArray,
+    replaced: tuple[type, ...],
+    of: Literal["stiffness", "damping"] = "stiffness",
 ) -> tuple[RigModel, str] | None:
     # The rig with the laws of these types at a link replaced by an equivalent curve, and the curve's path.
-    if any(isinstance(law, laws.Curve) and law.over == over for law in link.laws):
+    if any(isinstance(law, laws.Curve) and (law.over, law.of) == (over, of) for law in link.laws):
         return None
     kept = tuple(law for law in link.laws if not isinstance(law, replaced))
     still = np.zeros(len(at))
     d, v = (still, at) if over == "speed" else (at, still)
-    gone = [law.force(d, v, still, still[None], link.stiffness) for law in link.laws if isinstance(law, replaced)]
+    gone = [law.force(d, v, still, still[None], model.constants_of(link)) for law in link.laws if isinstance(law, replaced)]
     values = np.sum([still, *gone], axis=0)
-    curve = laws.Curve(over=over, at=tuple(at.tolist()), values=tuple(values.tolist()))
+    curve = laws.Curve(over=over, at=tuple(at.tolist()), values=tuple(values.tolist()), of=of)
     free = tuple(path for path in model.free if not path.startswith(f"links.{link.name}.laws"))
     changed = msgspec.structs.replace(model, free=free, links=exchange(model.links, link.name, laws=(*kept, curve)))
     return changed, f"links.{link.name}.laws.{len(kept)}"
@@ -171,7 +178,7 @@ def _levels(law: laws.FrictionLaw, speed: FloatArray, way: float) -> FloatArray:
     if law.remembers:
         return np.full(len(speed), _level(law))
     still = np.zeros(len(speed))
-    return way * law.force(still, way * np.maximum(speed, SLOWEST), still, still[None], 0.0)
+    return way * law.force(still, way * np.maximum(speed, SLOWEST), still, still[None], NO_LINK)
 
 
 def _rubbed(model: RigModel, evidence: Evidence, place: str, law: laws.FrictionLaw) -> tuple[RigModel, laws.FrictionLaw, float]:
@@ -278,18 +285,29 @@ def _memory(model: RigModel, evidence: Evidence, place: str) -> Candidate | None
 
 
 def _drift(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
-    if evidence.end_time <= 0.0:
+    return _drift_of("stiffness", "N/m", laws.Drift, model, evidence, place)
+
+
+def _damping_drift(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    return _drift_of("damping", "N s/m", laws.DampingDrift, model, evidence, place)
+
+
+def _drift_of(
+    of: Literal["stiffness", "damping"], unit: str, law: type[laws.SpringLaw], model: RigModel, evidence: Evidence, place: str
+) -> Candidate | None:
+    link = model.link(place)
+    constant = getattr(link, of)
+    if evidence.end_time <= 0.0 or constant <= 0.0:
         return None
-    link, at = model.link(place), evidence.end_time * np.linspace(0.0, 1.0, MOMENTS)
-    begun = _curve(model, link, "time", at, (laws.Drift,))
+    at = evidence.end_time * np.linspace(0.0, 1.0, MOMENTS)
+    begun = _curve(model, link, "time", at, (law,), of)
     if begun is None:
         return None
     start, path = begun
     free = tuple(
-        Free(path=f"{path}.values.{k}", low=-0.95 * link.stiffness, log=False, step=1e-3 * link.stiffness)
-        for k in range(1, len(at))
+        Free(path=f"{path}.values.{k}", low=-0.95 * constant, log=False, step=1e-3 * constant) for k in range(1, len(at))
     )
-    shape = Shape(over="time", unit="s", value_unit="N/m", path=path, tables=("values",))
+    shape = Shape(over="time", unit="s", value_unit=unit, path=path, tables=("values",))
     return Candidate(
         cause="drift", location=place, family="drift curve", starts=(start,), free=free, reported=(), rank=9, shape=shape
     )
@@ -300,7 +318,7 @@ def _bend(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None
     if chain.bend or peak <= 0.0:
         return None
     at = _two_sided(peak, BENDS)
-    start = with_chain(model, channel, msgspec.structs.replace(chain, bend=tuple((float(x), 0.0) for x in at)))
+    start = with_chain(model, channel, bend=tuple((float(x), 0.0) for x in at))
     path = f"sensors.{channel}.chain.bend"
     free = tuple(
         Free(path=f"{path}.{k}.1", low=-np.inf, log=False, step=1e-3 * peak) for k in range(len(at)) if k != len(at) // 2
@@ -319,7 +337,7 @@ def _taps(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None
         return None
     middle = TAPS // 2
     taps = tuple(1.0 if k == middle else 0.0 for k in range(TAPS))
-    start = with_chain(model, channel, msgspec.structs.replace(chain, taps=taps))
+    start = with_chain(model, channel, taps=taps)
     path = f"sensors.{channel}.chain.taps"
     free = tuple(Free(path=f"{path}.{k}", low=-5.0, high=5.0, log=False, step=1e-3) for k in range(TAPS))
     return Candidate(
@@ -334,7 +352,7 @@ AT_LINKS: Mapping[Kind, Sequence[Maker]] = {
     "damping_shape": (_damping,),
     "friction_shape": (_friction_by_speed, _friction_by_position, _friction_by_time),
     "memory": (_memory,),
-    "drift": (_drift,),
+    "drift": (_drift, _damping_drift),
 }
 
 

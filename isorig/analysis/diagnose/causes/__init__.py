@@ -1,0 +1,29 @@
+"""The catalogue of causes: one file for each, with all that the program knows of it (`base.Cause`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+
+from isorig.analysis.diagnose.causes.base import Cause, SignKind
+
+_FILES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
+
+#: Every class of this package's files that states its kind.
+CATALOGUE: tuple[Cause, ...] = tuple(
+    value()
+    for file in _FILES
+    for value in vars(file).values()
+    if isinstance(value, type) and value.__module__ == file.__name__ and issubclass(value, Cause) and "kind" in vars(value)
+)
+#: The causes by what the equations of motion of the records call them.
+FOUND_AS: Mapping[str, frozenset[str]] = {
+    what: frozenset(cause.name for cause in CATALOGUE if what in cause.found_as)
+    for what in sorted({what for cause in CATALOGUE for what in cause.found_as})
+}
+
+
+def supported(sign: SignKind, *places: str) -> tuple[tuple[str, str], ...]:
+    """The causes that a sign in the records supports, each at these places (at an unknown one, "", if there are none)."""
+    return tuple((cause.name, place) for cause in CATALOGUE if sign in cause.signs for place in places or ("",))

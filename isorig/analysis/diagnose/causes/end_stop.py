@@ -1,0 +1,74 @@
+"""A stop at a deflection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from math import log
+
+from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns, blocked_throughout
+from isorig.analysis.diagnose.causes.backlash import INSIDE
+from isorig.analysis.diagnose.causes.base import Evidence, RecordedRuns, Sizes, sliding_links
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws import EndStop as EndStopLaw
+from isorig.analysis.model.rig_model import Link, RigModel
+
+#: Stroke as a share of the largest deflection, and stiffness of the contact as a multiple of the spring's, at the starts.
+STARTS = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3))
+#: Smallest stroke of a stop with a weak spring inside, as a share of the largest deflection: with a smaller one it is play.
+LEAST_STROKE = 0.3
+
+
+class EndStop(LinkCause):
+    """A second, stiffer spring beyond a stroke."""
+
+    kind = "spring_shape"
+    family = "spring"
+    rank = 2
+    law = EndStopLaw
+    sliding = True
+    phrase = "an end stop in the {place} at {stroke}, contact stiffness {contact_stiffness}"
+    signs = frozenset({"amplitude", "blocked by the lock", "stiffens"})
+
+    def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
+        for share, factor in STARTS:
+            stiffness = factor * link.stiffness
+            law = EndStopLaw(stroke=share * link.deflection, contact_stiffness=stiffness, contact_damping=_slight(link))
+            yield link.having(law)
+
+    def free(self, link: LinkInRuns) -> Iterable[Free]:
+        slight = _slight(link)
+        return (
+            Free(path="stroke", low=0.05 * link.deflection, high=1.2 * link.deflection),
+            Free(path="contact_stiffness", low=1e-2 * link.stiffness, high=1e4 * link.stiffness),
+            Free(path="contact_damping", low=1e-3 * slight, high=1e4 * slight, log=False, step=slight),
+        )
+
+    def plausible(self, link: LinkInRuns, evidence: Evidence, path: str) -> Callable[[RigModel], bool]:
+        return partial(_has_a_spring_inside, evidence.before(link.link), path, link.deflection)
+
+    def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> EndStopLaw:
+        stroke = sizes.weak_to_strong(0.75, 0.45) * link.deflection
+        stiffness = size * sizes.weak_to_strong(1.5, 5.0) * link.stiffness
+        return EndStopLaw(stroke=stroke, contact_stiffness=stiffness)
+
+    def not_identifiable(self, model: RigModel, runs: RecordedRuns) -> Iterator[tuple[str, str]]:
+        for link in sliding_links(model):
+            reach = 1e3 * runs.deflection.get(link.name, 0.0)
+            yield link.name, f"The runs deflect it by at most {reach:.3g} mm; a stop beyond that is not identifiable."
+        yield from blocked_throughout(model, runs)
+
+
+def _slight(link: LinkInRuns) -> float:
+    # A contact has a little damping; without it there would be another law, with fewer states. N s/m.
+    return 1e-3 * link.stiffness * link.deflection / max(link.speed, 1e-12)
+
+
+def _has_a_spring_inside(before: Link, path: str, deflection: float, model: RigModel) -> bool:
+    # With almost no spring inside it is play where the stroke is small, or the spring beyond it is the one that was expected.
+    inside = model.link(before.name).stiffness
+    beyond = inside + model.get(f"{path}.contact_stiffness")
+    if inside > INSIDE * beyond:
+        return True
+    far = model.get(f"{path}.stroke") > LEAST_STROKE * deflection
+    return far and abs(log(inside / before.stiffness)) < abs(log(beyond / before.stiffness))

@@ -1,0 +1,41 @@
+"""Causes in the measurement chain of a channel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from isorig.analysis.diagnose.causes.base import Cause, exchange
+from isorig.analysis.model.rig_model import Chain, RigModel
+
+
+def chain_of(model: RigModel, channel: str) -> tuple[Chain, str]:
+    """The chain of a channel and its path in the model."""
+    if channel == model.drive.channel:
+        return model.drive.chain, "drive.chain"
+    return model.sensor(channel).chain, f"sensors.{channel}.chain"
+
+
+def with_chain(model: RigModel, channel: str, **changes: Any) -> RigModel:
+    """The rig with changes of a channel's chain."""
+    chain = msgspec.structs.replace(chain_of(model, channel)[0], **changes)
+    if channel == model.drive.channel:
+        return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=chain))
+    return msgspec.structs.replace(model, sensors=exchange(model.sensors, channel, chain=chain))
+
+
+def sensor_channels(model: RigModel) -> tuple[str, ...]:
+    """The sensors' channels."""
+    return tuple(sensor.channel for sensor in model.sensors)
+
+
+class ChannelCause(Cause):
+    """A cause in the chain of a channel."""
+
+    family = "chain"
+    rank = 0
+
+    def places(self, model: RigModel) -> tuple[str, ...]:
+        """The drive's channel and the sensors'."""
+        return (model.drive.channel, *sensor_channels(model))

@@ -1,0 +1,50 @@
+"""Breakaway above sliding friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from isorig.analysis.diagnose.causes.at_contact import ContactCause, ContactInRuns
+from isorig.analysis.diagnose.causes.base import Sizes
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws import Stribeck
+from isorig.analysis.model.rig_model import RigModel
+
+#: Sliding and breakaway force as multiples of the friction, and velocities as shares of the largest, at the starts.
+LEVELS, SPEEDS = ((0.8, 1.3), (0.98, 1.08)), (0.02, 0.1)
+
+
+class StribeckFriction(ContactCause):
+    """A breakaway force above the sliding friction, which decreases with velocity."""
+
+    kind = "friction_shape"
+    rank = 2
+    law = Stribeck
+    reports = ("static_force", "friction_force", "stribeck_velocity")
+    phrase = (
+        "Stribeck friction at the {place} that holds with {static_force} and slides with {friction_force}, "
+        "falling over {stribeck_velocity}"
+    )
+    signs = frozenset({"amplitude", "blocked by the lock", "more at low and high velocity"})
+
+    def starts(self, contact: ContactInRuns) -> Iterable[RigModel]:
+        force = contact.likely_friction
+        for sliding, breakaway in LEVELS:
+            for share in SPEEDS:
+                yield contact.having(
+                    Stribeck(
+                        friction_force=sliding * force, static_force=breakaway * force, stribeck_velocity=share * contact.speed
+                    )
+                )
+
+    def free(self, contact: ContactInRuns) -> Iterable[Free]:
+        force = contact.likely_friction
+        return (
+            Free(path="static_force", low=1e-3 * force, high=20.0 * force),
+            Free(path="stribeck_velocity", low=2e-4 * contact.speed, high=2.0 * contact.speed),
+        )
+
+    def sized_law(self, contact: ContactInRuns, size: float, sizes: Sizes) -> Stribeck:
+        static = contact.friction * (1.0 + size * sizes.weak_to_strong(0.5, 1.2))
+        velocity = sizes.between(0.03, 0.12) * contact.speed
+        return Stribeck(friction_force=contact.friction, static_force=static, stribeck_velocity=velocity)
