@@ -1,6 +1,6 @@
 """Damping from a transfer function: bias and spread over repetitions, compared with pyEMA, a plain fit and half-power.
 
-Run `python bench/damping.py [--repeats REPEATS]`; the standard uncertainty of a spread is 5 % with 200 repeats and 3 % with
+Run `python bench/damping.py [--repeats REPEATS]`; the standard uncertainty of a spread is 7 % with 100 repeats and 3 % with
 500. pyEMA comes with the extra `bench`. The cases are a heatblock (164.5 Hz, 0.009) and a motor (5.06 Hz, 0.073) over 300 s of
 white drive with 2 % noise in the response, evaluated at several frequency resolutions.
 """
@@ -119,6 +119,6 @@ def main(repeats: int) -> list[Row]:
 
 if __name__ == "__main__":
     parser = options(__doc__)
-    parser.add_argument("--repeats", type=int, help="repeats of each case: 500, or 20 with --quick")
+    parser.add_argument("--repeats", type=int, help="repeats of each case: 100, or 20 with --quick")
     given = parser.parse_args()
-    keep(main(given.repeats or (20 if given.quick else 500)), given.rows)
+    keep(main(given.repeats or (20 if given.quick else 100)), given.rows)

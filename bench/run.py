@@ -1,4 +1,4 @@
-"""Run all benchmarks and write docs/bench.md: their results with ratios to other packages.
+"""Run all benchmarks and write docs/bench.md, their results with ratios to other packages, of which README.md shows six.
 
     python bench/run.py [--quick] [NAME ...]
 
@@ -26,7 +26,7 @@ import psutil
 from table import Row
 
 HERE = Path(__file__).parent
-PAGE = HERE.parent / "docs" / "bench.md"
+PAGE, README = HERE.parent / "docs" / "bench.md", HERE.parent / "README.md"
 #: Title of each benchmark's section.
 NAMES = {
     "simulate": "The simulator: time and error",
@@ -38,6 +38,17 @@ NAMES = {
     "diagnose": "Diagnoses: time",
     "fleet": "A fleet: time",
 }
+#: What README.md shows: benchmark, quantity and other package or method as in its table, and the quantity in words.
+SHOWN = (
+    ("simulate", "time of one simulated second", "scipy RK45, thesis's law, force straight", "time of a simulation"),
+    ("simulate", "error of the slip speed, rms over rms", "scipy RK45, thesis's law, force straight", "error of a simulation"),
+    ("simulate", "time of one simulated second", "diffrax Tsit5, arctan 1e-4", "time of a simulation"),
+    ("spectra", "time", "pyFRF, no copy", "time of transfer functions"),
+    ("spectra", "time", "scipy welch, csd, coherence", "time of transfer functions"),
+    ("damping", "164.5 Hz, accelerance, 4.7 frequency bins in the bandwidth", "pyEMA", "bias of a damping ratio"),
+)
+#: Marks around these ratios in README.md.
+MARKS = "<!-- ratios of docs/bench.md -->\n", "<!-- end -->"
 #: Share of one processor that other programs may use before and during a benchmark; seconds of each look, and longest wait in s.
 #: Chosen: the services of a computer at rest take less than 2 %; a program that takes 5 % shifts medians by as much.
 QUIET, LOOK, PATIENCE = 0.05, 5.0, 600.0
@@ -140,11 +151,36 @@ def machine(quick: bool) -> str:
     )
 
 
+def sections_of(page: str) -> dict[str, str]:
+    """The page's sections by title."""
+    parts = re.split(r"^## (.*)\n\n", page, flags=re.MULTILINE)
+    return dict(zip(parts[1::2], (part.strip() for part in parts[2::2]), strict=True))
+
+
+def ratios(page: str) -> str:
+    """The ratios that README.md shows, as a table with the command of each; without those that the page lacks."""
+    sections = sections_of(page)
+    lines = ["| quantity | other package or method | its value / isorig's | command |", "|---|---|---|---|"]
+    for name, what, peer, words in SHOWN:
+        for row in sections.get(NAMES[name], "").splitlines():
+            cells = [cell.strip() for cell in row.split("|")[1:-1]]
+            if len(cells) == 6 and (cells[0], cells[2]) == (what, peer):
+                lines.append(f"| {words} | {peer} | {float(cells[4]):,.3g} | `python bench/{name}.py` |")
+    return "\n".join(lines) + "\n"
+
+
+def write_readme() -> None:
+    """Write the page's ratios into README.md."""
+    text = README.read_text(encoding="utf-8")
+    before, rest = text.split(MARKS[0])
+    after = rest.split(MARKS[1], 1)[1]
+    README.write_text(before + MARKS[0] + ratios(PAGE.read_text(encoding="utf-8")) + MARKS[1] + after, encoding="utf-8")
+
+
 def write_section(name: str, text: str) -> None:
     """Write a benchmark's section into the page, replacing the previous one."""
     page = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
-    parts = re.split(r"^## (.*)\n\n", page, flags=re.MULTILINE)
-    sections = dict(zip(parts[1::2], (part.strip() for part in parts[2::2]), strict=True)) | {NAMES[name]: text.strip()}
+    sections = sections_of(page) | {NAMES[name]: text.strip()}
     ordered = [f"## {title}\n\n{sections[title]}\n" for title in NAMES.values() if title in sections]
     PAGE.write_text("\n".join([HEAD, *ordered]), encoding="utf-8")
 
@@ -165,6 +201,7 @@ def main() -> int:
             failures.append(f"{name}: {wrong}")
         else:
             write_section(name, f"{table(rows)}\n\n{took}\n")
+    write_readme()
     print("\n" + PAGE.read_text(encoding="utf-8"))
     print("\n".join(failures) or f"written to {PAGE.relative_to(HERE.parent)}")
     return 1 if failures else 0

@@ -1,4 +1,4 @@
-"""Groups of segments: each left out is the average without it, and their scatter is that of repeats."""
+"""Groups of segments: the changes due to each follow from the average without it, and their scatter is that of repeats."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ LENGTH = 64
 
 
 @pytest.mark.parametrize("estimator", ["H1", "H2", "Hv"])
-def test_left_out_is_the_average_without_the_group(estimator: str) -> None:
+def test_changes_follow_from_the_average_without_the_group(estimator: str) -> None:
     x, y = pair(0, 10 * LENGTH)
     # Without overlap across the gap between runs, each run's segments are its own.
     runs = [run_of(x=x[k : k + LENGTH], y=y[k : k + LENGTH]) for k in range(0, len(x), LENGTH)]
-    frf = estimate(runs, references=["x"], resolution=RATE / LENGTH).frf("y", "x", estimator)
-    assert frf.without_group is not None
-    kept = frf.frequency[3:20]
-    left_out = frf.without_group(kept)
-    assert left_out.shape == (10, 17)
-    for k, values in enumerate(left_out):
+    whole = estimate(runs, references=["x"], resolution=RATE / LENGTH)
+    frf = whole.frf("y", "x", estimator)
+    assert frf.group_changes is not None
+    changes = frf.group_changes(frf.frequency[3:20])
+    assert changes.shape == (10, 17)
+    for k, values in enumerate(changes):
         rest = [run for i, run in enumerate(runs) if i != k]
-        alone = estimate(rest, references=["x"], resolution=RATE / LENGTH).frf("y", "x", estimator)
-        np.testing.assert_allclose(values, alone.value[3:20], rtol=2e-5)
+        alone = estimate(rest, references=["x"], resolution=RATE / LENGTH)
+        power = (9.0 * alone.density("x") / (10.0 * whole.density("x")))[3:20]
+        moved = alone.frf("y", "x", estimator).value[3:20] - frf.value[3:20]
+        np.testing.assert_allclose(values, moved * np.sqrt(power), rtol=2e-4, atol=2e-5)
 
 
 def test_scatter_of_groups_is_that_of_repeats() -> None:
@@ -33,10 +35,9 @@ def test_scatter_of_groups_is_that_of_repeats() -> None:
     for seed in range(60):
         x, y = pair(seed, 200 * LENGTH)
         frf = estimate([run_of(x=x, y=y)], references=["x"], resolution=RATE / LENGTH).frf("y", "x")
-        assert frf.without_group is not None
-        left_out = frf.without_group(frf.frequency[2:-2])
+        assert frf.group_changes is not None
         values.append(frf.value[2:-2])
-        scatter.append((np.abs(left_out - left_out.mean(axis=0)) ** 2).sum(axis=0) * (1.0 - 1.0 / len(left_out)))
+        scatter.append((np.abs(frf.group_changes(frf.frequency[2:-2])) ** 2).sum(axis=0))
     spread = np.mean(np.abs(np.array(values) - np.mean(values, axis=0)) ** 2)
     assert spread / np.mean(scatter) == pytest.approx(1.0, abs=0.06)
 

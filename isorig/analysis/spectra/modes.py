@@ -248,10 +248,8 @@ def _deviations(
 
 
 def _group_deviations(rows: ComplexArray, bread: FloatArray, sigma: FloatArray, frf: Frf, frequency: FloatArray) -> FloatArray:
-    # To first order: leaving out a group moves the values by bread Re(rows^H change / sigma^2).
-    if frf.without_group is None:
+    # To first order: a group moves the values by bread Re(rows^H change / sigma^2).
+    if frf.group_changes is None:
         return np.zeros(len(bread))
-    left_out = frf.without_group(frequency)
-    changes = (left_out - left_out.mean(axis=0)) / sigma**2
-    moves = np.real(changes @ np.conj(rows)) @ bread * np.sqrt(1.0 - 1.0 / len(left_out))
+    moves = np.real(frf.group_changes(frequency) / sigma**2 @ np.conj(rows)) @ bread
     return np.array([deviation(moves, unit) for unit in np.eye(len(bread))])

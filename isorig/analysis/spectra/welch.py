@@ -61,9 +61,9 @@ class Frf(Viewed):
         Window of the segments, and their relative overlap; no window for transforms of whole records that start and end at rest.
     decay
         Rate of an exponential window on all channels, 1/s: values are those at s = decay + 2 pi i f.
-    without_group
-        The values in the bins of the given frequencies (Hz, shape (bins,)) without each group of segments in turn, complex, shape
-        (groups, bins): for the uncertainty of quantities derived from them. None if groups were not stored.
+    group_changes
+        The changes of the values in the bins of the given frequencies (Hz, shape (bins,)) due to each group of segments, complex,
+        shape (groups, bins): the sum of their squares is the variance. None if groups were not stored.
     """
 
     response: str
@@ -81,7 +81,7 @@ class Frf(Viewed):
     window: Window | None = HANN
     overlap: float = OVERLAP
     decay: float = 0.0
-    without_group: Callable[[FloatArray], ComplexArray] | None = field(default=None, repr=False, compare=False)
+    group_changes: Callable[[FloatArray], ComplexArray] | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.in_words})"
@@ -198,7 +198,7 @@ class Spectra:
                 phase_std=np.minimum(relative[:, j], np.pi), averages=averages, resolution=self.resolution, estimator=estimator,
                 multiple_coherence=multiple if len(references) > 1 else None, units=(self.unit(response), self.unit(name)),
                 window=self.window, overlap=self.overlap, decay=self.decay,
-                without_group=partial(_left_out, self, response, tuple(references), j, estimator) if self.groups else None,
+                group_changes=partial(_group_changes, self, response, tuple(references), j, estimator) if self.groups else None,
             )
             for j, name in enumerate(references)
         )  # fmt: skip
@@ -222,10 +222,18 @@ class Spectra:
         return np.array([np.sqrt(max(float(self.density(name).sum()), np.finfo(float).tiny)) for name in channels])
 
 
-def _left_out(
+def _group_changes(
     spectra: Spectra, response: str, references: tuple[str, ...], j: int, estimator: Estimator, frequency: FloatArray
 ) -> ComplexArray:  # fmt: skip
-    return np.stack([part.frfs(response, references, estimator)[j].value for part in spectra.without_groups(frequency)])
+    # Leaving a group out changes the estimate by 1 / (1 - h) times its contribution, h being its share of the power. The root
+    # of that factor makes the sum of squares unbiased (HC2 of MacKinnon and White 1985).
+    row, lines = spectra.channels.index(references[j]), np.searchsorted(spectra.frequency, frequency - 0.5 * spectra.resolution)
+    whole, power = spectra.frfs(response, references, estimator)[j].value[lines], spectra.auto[row, lines] * spectra.segments
+    changed = []
+    for part in spectra.without_groups(frequency):
+        rest = np.sqrt(part.auto[row] * part.segments / np.maximum(power, np.finfo(float).tiny))
+        changed.append((part.frfs(response, references, estimator)[j].value - whole) * rest)
+    return np.stack(changed)
 
 
 def estimate(

@@ -81,7 +81,6 @@ def frf(
         For a recording that is being written: estimate repeatedly from the available data until it is finished.
     """
     from isorig.analysis.errors import DataError
-    from isorig.rig.acquire.follow import follow as followed
     from isorig.rig.exchange.reading import READERS
     from isorig.rig.exchange.responses import read_responses
     from isorig.rig.files.output import write_text
@@ -133,6 +132,8 @@ def frf(
         write({path.stem: found_of(path) for path in paths}, " and ".join(path.name for path in paths))
         print(output)
         return
+    from isorig.rig.acquire.follow import follow as followed
+
     for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
         try:
             found = found_in(measured)
