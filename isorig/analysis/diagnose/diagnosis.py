@@ -35,11 +35,11 @@ from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
+    bare_cost,
     baseline_fit,
     calibrated,
     finished,
     ladder,
-    misfit,
     tried,
     widened,
     without,
@@ -363,7 +363,7 @@ class _Search:
         # `Policy.refitted`; and the improvement. The first seconds of the runs tell whether there may be one.
         rung = ladder(division.fits)[-1]
         glance = tried(without_step(better, now.fit), now.fit.free, rung)
-        before = misfit(now.fit.model, rung.problem)
+        before = bare_cost(now.fit, rung)
         if glance is None or 0.5 * np.log(before / glance.cost) <= 0.5 * POLICY.refitted:
             return now, 0.0
         bare = without(better, now.fit, division.fits)

@@ -253,14 +253,14 @@ def next_step(
     tries = _suspected(job, found_by) if found_by else _searched(job, kinds, places) if anywhere or places else None
     if tries is None:
         return None
-    forms = _entries(tries.run.ranked[:FINALISTS], trials, fine, progress)
+    forms = _entries(tries.run.ranked[:FINALISTS], trials, fine, floors, progress)
     # What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it.
     weak = found_by is not None and not found_by.ranking.broken and not any(adequate(entry.score, floors) for entry in forms)
     if anywhere and (weak or (equations.hidden and (found_by or places) and not _help(forms, now, floors))):
         unseen = _searched(job, kinds)
         if unseen is not None:
             tries, found_by = unseen, None
-            forms = _better([*forms, *_entries(tries.run.ranked[:FINALISTS], trials, fine, progress)], floors)
+            forms = _better([*forms, *_entries(tries.run.ranked[:FINALISTS], trials, fine, floors, progress)], floors)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((e for e in forms if share_removed(now.error, e.score.error, floors) > 1.0 - POLICY.settled), None)
@@ -284,9 +284,9 @@ def next_step(
                 # A shape of its kind that is no better on the last rung leaves the form as close as it must come.
                 place = nearly.place
                 below = next(done.cost for c, done in tries.run.ranked if c is nearly.candidate) / POLICY.form_close**2
-            shapes = _entries(contenders(tries.shapes(forms, place), tries.run, below), trials, fine, progress)
+            shapes = _entries(contenders(tries.shapes(forms, place), tries.run, below), trials, fine, floors, progress)
             again = _again(tries.screened, forms, shapes, now, current, floors, job.rungs, progress)
-            forms = _better([*forms, *_entries(again, trials, fine, progress)], floors)
+            forms = _better([*forms, *_entries(again, trials, fine, floors, progress)], floors)
             if (shapes or nearly is None) and not any(adequate(entry.score, floors) for entry in forms):
                 return _kind_and_form(job, tries, forms, shapes)
     except OutOfTimeError:
@@ -410,7 +410,7 @@ def _kind_and_form(job: _Job, tries: _Tries, forms: Sequence[Entry], shapes: Seq
     named = _by_kind(forms, shapes, job.now, job.floors, job.evidence)
     place = named.entry.place if named is not None and named.step.form is None else None
     more = _extended(place, forms, tries.known, job.current, job.evidence, job.rungs, job.progress)
-    forms = _better([*forms, *_entries(more, job.trials, job.fine, job.progress)], job.floors)
+    forms = _better([*forms, *_entries(more, job.trials, job.fine, job.floors, job.progress)], job.floors)
     if any(adequate(entry.score, job.floors) for entry in forms):
         return _by_form(sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks)))), job.now, job.floors)
     return _by_kind(forms, shapes, job.now, job.floors, job.evidence) if more else named
@@ -459,24 +459,28 @@ def _help(entries: Sequence[Entry], now: Score, floors: FloatArray) -> bool:
 
 
 def _entries(
-    ranked: Sequence[tuple[Candidate, Fit]], trials: Sequence[Trial], fine: Sequence[Trial], progress: Progress
-) -> list[Entry]:
+    ranked: Sequence[tuple[Candidate, Fit]], trials: Sequence[Trial], fine: Sequence[Trial], floors: FloatArray,
+    progress: Progress,
+) -> list[Entry]:  # fmt: skip
     entries: list[Entry] = []
     for candidate, rough in ranked:
         lost = bool(entries) and rough.cost > BEHIND * ranked[0][1].cost
         if lost and len(entries) > 1:
             break
-        # One with a much larger error is no contender: its rough fit serves to show by how much.
+        # One with a much larger error is no contender: its rough fit serves to show by how much. One that predicts the held-out
+        # data to the noise needs no more data.
+        entry = Entry(candidate=candidate, fit=rough, score=score(rough.model, fine))
         try:
-            done = rough if lost else unrolled(rough, trials) if candidate.shape else finished(rough, trials)
+            if not (lost or adequate(entry.score, floors)):
+                done = unrolled(rough, trials) if candidate.shape else finished(rough, trials)
+                entry = replace(entry, fit=done, score=score(done.model, fine))
         except FitError:  # it fits the first seconds only
             continue
         except OutOfTimeError:
             if entries:
                 break
-            done = rough
-        entries.append(Entry(candidate=candidate, fit=done, score=score(done.model, fine)))
-        progress(f"{candidate.cause} ({candidate.location}): held-out error {entries[-1].score.figure:.3g}")
+        entries.append(entry)
+        progress(f"{candidate.cause} ({candidate.location}): held-out error {entry.score.figure:.3g}")
     return entries
 
 

@@ -13,14 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.solve import Fit, Problem, bending, fit
 from isorig.analysis.fitting.trials import Trial
 
-#: Rounds of fits with finer differences, and the relative decrease of the cost that justifies another one.
-ROUNDS, FALL = 4, 1e-5
-#: Largest number of steps of a round, and where the model has a curve.
-STEPS, CURVED = 8, 2
+#: Largest number of times that the derivatives are computed, and the relative decrease of the cost that ends the fit.
+STEPS, FALL = 4, 1e-6
 #: Bounds of the relative size of a finite difference.
 FINEST, COARSEST = 1e-6, 1e-3
 #: A value whose full size changes the residual by less than this, in standard deviations of the noise, is not identifiable.
@@ -37,18 +36,12 @@ def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
     before.
     """
     problem = Problem(trials, share=SIMULATION_LIMIT)
-    # The points of a curve hold each other, and each costs a simulation: one round of few steps.
-    curved = any(free.follows for free in done.free)
-    for _ in range(1 if curved else ROUNDS):
-        size = {path: abs(value) or 1.0 for path, value in done.values.items()}
-        free = tuple(
-            replace(f, step=float(np.clip(done.std[f.path] / size[f.path], FINEST, COARSEST))) if f.log else f for f in done.free
-        )
-        before = done.cost
-        done = fit(done.model, free, problem, iterations=CURVED if curved else STEPS, tolerance=FALL / 10.0)
-        if before - done.cost <= FALL * before:
-            break
-    return done
+    coarse = Problem([coarsened(coarsened(trial)) for trial in trials], share=SIMULATION_LIMIT)
+    size = {path: abs(value) or 1.0 for path, value in done.values.items()}
+    free = tuple(
+        replace(f, step=float(np.clip(done.std[f.path] / size[f.path], FINEST, COARSEST))) if f.log else f for f in done.free
+    )
+    return fit(done.model, free, problem, iterations=STEPS, tolerance=FALL, coarse=coarse)
 
 
 def untraced(done: Fit) -> frozenset[str]:

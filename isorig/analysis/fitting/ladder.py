@@ -71,6 +71,8 @@ DECISIVE = 0.5
 #: A fit whose misfit over a run's first moments exceeds this multiple of its allowance is biased by a missing effect.
 BENT = 10.0
 
+#: Misfit, in allowed errors, up to which a fit agrees with the data.
+AGREES = 1.0
 #: rms error, as a share of the signal, below which a simulation has not lost the motion: waveforms half a period apart have twice
 #: the signal's.
 STAYS = 0.5
@@ -400,7 +402,7 @@ def race(
     for place, rung in enumerate(rungs):
         last = rung is rungs[-1]
         try:
-            bare += [_bare_cost(current, longer) for longer in rungs[len(bare) : place + 2]]
+            bare += [bare_cost(current, longer) for longer in rungs[len(bare) : place + 2]]
             least = bare[place]
             nearly = least < BENT and place + 2 < len(rungs) and bare[place + 1] < UNCHANGED * least
             if not last and (least < TELLING or nearly):
@@ -441,6 +443,8 @@ def verified(starts: Starts, rung: Rung, progress: Progress) -> Race:
     near = [k for cost, k in begun if np.isfinite(cost) and cost <= LEAVES * begun[0][0]][:TRIED]
     climbed: Running = []
     for candidate, free, model in (starts[k] for k in near):
+        if any(one is candidate and done.cost <= AGREES for one, done in climbed):
+            continue  # another starting point of it cannot fit better than the data allow
         progress(f"fitting {candidate.cause} ({candidate.location})")
         done = tried(model, free, rung)
         if done is not None and candidate.plausible(done.model):
@@ -456,11 +460,11 @@ def verified(starts: Starts, rung: Rung, progress: Progress) -> Race:
 
 def stays(run: Race, current: Fit, rung: Rung) -> bool:
     """Whether the best fit stays with the data on a rung: its misfit is well below that of the current model refitted there."""
-    return bool(run.ranked) and run.ranked[0][1].cost < max((1.0 - DECISIVE) * _bare_cost(current, rung), TELLING)
+    return bool(run.ranked) and run.ranked[0][1].cost < max((1.0 - DECISIVE) * bare_cost(current, rung), TELLING)
 
 
-def _bare_cost(current: Fit, rung: Rung) -> float:
-    # Misfit of the current model refitted on a rung.
+def bare_cost(current: Fit, rung: Rung) -> float:
+    """Misfit of a model refitted on a rung."""
     done = tried(current.model, current.free, rung)
     return done.cost if done else np.inf
 

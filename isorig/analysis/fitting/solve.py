@@ -189,6 +189,8 @@ class Problem:
         self._gauges = [Waveform(trial, share, least) for trial in self.trials]
         self.sizes = tuple(gauge.size for gauge in self._gauges)
         self.size = sum(self.sizes)
+        # The last model that was simulated alone: a parameter without effect in a run leaves its residual there.
+        self._last: dict[int, tuple[bytes, FloatArray]] = {}
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
         """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged.
@@ -205,12 +207,18 @@ class Problem:
         def one(job: tuple[int, int]) -> None:
             which, index = job
             part = out[which, ends[index] - self.sizes[index] : ends[index]]
+            trial = self.trials[index]
+            seen = trial.seen_of(models[which])
+            if index in self._last and self._last[index][0] == seen:
+                part[:] = self._last[index][1]
+                return
             try:
-                trial = self.trials[index]
                 predicted = expected(models[which], trial, true_motion(models[which], trial, trial.fitted))
                 self._gauges[index].write_residual(predicted, part)
             except (SimulationError, ModelError):  # it grows without bound, or moves too fast for any step
                 part[:] = np.nan
+            if len(models) == 1:
+                self._last[index] = seen, part.copy()
 
         side_by_side(one, [(which, index) for which in range(len(models)) for index in range(len(self.trials))])
         return out
@@ -224,6 +232,7 @@ def fit(
     iterations: int = 12,
     tolerance: float = 1e-4,
     tether: float = 0.0,
+    coarse: Problem | None = None,
 ) -> Fit:
     """Fit the free parameters by Levenberg-Marquardt.
 
@@ -242,6 +251,9 @@ def fit(
     tether
         Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, relative to residuals of 1:
         so small that it holds only what the data do not determine.
+    coarse
+        The same residuals from coarser simulations, which suffice for the derivatives: then these are used for as many steps as
+        reduce the cost as they predict.
 
     Raises
     ------
@@ -280,7 +292,10 @@ def fit(
     taken, fresh = 0, True
     while taken < iterations or not fresh:
         if fresh:
-            jacobian = jacobian_of(problem, build, theta, free, residual)
+            if coarse is None:
+                jacobian = jacobian_of(problem, build, theta, free, residual)
+            else:
+                jacobian = jacobian_of(coarse, build, theta, free, coarse.residuals([build(theta)])[0])
             normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
             taken += 1
@@ -306,7 +321,7 @@ def fit(
             damping *= 8.0
         if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
             break
-        fresh = not fresh or before - cost < FORETOLD * (before - foretold)
+        fresh = (not fresh and coarse is None) or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,

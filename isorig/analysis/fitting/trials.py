@@ -8,6 +8,7 @@ from functools import cached_property
 from threading import Lock
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
@@ -111,13 +112,18 @@ class Trial:
                 self._cache.grids[oversample] = replace(self, excitation=self.excitation.resampled(oversample))
             return self._cache.grids[oversample]
 
+    def seen_of(self, model: RigModel) -> bytes:
+        """All of a model that determines its records in this trial, as a key for caches."""
+        chains = [sensor.chain for sensor in model.sensors]
+        return model.moving_in(self.run.configuration) + msgspec.msgpack.encode(chains, enc_hook=float)
+
     def motion_of(self, model: RigModel, samples: int) -> dict[str, FloatArray]:
         """The true values of drive and sensors by channel in a free run of `samples`, each shape (samples,).
 
         The last `CACHED` motions are kept; models that differ in their sensors' faults only share one.
         """
         sound, cache = model.without_faults, self._cache
-        key = (sound.encoded, samples)
+        key = (sound.moving_in(self.run.configuration), samples)
         with cache.lock:
             motion = cache.motions.get(key)
         if motion is None:

@@ -290,6 +290,21 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         parts = (self.bodies, self.links, self.contacts, self.configurations, drives)
         return msgspec.msgpack.encode(parts, enc_hook=float)
 
+    def moving_in(self, configuration: str) -> bytes:
+        """All that determines the sensors' motion in a configuration, as a key for caches: not what a perfect lock blocks."""
+        setup = self.configurations[configuration]
+        blocked = () if setup.lock_stiffness is not None else setup.rigid
+        ends = [(link.a, link.b, link.arms) for link in self.links if link.name in blocked]
+        ends += [(b, a, {}) for a, b, arms in ends if not arms]
+        forces = any(sensor.force_in is not None for sensor in self.sensors)
+        parts = (
+            self.bodies, self.drives, setup,
+            [link for link in self.links if forces or link.name not in blocked],
+            [c for c in self.contacts if forces or (c.a, c.b, c.arms) not in ends],
+            [msgspec.structs.replace(sensor, chain=Chain()) for sensor in self.sensors],
+        )  # fmt: skip
+        return msgspec.msgpack.encode(parts, enc_hook=float)
+
     @cached_property
     def without_faults(self) -> RigModel:
         """The rig with perfect sensors and without free parameters: it moves alike, and so do all that differ in these only."""
