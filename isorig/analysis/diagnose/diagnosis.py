@@ -27,7 +27,8 @@ from isorig.analysis.diagnose.policy import (
     step_counts,
     verdict,
 )
-from isorig.analysis.diagnose.step import Entry, Found, Step, next_step, updated, with_evidence, without_form
+from isorig.analysis.diagnose.search import Job, next_step
+from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import BROKEN, equations_of
 from isorig.analysis.equations.forms import start_values
 from isorig.analysis.equations.system import Equations
@@ -290,9 +291,11 @@ class _Search:
             with self.until_the_time_ends():
                 ask_time()
                 found = next_step(
-                    self._campaign, self._guesses, now.fit, now.score, self._equations_for(stages), trials, judged, floors,
-                    self._progress, left,
-                    steps=self._most_steps - len(stages) + 1, forms_only=repeated,
+                    Job(
+                        campaign=self._campaign, guesses=self._guesses, current=now.fit, now=now.score,
+                        equations=self._equations_for(stages), trials=trials, fine=judged, floors=floors,
+                        progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=repeated,
+                    )
                 )  # fmt: skip
             if found is None:
                 break

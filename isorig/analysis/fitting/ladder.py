@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
+from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.score import score, worst
-from isorig.analysis.fitting.screen import Progress, ScreenedCandidate, shortened
+from isorig.analysis.fitting.screen import Progress, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
 from isorig.analysis.fitting.start import equation_start
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, prepare
@@ -47,25 +46,15 @@ SHOWN = 0.3
 FAR_WORSE = 2.0
 #: A curve with a misfit above this, in allowed errors, is tried with more points, as long as that reduces it by this share.
 FLAT, REFINES = 1.2, 0.15
-#: Number of leading curves tried with more points on a rung.
-REFINED = 3
-#: Number of candidates in the elimination, in addition to the best of each family.
-RACING = 6
-#: Families that can make bodies stick.
-STICKING = ("friction", "memory")
-#: Factor for the number of steps of a free shape on its first rung, where it starts flat and the model is far from the data.
-SHAPE_STEPS = 2
-#: A free shape whose misfit increases by this factor from one rung to the next has diverged: it restarts flat.
-LOST = 10.0
 #: A candidate whose misfit exceeds the best's by this factor is eliminated.
 BEHIND = 6.0
-#: Maximum number of candidates on the last rung and on the one before: these two take most of the time, and for a rig with small
-#: imperfections no candidate falls far behind. Chosen: 1.5 and 2.5 times the number of final fits.
-CROWD = {1: 6, 2: 10}
-#: Misfit of a refitted model, in allowed errors, above which a rung distinguishes candidates; and the share by which one must
+#: Every second length of the runs is enough for candidates, which start from a fit of the whole; and the largest number of them
+#: that is followed to a longer one.
+FOLLOWS, CROWD = 2, 8
+#: Misfit of a refitted model, in allowed errors, above which the data distinguish candidates; and the share by which one must
 #: reduce it.
 TELLING, PROMISING = 2.0, 0.1
-#: Share of the refitted model's misfit that the best candidate must remove before a rung eliminates those that remove little.
+#: Share of the refitted model's misfit that the best candidate must remove before others are eliminated.
 #: Chosen: on a short stretch, a cause may imitate the small imperfections of a rig whose main effect does not show yet.
 DECISIVE = 0.5
 #: A fit whose misfit over a run's first moments exceeds this multiple of its allowance is biased by a missing effect.
@@ -80,24 +69,6 @@ STAYS = 0.5
 LEAVES, TRIED = 100.0, 12
 
 Running = list[tuple[Candidate, Fit]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Race:
-    """Result of an elimination.
-
-    Parameters
-    ----------
-    ranked
-        Candidates with their fits on the last rung, best first; if the time limit ended the elimination, on the longest
-        completed one.
-    telling
-        The rungs, by index, from the first that distinguished candidates, with the remaining candidates' fits there, best first;
-        empty if no rung did.
-    """
-
-    ranked: Running
-    telling: tuple[tuple[int, Running], ...]
 
 
 def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
@@ -137,11 +108,12 @@ class Guesses:
     @property
     def starts(self) -> tuple[RigModel, ...]:
         """Starting points of a fit, the most trusted first: the likely ones, the same with the given friction, and the given."""
-        dry = _given(self.given, [path for path in self.given.free if path.endswith("friction_force")])
+        dry = values_at(self.given, [path for path in self.given.free if path.endswith("friction_force")])
         return (*self.likely, *(guess.replace(dry) for guess in self.likely if dry), self.given)
 
 
-def _given(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
+def values_at(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
+    """A model's values at these paths."""
     return {path: model.get(path) for path in paths}
 
 
@@ -150,7 +122,7 @@ def guesses_of(model: RigModel, trials: Sequence[Trial]) -> Guesses:
     solved = equation_start(model, trials)
     # The equations of motion take part of the dry friction for damping.
     rubbing = {f"links.{link.name}.damping" for link in model.links for c in model.contacts if (link.a, link.b) == (c.a, c.b)}
-    damped = _given(model, [path for path in model.free if path in rubbing])
+    damped = values_at(model, [path for path in model.free if path in rubbing])
     explained = _explained_alone(solved, trials)
     found = (explained, solved, solved.replace(damped) if damped else None)
     return Guesses(likely=tuple(guess for guess in found if guess is not None), given=model)
@@ -277,7 +249,8 @@ def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
             steps = 1
             break
         problem = Problem(shortened(trials, seconds))
-        done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
+        if misfit(done.model, problem) >= UNCHANGED * done.cost:
+            done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
     problem = Problem(trials, share=SIMULATION_LIMIT)
     return fit(done.model, done.free, problem, iterations=steps, tolerance=1e-3, tether=HOLDS)
 
@@ -334,115 +307,42 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
     return worst(score(again.model, twins.judged), floors)
 
 
-def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
-    """The best short fits, and the best of each family, so that no kind is lost because of a rough first step.
-
-    Friction and similar causes count place by place: while a body sticks, no small step shows the effect of a larger force.
-    """
-
-    def kind(item: ScreenedCandidate) -> tuple[str, str]:
-        candidate = item.candidate
-        return candidate.family, candidate.location if candidate.family in STICKING else ""
-
-    chosen = list(screened[:RACING])
-    for item in screened[RACING:]:
-        if all(kind(item) != kind(other) for other in chosen):
-            chosen.append(item)
-    return chosen
-
-
 Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
 
 
-def starts_of(screened: Sequence[ScreenedCandidate], current: Fit, guesses: Sequence[RigModel], rung: Rung) -> Starts:
-    """Starting points of candidates for the elimination: from the current fit.
-
-    The most promising, and all friction, also start from the rig's likely values before any fit (`guesses`) if the current fit is
-    so far off that the missing effect has biased all its parameters.
-    """
-    entered = [(item.candidate, model) for item in screened for model in item.models]
-    starts = [(c, c.parameters(current.model, current.free), model) for c, model in entered]
-    if misfit(current.model, rung.problem) > BENT:
-        unsure = [*screened[:RACING], *(item for item in screened[RACING:] if item.candidate.family in STICKING)]
-        for c, model in ((item.candidate, model) for item in unsure for model in item.models):
-            free = c.parameters(current.model, current.free)
-            for guess in guesses:
-                unbent = _given(guess, [f.path for f in free if f not in c.free and f.path in guess.free])
-                with suppress(ModelError):  # values that exclude the candidate's own
-                    starts.append((c, free, model.replace(unbent)))
-    return starts
-
-
-def race(
+def followed(
     starts: Starts, rungs: Sequence[Rung], current: Fit, progress: Progress, promising: float = PROMISING
-) -> Race:  # fmt: skip
-    """Fits of candidates on the ladder, best first; those with much larger errors are eliminated on each rung.
+) -> Running:  # fmt: skip
+    """Fits of candidates on growing lengths of the runs, best first, from starting points that may be far from the data.
 
-    The current model is refitted on each rung. A rung on which it then agrees with the data does not distinguish candidates and
-    is skipped; so is one on which it nearly agrees and does not drift apart on the next (`UNCHANGED`), and one on which no
-    candidate fits better than it, except the last. On the last rung and on those where one candidate removes much, candidates
-    that remove less than the share `promising` of the refitted model's misfit are eliminated.
+    Once the best one removes much of the current model's misfit, those far behind it are eliminated; at the end those that remove
+    less than the share `promising`.
     """
-
-    costs: dict[int, float] = {}
-
-    def climb(candidate: Candidate, free: Sequence[Free], start: RigModel, rung: Rung, least: float) -> Fit | None:
-        progress(f"fitting {candidate.cause} ({candidate.location})")
-        longer = replace(rung, steps=SHAPE_STEPS * rung.steps) if least > BENT else rung
-        flat = candidate.shape is not None and start in candidate.starts
-        done = tried(start, free, longer if flat else rung)
-        if candidate.shape is not None and not flat and (done is None or done.cost > LOST * costs.get(id(candidate), np.inf)):
-            others = [again for begin in candidate.starts if (again := tried(begin, free, longer))]
-            return min((fit for fit in (done, *others) if fit), key=lambda fit: fit.cost, default=None)
-        return done
-
-    running: Running = []
-    telling: list[tuple[int, Running]] = []
-    bare: list[float] = []
-    for place, rung in enumerate(rungs):
-        last = rung is rungs[-1]
+    run: Running = []
+    for rung in rungs[-1::-FOLLOWS][::-1]:
         try:
-            bare += [bare_cost(current, longer) for longer in rungs[len(bare) : place + 2]]
-            least = bare[place]
-            nearly = least < BENT and place + 2 < len(rungs) and bare[place + 1] < UNCHANGED * least
-            if not last and (least < TELLING or nearly):
-                continue
-            climbed = [
-                (c, done) for c, free, start in starts if (done := climb(c, free, start, rung, least)) and c.plausible(done.model)
-            ]
+            bare = bare_cost(current, rung)
+            run = verified(starts, rung, progress, most=len(starts))
         except OutOfTimeError:
             break
-        climbed.sort(key=lambda pair: pair[1].cost)
-        # Of several starting points the best continues.
-        first = [p for k, p in enumerate(climbed) if all(p[0] is not other for other, _ in climbed[:k])]
-        for k, (candidate, done) in enumerate(first[:REFINED]):
-            if candidate.shape is not None and FLAT < done.cost < FAR_WORSE * climbed[0][1].cost:
-                first[k] = _refined(candidate, done, rung)
-        first.sort(key=lambda pair: pair[1].cost)
-        decisive = last or (bool(first) and first[0][1].cost < (1.0 - DECISIVE) * least)
-        bound = (1.0 - promising if decisive else 1.0 + PROMISING) * least
-        better = [pair for pair in first if least < TELLING or pair[1].cost < bound]
-        if telling or (decisive and better):
-            telling.append((place, better or first))
-        if not better and not last:
-            continue
-        running = [p for k, p in enumerate(better) if k < 2 or p[1].cost < BEHIND * better[0][1].cost]
-        running = running[: CROWD.get(len(rungs) - 1 - place, len(running))]
-        starts = [(candidate, done.free, done.model) for candidate, done in running]
-        costs = {id(candidate): done.cost for candidate, done in running}
-    ranked = [p for k, p in enumerate(running) if all(p[0].key != other.key for other, _ in running[:k])]
-    return Race(ranked=ranked, telling=tuple(telling))
+        if run and (rung is rungs[-1] or run[0][1].cost < (1.0 - DECISIVE) * bare):
+            near = [pair for k, pair in enumerate(run) if k < 2 or pair[1].cost < BEHIND * run[0][1].cost]
+            run = [pair for pair in near if pair[1].cost < (1.0 - promising) * bare or bare < TELLING][:CROWD]
+        starts = [(candidate, done.free, done.model) for candidate, done in run]
+    return run
 
 
-def verified(starts: Starts, rung: Rung, progress: Progress) -> Race:
-    """Fits of candidates whose starting points are already close, on one rung, best first.
+def verified(starts: Starts, rung: Rung, progress: Progress, most: int = TRIED) -> Running:
+    """Fits of candidates on one rung, best first, from the `most` starting points whose simulation is closest to the data.
 
     Those whose simulation leaves the data from the start are only tried if no other stays with them.
     """
     begun = sorted(((misfit(model, rung.problem), k) for k, (_, _, model) in enumerate(starts)), key=lambda item: item[0])
-    near = [k for cost, k in begun if np.isfinite(cost) and cost <= LEAVES * begun[0][0]][:TRIED]
+    near = [(cost, *starts[k]) for cost, k in begun if np.isfinite(cost) and cost <= LEAVES * begun[0][0]][:most]
     climbed: Running = []
-    for candidate, free, model in (starts[k] for k in near):
+    for place, (cost, candidate, free, model) in enumerate(near):
+        if any(other[1] is candidate and cost <= (1.0 + CLOSE) * other[0] for other in near[:place]):
+            continue  # the same starting point
         if any(one is candidate and done.cost <= AGREES for one, done in climbed):
             continue  # another starting point of it cannot fit better than the data allow
         progress(f"fitting {candidate.cause} ({candidate.location})")
@@ -450,17 +350,11 @@ def verified(starts: Starts, rung: Rung, progress: Progress) -> Race:
         if done is not None and candidate.plausible(done.model):
             climbed.append((candidate, done))
     climbed.sort(key=lambda pair: pair[1].cost)
-    ranked = [
+    return [
         pair
         for k, pair in enumerate(climbed)
         if all((pair[0].key, pair[0].shape) != (other.key, other.shape) for other, _ in climbed[:k])
     ]
-    return Race(ranked=ranked, telling=())
-
-
-def stays(run: Race, current: Fit, rung: Rung) -> bool:
-    """Whether the best fit stays with the data on a rung: its misfit is well below that of the current model refitted there."""
-    return bool(run.ranked) and run.ranked[0][1].cost < max((1.0 - DECISIVE) * bare_cost(current, rung), TELLING)
 
 
 def bare_cost(current: Fit, rung: Rung) -> float:
@@ -469,8 +363,10 @@ def bare_cost(current: Fit, rung: Rung) -> float:
     return done.cost if done else np.inf
 
 
-def _refined(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
-    # More points as long as they improve the fit.
+def with_more_points(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
+    """A fitted curve with more points, as long as they improve the fit."""
+    if candidate.shape is None or rough.cost < FLAT:
+        return candidate, rough
     while (denser := candidate.refined(rough.model)) is not None:
         kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
         done = tried(denser.starts[0], (*kept, *denser.free), rung)

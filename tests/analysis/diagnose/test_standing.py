@@ -13,7 +13,7 @@ from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _Search, _Stage, merged
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Found, Step, _by_kind
+from isorig.analysis.diagnose.step import Entry, Found, Step, best_kind
 from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -44,7 +44,7 @@ def reported(*, elsewhere: float) -> set[tuple[str, str]]:
     trials = prepare(campaign, guess)
     forms = [entry("sensor_gain", "x", 0.0100), entry("sensor_gain", "a", elsewhere)]
     shapes = [entry("sensor", "x", 0.0098, points=5), entry("sensor", "a", 0.0099, points=5)]
-    found = _by_kind(forms, shapes, scored(0.1), FLOORS, observe(campaign, guess, trials, guess))
+    found = best_kind(forms, shapes, scored(0.1), FLOORS, observe(campaign, guess, trials, guess))
     assert found is not None
     assert found.step.form == "sensor_gain"
     return {(found.step.cause, found.step.location), *found.step.indistinguishable}
@@ -140,6 +140,7 @@ def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPa
     refits = {(1.0, 0.0): poor, (2.0, 1.0): better, (3.0, 0.0): best}
     scores = iter(errors[k] for k in (0, 0, 3, 4))
     monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: next(answers))
+    monkeypatch.setattr(diagnosis, "bare_cost", lambda current, rung: np.inf)  # in its local minimum
     monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: refits[step.cost, current.cost])
     monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(next(scores), shape))
     monkeypatch.setattr(diagnosis, "explains_own_channel", lambda *given: True)

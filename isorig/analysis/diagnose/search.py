@@ -1,0 +1,543 @@
+"""The search for one cause: candidates from the equations of motion or from the misfit, verified by simulation.
+
+`sources` says where candidates come from, the most trusted source first. Their forms are fitted to the first seconds of the runs
+and judged on held-out data; where no form explains the error, free shapes show place and kind (`step.py` selects and names).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.kinds import SHAPED, kind_of
+from isorig.analysis.diagnose.mechanisms import CATALOGUE
+from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
+from isorig.analysis.diagnose.mechanisms.shapes import free_shapes
+from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.diagnose.places import Places, compared_places
+from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, found_step
+from isorig.analysis.diagnose.suspects import ALWAYS, Suspects, equations_of, suspects
+from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.excess import excess, share_removed
+from isorig.analysis.fitting.ladder import (
+    BEHIND,
+    BENT,
+    CLOSE,
+    DECISIVE,
+    FAR_WORSE,
+    PROMISING,
+    SCREENS,
+    TELLING,
+    Rung,
+    Running,
+    Starts,
+    bare_cost,
+    finished,
+    followed,
+    horizon,
+    ladder,
+    misfit,
+    unrolled,
+    values_at,
+    verified,
+    with_more_points,
+    without,
+)
+from isorig.analysis.fitting.score import Score, adequate, confidence, score
+from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
+from isorig.analysis.fitting.solve import Fit, Problem, fit
+from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.model.rig_model import RigModel
+
+#: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
+FINALISTS, CURVES, PAIRS = 4, 3, 2
+#: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
+#: must remove to count (`Policy.of_rest`).
+PROMISING_LATER = 0.25
+#: Kinds that simulations search for where the equations of motion show nothing. An equation in which a given mass is the only
+#: scale holds with any value of it.
+UNSEEN: frozenset[Kind] = frozenset({"friction_shape", "memory", "known_value"})
+#: Number of screened candidates that are fitted, in addition to the best of each family.
+SCREENED = 6
+#: Families that can make bodies stick: no small step shows the effect of a larger force, so they count place by place.
+STICKING = ("friction", "memory")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What a search is about.
+
+    Parameters
+    ----------
+    campaign, guesses
+        The measurement, and the rig before any fit, the most trusted guess first.
+    current, now
+        The model to be extended and its score.
+    equations
+        The equations of motion of the records, for the current model.
+    trials, fine
+        The fit data, and the held-out data.
+    floors
+        The error allowed in each held-out run and channel, shape (runs, channels).
+    progress
+        Called with one line for each stage.
+    left
+        Share of the baseline's excess that the current model leaves.
+    steps
+        Maximum number of further steps.
+    forms_only
+        Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
+    """
+
+    campaign: Campaign
+    guesses: Sequence[RigModel]
+    current: Fit
+    now: Score
+    equations: Equations
+    trials: Sequence[Trial]
+    fine: Sequence[Trial]
+    floors: FloatArray
+    progress: Progress
+    left: float = 1.0
+    steps: int = 1
+    forms_only: bool = False
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What the records show without a fit of a candidate."""
+        return observe(self.campaign, self.current.model, self.trials, self.guesses[0])
+
+    @cached_property
+    def seconds(self) -> float:
+        """Seconds of each run after which the misfit is as visible as in the whole."""
+        return horizon(self.current.model, self.trials)
+
+    @cached_property
+    def rungs(self) -> tuple[Rung, ...]:
+        """Growing lengths of the runs. If a shorter one shows the misfit too, fits may approach on that."""
+        return ladder(self.trials, 0.0 if self.seconds < SCREENS[-1] else self.seconds)
+
+    @property
+    def promising(self) -> float:
+        """Share of the misfit that a candidate must remove."""
+        return PROMISING if self.left >= 1.0 else PROMISING_LATER
+
+    @property
+    def judged_by_drive(self) -> bool:
+        """Whether a further cause is searched for a rig that is judged by its drive, moment by moment.
+
+        There a simulated search costs little, and finds smaller effects than the equations.
+        """
+        return self.left < 1.0 and any(trial.motion for trial in self.trials)
+
+    @cached_property
+    def bare(self) -> float:
+        """Misfit of the current model refitted to the first seconds of the runs."""
+        return bare_cost(self.current, self.rungs[-1])
+
+    def stays(self, run: Running) -> bool:
+        """Whether the best fit stays with the data: its misfit is well below that of the current model."""
+        return bool(run) and run[0][1].cost < max((1.0 - DECISIVE) * self.bare, TELLING)
+
+    def helps(self, entries: Sequence[Entry]) -> bool:
+        """Whether one removes as much as no other single cause can then."""
+        return any(share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.contributes for entry in entries)
+
+    def entries(self, ranked: Running) -> list[Entry]:
+        """Fits of candidates, judged on held-out data."""
+        entries: list[Entry] = []
+        for candidate, rough in ranked:
+            lost = bool(entries) and rough.cost > BEHIND * ranked[0][1].cost
+            if lost and len(entries) > 1:
+                break
+            # One with a much larger error is no contender: its rough fit serves to show by how much. One that predicts the
+            # held-out data to the noise needs no more data.
+            entry = Entry(candidate=candidate, fit=rough, score=score(rough.model, self.fine))
+            try:
+                if not (lost or adequate(entry.score, self.floors)):
+                    done = unrolled(rough, self.trials) if candidate.shape else finished(rough, self.trials)
+                    entry = replace(entry, fit=done, score=score(done.model, self.fine))
+            except FitError:  # it fits the first seconds only
+                continue
+            except OutOfTimeError:
+                if entries:
+                    break
+            entries.append(entry)
+            self.progress(f"{candidate.cause} ({candidate.location}): held-out error {entry.score.figure:.3g}")
+        return entries
+
+    def better(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Of several fits of one candidate the best."""
+        best: dict[tuple[str, str], Entry] = {}
+        for entry in sorted(entries, key=lambda entry: excess(entry.score.error, self.floors)):
+            best.setdefault(entry.candidate.key, entry)
+        return list(best.values())
+
+
+class Source(Protocol):
+    """Where candidates come from."""
+
+    @property
+    def known(self) -> frozenset[tuple[str, str]]:
+        """Cause and place of every candidate that was considered."""
+        ...
+
+    @property
+    def forms(self) -> Running:
+        """Fitted forms, best first."""
+        ...
+
+    def shapes(self, forms: Sequence[Entry]) -> Running:
+        """Fitted free shapes, best first."""
+        ...
+
+    def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
+        """Pairs of forms with the fits of the first alone and of both, best first."""
+        ...
+
+    def doubtful(self, forms: Sequence[Entry]) -> bool:
+        """Whether the next source is asked, too."""
+        ...
+
+    def suffices(self, forms: Sequence[Entry]) -> bool:
+        """Whether the best form stands without a comparison with free shapes."""
+        ...
+
+    def shown(self, cause: str, place: str) -> bool:
+        """Whether the equations of motion show this cause and place, and no other."""
+        ...
+
+
+def next_step(job: Job) -> Found | None:
+    """The best cause for the remaining error of the current model; None if no candidate could be fitted.
+
+    Catalogued forms are fitted first, then pairs of them. If neither makes the model adequate, free shapes are fitted to
+    determine place and kind; a form is then named only if it comes close to the free shape.
+    """
+    job.progress("looking for the equations of motion that do not hold")
+    source: Source | None = None
+    forms: list[Entry] = []
+    for each in sources(job):
+        more = job.entries(each.forms[:FINALISTS])
+        source = each if more or source is None else source
+        forms = job.better([*forms, *more])
+        if not each.doubtful(forms):
+            break
+    if source is None:
+        return None
+    # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
+    # tested anyway.
+    nearly = next((e for e in forms if share_removed(job.now.error, e.score.error, job.floors) > 1.0 - POLICY.settled), None)
+    alone = any(adequate(entry.score, job.floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
+    shapes: list[Entry] = []
+    try:
+        if job.left >= POLICY.rest and not (job.forms_only or alone or (job.helps(forms) and source.suffices(forms))):
+            if nearly is None and job.steps > 1:
+                both = _together(job, source.pairs(), forms)
+                if both is not None:
+                    return both
+            job.progress("no form makes the model adequate; fitting free shapes")
+            shapes = job.entries(contenders(source.shapes(forms), source.forms, nearly))
+            if shapes or nearly is None:
+                return _kind_and_form(job, source.known, forms, shapes)
+    except OutOfTimeError:
+        if shapes:
+            return best_kind(forms, shapes, job.now, job.floors, job.evidence)
+    if not forms:
+        return None
+    best = best_form(forms, job.now, job.floors)
+    return replace(best, shown=source.shown(best.step.cause, best.step.location))
+
+
+def sources(job: Job) -> Iterator[Source]:
+    """Where candidates come from, the most trusted source first."""
+    equations = job.equations
+    possible = compared_places(job.current.model, job.trials) if equations.hidden else None
+    if possible is not None and len(possible.possible) > 0:
+        # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on
+        # estimates.
+        job.progress("the misfit can come from " + ", ".join(sorted(possible.possible)))
+        yield Screened(job=job, places=possible)
+    elif not job.judged_by_drive and (found := suspects(equations, further=job.left < 1.0)) is not None:
+        yield Suspected(job=job, found=found)
+    if job.left >= 1.0 or job.judged_by_drive or not equations.residuals():
+        # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
+        hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
+        yield Screened(job=job, kinds=UNSEEN if hold and not job.judged_by_drive else None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suspected:
+    """The kinds and places that the equations of motion show, started from their values."""
+
+    job: Job
+    found: Suspects
+
+    @cached_property
+    def known(self) -> frozenset[tuple[str, str]]:
+        """Cause and place of every candidate that was considered."""
+        return frozenset(c.key for m in CATALOGUE for c in m.candidates(self.job.current.model, self.job.evidence))
+
+    @cached_property
+    def _started(self) -> Starts:
+        return _started(self.found.candidates(self.job.current, self.job.evidence), self.found, self.job.current)
+
+    @cached_property
+    def forms(self) -> Running:
+        """Fitted forms, best first."""
+        chosen = (f"{x.kind} ({x.place}, {x.what}, score {x.score:.2f})" for x in self.found.chosen)
+        self.job.progress("suspected: " + ", ".join(chosen))
+        return self._fitted(self._started)
+
+    def _fitted(self, starts: Starts) -> Running:
+        # Values from the equations are usually close; a further cause that is not close from the start is none.
+        job = self.job
+        run = verified(starts, job.rungs[-1], job.progress)
+        return run if job.left < 1.0 or job.stays(run) else followed(starts, job.rungs, job.current, job.progress, job.promising)
+
+    def shapes(self, forms: Sequence[Entry]) -> Running:
+        """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
+        suspected = self.found.shapes(self.job.current, self.job.evidence)
+        keys = {(shape.key, shape.shape, len(shape.free)) for shape in suspected}
+        from_forms = [
+            start
+            for start in shape_starts(forms, self.job.current, self.job.evidence)
+            if (start[0].key, start[0].shape, len(start[0].free)) in keys
+            and all(start[2] is not model for model in start[0].starts)
+        ]
+        return self._fitted([*_started(suspected, self.found, self.job.current), *from_forms])
+
+    def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
+        """Each suspected form at its starting values, with what the equations show then."""
+        job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
+        if not self.found.leaves_another(job.current, job.evidence):
+            return found
+        job.progress("no form makes the model adequate; fitting pairs of forms")
+        for first, free, model in unlike(self._started)[:PAIRS]:
+            own = {f.path for f in first.free}
+            then = suspects(equations_of(job.campaign, model), further=True)
+            if then is None:
+                continue
+            extended = replace(job.current, model=model, free=free)
+            candidates = [c for c in then.candidates(extended, job.evidence) if c.key != first.key and c.cause not in ALWAYS]
+            starts = [start for start in _started(candidates, then, extended) if own <= {f.path for f in start[1]}]
+            run = verified(starts, job.rungs[-1], job.progress) if starts else []
+            alone = verified([(first, free, model)], job.rungs[-1], job.progress)
+            if alone and job.stays(run):
+                found.append((first, alone[0][1], *run[0]))
+        return sorted(found, key=lambda pair: pair[3].cost)[:PAIRS]
+
+    def doubtful(self, forms: Sequence[Entry]) -> bool:
+        """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
+        weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
+        return weak or (self.job.equations.hidden and not self.job.helps(forms))
+
+    def suffices(self, forms: Sequence[Entry]) -> bool:
+        """Whether the best form leaves as little of a link's recorded force as any curve there."""
+        best = min(forms, key=lambda entry: excess(entry.score.error, self.job.floors))
+        return self.found.stands(best.candidate, self.job.current, self.job.evidence)
+
+    def shown(self, cause: str, place: str) -> bool:
+        """Whether the equations of motion show this cause and place, and no other."""
+        return self.found.shown(cause, place)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screened:
+    """Candidates of some kinds (None: all) at some places (None: all), chosen by one linear step of each from the current fit."""
+
+    job: Job
+    kinds: Collection[Kind] | None = None
+    places: Places | None = None
+
+    def _sought(self, candidate: Candidate) -> bool:
+        kind = self.kinds is None or kind_of(candidate.cause) in self.kinds
+        return candidate.cause in ALWAYS or (kind and (self.places is None or self.places.includes(candidate.location)))
+
+    @cached_property
+    def _screened(self) -> list[ScreenedCandidate]:
+        job = self.job
+        problem = Problem(shortened(job.trials, job.seconds))
+        glance = fit(job.current.model, job.current.free, problem, iterations=3, tolerance=CLOSE)
+        proposed = [c for m in CATALOGUE for c in m.candidates(glance.model, job.evidence) if self._sought(c)]
+        ranked = Screen(glance, problem).ranked(proposed)
+        least = glance.cost if job.left >= POLICY.rest else (1.0 - POLICY.worth) * glance.cost
+        return ranked if ranked and (job.left >= POLICY.rest or ranked[0].cost < least) else []
+
+    @property
+    def known(self) -> frozenset[tuple[str, str]]:
+        """Cause and place of every candidate that was considered."""
+        return frozenset(item.candidate.key for item in self._screened)
+
+    @cached_property
+    def forms(self) -> Running:
+        """Fitted forms, best first."""
+        job, chosen = self.job, diverse(self._screened)
+        if not chosen:
+            return []
+        job.progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in chosen[:3]))
+        starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), m) for x in chosen for m in x.models]
+        if misfit(job.current.model, job.rungs[0].problem) > BENT:
+            # A missing effect has biased all parameters: start from the likely ones before any fit, too.
+            for candidate, free, model in tuple(starts):
+                for guess in job.guesses:
+                    paths = [f.path for f in free if f not in candidate.free and f.path in guess.free]
+                    with suppress(ModelError):  # values that exclude the candidate's own
+                        starts.append((candidate, free, model.replace(values_at(guess, paths))))
+        return followed(starts, job.rungs, job.current, job.progress, job.promising)
+
+    def shapes(self, forms: Sequence[Entry]) -> Running:
+        """Fitted free shapes, best first, the leading ones with as many points as they need."""
+        job = self.job
+        starts = [start for start in shape_starts(forms, job.current, job.evidence) if self._sought(start[0])]
+        run = followed(starts, job.rungs, job.current, job.progress, job.promising)
+        denser = [with_more_points(candidate, done, job.rungs[-1]) for candidate, done in run[:CURVES]]
+        return sorted([*denser, *run[CURVES:]], key=lambda pair: pair[1].cost)
+
+    def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
+        """A second cause is searched for after the first."""
+        return []
+
+    def doubtful(self, forms: Sequence[Entry]) -> bool:
+        """The fault may be elsewhere than the direction of the misfit shows."""
+        return self.places is not None and not self.job.helps(forms)
+
+    def suffices(self, forms: Sequence[Entry]) -> bool:
+        """Only free shapes tell."""
+        return False
+
+    def shown(self, cause: str, place: str) -> bool:
+        """The equations show nothing."""
+        return False
+
+
+def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    """The best candidates, and the best of each family, so that no kind is lost because of a rough first step."""
+
+    def kind(item: ScreenedCandidate) -> tuple[str, str]:
+        candidate = item.candidate
+        return candidate.family, candidate.location if candidate.family in STICKING else ""
+
+    chosen = list(screened[:SCREENED])
+    for item in screened[SCREENED:]:
+        if all(kind(item) != kind(other) for other in chosen):
+            chosen.append(item)
+    return chosen
+
+
+def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> Starts:
+    # Starting points of suspected candidates, from the equations.
+    return [
+        (candidate, candidate.parameters(current.model, current.free), model)
+        for candidate in candidates
+        for model in found.started(candidate, current.free)
+    ]
+
+
+def unlike(begun: Starts) -> Starts:
+    """The first starting point of each cause and place."""
+    return [start for k, start in enumerate(begun) if all(start[0].key != other.key for other, _, _ in begun[:k])]
+
+
+def shape_starts(forms: Sequence[Entry], current: Fit, evidence: Evidence) -> Starts:
+    """Starting points of all free shapes: their own, and the best form of their kind and place."""
+    begun: Starts = []
+    for shape in free_shapes(current.model, evidence):
+        free = shape.parameters(current.model, current.free)
+        begun += [(shape, free, start) for start in shape.starts]
+        form = next((entry for entry in forms if entry.place == (kind_of(shape.cause), shape.location)), None)
+        if form is not None:
+            begun += [
+                (shape, free, start)
+                for other in free_shapes(form.fit.model, evidence)
+                if other.key == shape.key and other.shape == shape.shape and _paths(other) == _paths(shape)
+                for start in other.starts
+            ]
+    return begun
+
+
+def _paths(candidate: Candidate) -> list[str]:
+    # Next to a form that the shape does not replace, its parameters have other places in the rig.
+    return [free.path for free in candidate.free]
+
+
+def contenders(shapes: Running, forms: Running, nearly: Entry | None) -> Running:
+    """The free shapes to be finished, judged by their misfit in the first seconds.
+
+    None that is far worse than the best, nor one that is hardly better than a form of its kind at its place: that form stands
+    (`Policy.form_alike`). Where a form removes `nearly` all, only shapes of its kind and place that are closer to the data than
+    a form must come (`Policy.form_close`).
+    """
+    of_forms: dict[tuple[Kind, str], float] = {}
+    for candidate, rough in forms:
+        of_forms.setdefault((kind_of(candidate.cause), candidate.location), rough.cost)
+    best = min((rough.cost for _, rough in (*shapes, *forms)), default=np.inf)
+    enough = next((r.cost / POLICY.form_close**2 for c, r in forms if nearly and c is nearly.candidate), np.inf)
+    chosen: Running = []
+    for candidate, rough in shapes:
+        place = kind_of(candidate.cause), candidate.location
+        own = of_forms.get(place, np.inf) / POLICY.form_alike**2
+        wanted = nearly is None or place == nearly.place
+        if wanted and rough.cost < min(FAR_WORSE * best, own, enough) and all(candidate.key != c.key for c, _ in chosen):
+            chosen.append((candidate, rough))
+    return chosen[:CURVES]
+
+
+def _kind_and_form(
+    job: Job, known: Collection[tuple[str, str]], forms: Sequence[Entry], shapes: Sequence[Entry]
+) -> Found | None:  # fmt: skip
+    # The best kind and place, after forms that extend those there were fitted too; the best form if one is adequate.
+    named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
+    place = named.entry.place if named is not None and named.step.form is None else None
+    starts: Starts = []
+    for entry in (entry for entry in forms if entry.place == place):
+        # A rig whose baseline has no friction has no Stribeck friction to try before it has some.
+        model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
+        for candidate in (c for m in CATALOGUE for c in m.candidates(model, job.evidence)):
+            if (kind_of(candidate.cause), candidate.location) == place and candidate.key not in known:
+                free = candidate.parameters(model, entry.fit.free)
+                starts += [(candidate, free, start) for start in candidate.starts]
+    if starts:
+        more = followed(starts, job.rungs, job.current, job.progress, job.promising)
+        forms = job.better([*forms, *job.entries(more)])
+        named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
+    stand = any(adequate(entry.score, job.floors) for entry in forms)
+    return best_form(forms, job.now, job.floors) if stand else named
+
+
+def _together(
+    job: Job, pairs: Sequence[tuple[Candidate, Fit, Candidate, Fit]], forms: Sequence[Entry]
+) -> Found | None:  # fmt: skip
+    # The best pair of forms that makes the model adequate, as two steps; None if there is none.
+    done: list[tuple[Candidate, Fit, Entry]] = []
+    for first, alone, second, rough in pairs:
+        with suppress(FitError):
+            both = finished(rough, job.trials)
+            entry = Entry(candidate=second, fit=both, score=score(both.model, job.fine))
+            names = sorted((first.key, second.key))
+            job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
+            if adequate(entry.score, job.floors):
+                done.append((first, alone, entry))
+    if not done:
+        return None
+    first, alone, last = min(done, key=lambda pair: (pair[0].rank + pair[2].candidate.rank, len(pair[2].fit.free)))
+    bare = without(last.fit, alone, job.trials)
+    entry = Entry(candidate=first, fit=bare, score=score(bare.model, job.fine))
+    named = {first.key, last.candidate.key}
+    keys = [{one.key, other.candidate.key} for one, _, other in done]
+    of_first, of_last = (
+        {key for pair in keys if own not in pair for key in pair - named} for own in (first.key, last.candidate.key)
+    )
+    sure = confidence(last.score, [other.score for other in (*forms, entry)])
+    then = found_step(last, [last], entry.score, of_last, sure)
+    return replace(found_step(entry, [*forms, entry], job.now, of_first, sure), then=then)
