@@ -263,7 +263,7 @@ def sources(job: Job) -> Iterator[Source]:
     """Where candidates come from, the most trusted source first."""
     equations = job.equations
     possible = compared_places(job.current.model, job.trials) if equations.hidden else None
-    if possible is not None and len(possible.possible) > 0:
+    if possible is not None and possible.possible:
         # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on
         # estimates.
         job.progress("the misfit can come from " + ", ".join(sorted(possible.possible)))
@@ -340,7 +340,7 @@ class Suspected:
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
         weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
-        return weak or (self.job.equations.hidden and not self.job.helps(forms))
+        return weak or (bool(self.job.equations.hidden) and not self.job.helps(forms))
 
     def suffices(self, forms: Sequence[Entry]) -> bool:
         """Whether the best form leaves as little of a link's recorded force as any curve there."""
