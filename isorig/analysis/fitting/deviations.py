@@ -15,7 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.solve import Fit, Problem, bending, fit
+from isorig.analysis.fitting.solve import Fit, Free, Problem, bending, fit
 from isorig.analysis.fitting.trials import Trial
 
 #: Largest number of times that the derivatives are computed, and the relative decrease of the cost that ends the fit.
@@ -36,12 +36,18 @@ def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
     before.
     """
     problem = Problem(trials, share=SIMULATION_LIMIT)
-    coarse = Problem([coarsened(coarsened(trial)) for trial in trials], share=SIMULATION_LIMIT)
-    size = {path: abs(value) or 1.0 for path, value in done.values.items()}
-    free = tuple(
-        replace(f, step=float(np.clip(done.std[f.path] / size[f.path], FINEST, COARSEST))) if f.log else f for f in done.free
+    coarse = Problem([coarsened(trial) for trial in trials], share=SIMULATION_LIMIT)
+    done = fit(done.model, _fine_steps(done), problem, iterations=STEPS, tolerance=FALL, coarse=coarse)
+    # What follows differentiates again: with the steps of the final uncertainties.
+    return replace(done, free=_fine_steps(done))
+
+
+def _fine_steps(done: Fit) -> tuple[Free, ...]:
+    # The parameters with finite differences of one standard uncertainty.
+    return tuple(
+        replace(f, step=float(np.clip(std / (abs(value) or 1.0), FINEST, COARSEST))) if f.log else f
+        for f, std, value in zip(done.free, done.std.values(), done.values.values(), strict=True)
     )
-    return fit(done.model, free, problem, iterations=STEPS, tolerance=FALL, coarse=coarse)
 
 
 def untraced(done: Fit) -> frozenset[str]:

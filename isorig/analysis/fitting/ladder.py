@@ -337,8 +337,9 @@ def verified(starts: Starts, rung: Rung, progress: Progress, most: int = TRIED) 
 
     Those whose simulation leaves the data from the start are only tried if no other stays with them.
     """
-    begun = sorted(((misfit(model, rung.problem), k) for k, (_, _, model) in enumerate(starts)), key=lambda item: item[0])
-    near = [(cost, *starts[k]) for cost, k in begun if np.isfinite(cost) and cost <= LEAVES * begun[0][0]][:most]
+    costs = [misfit(model, rung.problem) for _, _, model in starts]
+    begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost)), key=lambda item: item[0])
+    near = [(cost, *starts[k]) for cost, k in begun if cost <= LEAVES * begun[0][0]][:most]
     climbed: Running = []
     for place, (cost, candidate, free, model) in enumerate(near):
         if any(other[1] is candidate and cost <= (1.0 + CLOSE) * other[0] for other in near[:place]):

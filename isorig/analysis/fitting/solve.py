@@ -30,6 +30,8 @@ QUIET = 1e-4
 STRAYS = 20.0
 #: After a step that reduces the cost by this share of the predicted reduction, the derivatives are used once more.
 FORETOLD = 0.8
+#: Change of the weighted residual, as a sum of squares, up to which derivatives are those of the end: one standard uncertainty.
+NEAR = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,8 +254,9 @@ def fit(
         Weight of a parameter's distance from its start, in e-folds or hundreds of finite differences, relative to residuals of 1:
         so small that it holds only what the data do not determine.
     coarse
-        The same residuals from coarser simulations, which suffice for the derivatives: then these are used for as many steps as
-        reduce the cost as they predict.
+        The same residuals from coarser simulations, for the first derivatives of a fit that is to be exact. Then derivatives are
+        used for as many steps as reduce the cost as they predict, and the last ones are those within one standard uncertainty
+        (`NEAR`) of the end.
 
     Raises
     ------
@@ -289,10 +292,11 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
     jacobian = np.zeros((len(residual), len(free)))
-    taken, fresh = 0, True
+    taken, fresh, exact, at = 0, True, True, theta
     while taken < iterations or not fresh:
         if fresh:
-            if coarse is None:
+            exact, at = coarse is None or taken > 0, theta
+            if coarse is None or exact:
                 jacobian = jacobian_of(problem, build, theta, free, residual)
             else:
                 jacobian = jacobian_of(coarse, build, theta, free, coarse.residuals([build(theta)])[0])
@@ -319,9 +323,14 @@ def fit(
             if cost - linear <= tolerance * cost:  # a shorter step would reduce the cost by even less
                 break
             damping *= 8.0
-        if before - cost <= tolerance * before and (fresh or before - linear <= tolerance * before):
+        small = before - cost <= tolerance * before
+        if coarse is None:
+            near = before - linear <= tolerance * before
+        else:
+            near = exact and float(np.sum((jacobian @ (theta - at)) ** 2)) <= NEAR
+        if small and (near or (fresh and exact)):
             break
-        fresh = (not fresh and coarse is None) or before - cost < FORETOLD * (before - foretold)
+        fresh = small or (not fresh and coarse is None) or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,

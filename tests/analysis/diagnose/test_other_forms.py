@@ -99,7 +99,7 @@ def test_a_search_that_runs_out_of_time_says_so_and_names_nothing() -> None:
     assert (diagnosis.cut_short, diagnosis.verdict, diagnosis.steps) == (True, "unexplained", ())
 
 
-@pytest.mark.parametrize("last", ["no forms make the model adequate", "damping_shape (l1): held-out error"])
+@pytest.mark.parametrize("last", ["no form makes the model adequate", "damping_shape (l1): held-out error"])
 def test_what_was_fitted_before_the_time_ended_is_the_answer(last: str) -> None:
     """Without a free shape a form may be merely the closest: the kind is named, which the equations of motion show."""
 
