@@ -284,7 +284,7 @@ def fit(
 
     def cost_of(seen: FloatArray, coordinates: FloatArray) -> float:
         tied = ties @ coordinates - ties_at
-        return float(seen @ seen + tied @ tied)
+        return _size(seen) + _size(tied)
 
     residual = misfit(theta)
     cost = cost_of(residual, theta)
@@ -292,26 +292,20 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
     jacobian = np.zeros((len(residual), len(free)))
-    taken, fresh, exact, at = 0, True, True, theta
+    taken, fresh, rough, at = 0, True, coarse, theta
     while taken < iterations or not fresh:
         if fresh:
-            exact, at = coarse is None or taken > 0, theta
-            if coarse is None or exact:
-                jacobian = jacobian_of(problem, build, theta, free, residual)
-            else:
-                jacobian = jacobian_of(coarse, build, theta, free, coarse.residuals([build(theta)])[0])
+            rough, at = coarse if taken == 0 else None, theta
+            here = residual if rough is None else rough.residuals([build(theta)])[0]
+            jacobian = jacobian_of(rough or problem, build, theta, free, here)
             normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
             taken += 1
         gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
         for _ in range(6 if fresh else 1):
-            scale = np.diag(normal)
-            # Parameters that are not identifiable stay: their steps would be rounding, and would shorten all others.
-            live = np.flatnonzero(scale > FAINT)
-            step = np.zeros(len(free))
-            step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
-            trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + _limited(step, free), strict=True)])
+            there = theta + _limited(_damped_step(normal, gradient, damping), free)
+            trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, there, strict=True)])
             candidate = misfit(trial)
             evaluations += 1
             new = cost_of(candidate, trial)
@@ -324,11 +318,8 @@ def fit(
                 break
             damping *= 8.0
         small = before - cost <= tolerance * before
-        if coarse is None:
-            near = before - linear <= tolerance * before
-        else:
-            near = exact and float(np.sum((jacobian @ (theta - at)) ** 2)) <= NEAR
-        if small and (near or (fresh and exact)):
+        moved = before - linear > tolerance * before if coarse is None else _size(jacobian @ (theta - at)) > NEAR
+        if small and rough is None and (fresh or not moved):
             break
         fresh = small or (not fresh and coarse is None) or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
@@ -336,6 +327,19 @@ def fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
     )  # fmt: skip
+
+
+def _damped_step(normal: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
+    # Parameters that are not identifiable stay: their steps would be rounding, and would shorten all others.
+    scale = np.diag(normal)
+    live = np.flatnonzero(scale > FAINT)
+    step = np.zeros(len(gradient))
+    step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
+    return step
+
+
+def _size(values: FloatArray) -> float:
+    return float(values @ values)
 
 
 def _tethered(free: Free, tether: float) -> float:
