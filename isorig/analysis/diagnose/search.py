@@ -16,10 +16,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Evidence, Kind
+from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
-from isorig.analysis.diagnose.mechanisms import CATALOGUE
-from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
-from isorig.analysis.diagnose.mechanisms.shapes import free_shapes
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
@@ -286,7 +286,7 @@ class Suspected:
     @cached_property
     def known(self) -> frozenset[tuple[str, str]]:
         """Cause and place of every candidate that was considered."""
-        return frozenset(c.key for m in CATALOGUE for c in m.candidates(self.job.current.model, self.job.evidence))
+        return frozenset(c.key for cause in CATALOGUE for c in cause.candidates(self.job.current.model, self.job.evidence))
 
     @cached_property
     def _started(self) -> Starts:
@@ -369,7 +369,7 @@ class Screened:
         job = self.job
         problem = Problem(shortened(job.trials, job.seconds))
         glance = fit(job.current.model, job.current.free, problem, iterations=3, tolerance=CLOSE)
-        proposed = [c for m in CATALOGUE for c in m.candidates(glance.model, job.evidence) if self._sought(c)]
+        proposed = [c for cause in CATALOGUE for c in cause.candidates(glance.model, job.evidence) if self._sought(c)]
         ranked = Screen(glance, problem).ranked(proposed)
         least = glance.cost if job.left >= POLICY.rest else (1.0 - POLICY.worth) * glance.cost
         return ranked if ranked and (job.left >= POLICY.rest or ranked[0].cost < least) else []
@@ -503,7 +503,7 @@ def _kind_and_form(
     for entry in (entry for entry in forms if entry.place == place):
         # A rig whose baseline has no friction has no Stribeck friction to try before it has some.
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
-        for candidate in (c for m in CATALOGUE for c in m.candidates(model, job.evidence)):
+        for candidate in (c for cause in CATALOGUE for c in cause.candidates(model, job.evidence)):
             if (kind_of(candidate.cause), candidate.location) == place and candidate.key not in known:
                 free = candidate.parameters(model, entry.fit.free)
                 starts += [(candidate, free, start) for start in candidate.starts]

@@ -10,10 +10,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
+from isorig.analysis.diagnose.free_shapes import tabulated
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.diagnose.mechanisms.base import Evidence, Kind
-from isorig.analysis.diagnose.mechanisms.shapes import tabulated
 from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate, Reported
