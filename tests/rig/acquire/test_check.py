@@ -167,6 +167,19 @@ def test_distortion_is_told_with_its_size_and_leaves_the_run_good() -> None:
     assert "heatblock responds" not in advice
 
 
+def test_coherence_is_that_of_the_responses_within_the_band() -> None:
+    values = sound()
+    spectrum = np.fft.rfft(np.random.default_rng(5).normal(size=len(values["head"])))
+    spectrum[np.fft.rfftfreq(len(values["head"]), 1.0 / 1024.0) < 405.0] = 0.0
+    values["heatblock"] = values["head"] + 5.0 * np.fft.irfft(spectrum)
+    found = recovered(values)
+    verdict = check_run(found, rig=wire_bonder())
+    assert set(verdict.coherence) == {"motor", "table", "heatblock"}
+    assert verdict.coherence["heatblock"] > 0.95
+    assert found.run is not None
+    assert check_run(replace(found, run=replace(found.run, band=None)), rig=wire_bonder()).coherence == {}
+
+
 def test_records_of_any_size_are_alive() -> None:
     assert told(recovered({name: 1e-6 * values for name, values in sound().items()}))[0]
 
