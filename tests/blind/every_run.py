@@ -26,10 +26,11 @@ from study_table import Job, append, done
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.rivals import read_rivals
-from isorig.rig.next.course import RECORDING, Course, diagnosis_folder
+from isorig.rig.next.course import RECORDING
 from isorig.rig.next.plan_file import with_runs
 from isorig.rig.next.proposal import propose, situation
 from isorig.rig.next.runs import planned
+from isorig.rig.next.stages import Course, diagnosis_folder
 
 ANSWERS = study.TABLE.with_name("every-run.csv")
 COLUMNS = ("kind", "size", "seed", "open", "candidates", "single", "which")

@@ -38,9 +38,10 @@ from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import REFUSALS
 from isorig.rig.files.output import write_json
 from isorig.rig.files.recording import read, write
-from isorig.rig.next.course import RECORDING, STATE, Course, Stage, Terms, diagnosis_folder, investigate, read_course
+from isorig.rig.next.course import RECORDING, STATE, Terms, investigate, read_course
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation, propose
 from isorig.rig.next.runs import candidate, prospect
+from isorig.rig.next.stages import Course, Stage, diagnosis_folder
 
 TABLE, PLANNED = (study.TABLE.with_name(f"{name}.csv") for name in ("investigations", "standard-plan"))
 COLUMNS = (

@@ -1,8 +1,9 @@
 """The friction simulator: any lumped rig, with a drive that is band-limited between samples."""
 
 from isorig.analysis.simulate.batch import Batch, scan, simulate_many
-from isorig.analysis.simulate.free_run import Response, record, simulate, true_drive
+from isorig.analysis.simulate.free_run import Response, record, true_drive
 from isorig.analysis.simulate.sampling import Excitation
+from isorig.analysis.simulate.simulation import simulate
 from isorig.analysis.simulate.trace import Change, Trace, trace
 
 __all__ = [

@@ -19,8 +19,9 @@ from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate.exponential import exponentials
-from isorig.analysis.simulate.free_run import Response, simulate
+from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.simulate.sampling import Excitation, sampled
+from isorig.analysis.simulate.simulation import simulate
 
 Singles = NDArray[np.float32]
 Records = Singles | FloatArray

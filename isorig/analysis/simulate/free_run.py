@@ -1,4 +1,4 @@
-"""Free-run simulation: the sensors' response of a rig to a drive."""
+"""The parts of a free run: true drives, the run of a compiled rig, and the sensors' records."""
 
 from __future__ import annotations
 
@@ -106,64 +106,6 @@ def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int |
         for values in [run.channel(drive.channel).read(0, stop)]
     )
     return replace(first, others=tuple(others))
-
-
-def simulate(
-    model: RigModel,
-    excitation: Excitation,
-    *,
-    configuration: str | None = None,
-    start_time: float = 0.0,
-    as_recorded: bool = False,
-    samples: int | None = None,
-) -> Response:
-    """Simulate the rig from rest, or from the initial state of the configuration.
-
-    Parameters
-    ----------
-    model
-        The rig.
-    excitation
-        The drive channel as recorded; offset, gain and delay of its chain are corrected.
-    configuration
-        Configuration of the rig; its first one if None.
-    start_time
-        Seconds since the start of the campaign, for a stiffness that drifts.
-    as_recorded
-        Whether the faults of the sensors' chains are included.
-    samples
-        Number of samples; all if None.
-
-    Raises
-    ------
-    SimulationError
-        If the motion grows without bound.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import isorig as iso
-    >>> drive = iso.Excitation.prepare(3.0 * np.random.default_rng(0).normal(size=2048), 1024.0)
-    >>> response = iso.simulate(iso.wire_bonder(), drive, configuration="locked")
-    >>> sorted(response.channels), response.channels["table"].shape
-    (['heatblock', 'motor', 'table'], (2048,))
-    """
-    configuration = next(iter(model.configurations)) if configuration is None else configuration
-    rate, over = excitation.sample_rate, excitation.oversample
-    n = len(excitation.recorded) if samples is None else samples
-    total = min((n + 2 * TAPS) * over, len(excitation.fine))
-    h = 1.0 / (rate * over)
-    sense = sense_of(model, compile_rig(model, configuration, h))
-    if any(sensor.force_in is not None for sensor in model.sensors):
-        from isorig.analysis.simulate.trace import with_forces
-
-        return with_forces(
-            model, excitation, configuration=configuration, start_time=start_time, as_recorded=as_recorded, samples=n, steps=total
-        )  # fmt: skip
-    motion = np.empty((len(model.sensors), total))
-    fine, begun = true_fine(model, excitation)[:, :total], imposed_start(model, excitation)
-    run_rig(model, configuration, fine, h, start_time, sense, motion, begun=begun)
-    return response_of(model, excitation, motion, n, as_recorded=as_recorded)
 
 
 def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:

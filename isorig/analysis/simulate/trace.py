@@ -257,7 +257,7 @@ def with_forces(
     samples: int,
     steps: int,
 ) -> Response:
-    """Simulate a rig in which some sensors record forces, see `isorig.analysis.simulate.free_run.simulate`."""
+    """Simulate a rig in which some sensors record forces, see `isorig.analysis.simulate.simulation.simulate`."""
     inside = _run(model, excitation, configuration, start_time, steps)
     return _response(model, excitation, inside, configuration, samples, as_recorded=as_recorded)
 

@@ -57,11 +57,12 @@ def investigate(
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.commands.diagnose import LIMIT
     from isorig.rig.errors import PlanError, RigError
-    from isorig.rig.next.course import PAGE, Course, Terms, described_rig, read_course
+    from isorig.rig.next.course import PAGE, Terms, described_rig, read_course
     from isorig.rig.next.course import investigate as go_on
     from isorig.rig.next.limits_file import limits_of
     from isorig.rig.next.measuring import measuring
     from isorig.rig.next.proposal import WORK
+    from isorig.rig.next.stages import Course
 
     if not 0.0 <= tolerance < float("inf"):
         raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -23,11 +22,13 @@ from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
 from isorig.rig.model.baseline import Baseline
-from isorig.rig.next.page import Picture, picture_of
+from isorig.rig.next.course_page import course_page
+from isorig.rig.next.page import picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of, unfitted_of
 from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
+from isorig.rig.next.stages import Course, Stage, StageRun, diagnosis_folder
 from isorig.rig.report.sections import CUT_SHORT, words
 from isorig.rig.virtual.campaign import HEAD_PER_GAIN
 
@@ -38,56 +39,6 @@ NOISE_GUESS = 3e-4
 FIRST_GUESS = 0.3
 #: Consecutive stages without a change of verdict and causes after which an unexplained remainder is left as it is.
 WITHOUT_NEWS = 2
-
-
-class StageRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run of a stage: its plan, and the reason for it."""
-
-    plan: RunPlan
-    description: str
-    why: list[str]
-    pictures: list[Picture] = []
-    promised: float | None = None
-
-
-class Stage(msgspec.Struct, frozen=True, kw_only=True):
-    """A stage: its question, its runs, and the result.
-
-    `step` is its progress; `verdict`, `named`, `open` and `answer` are from the diagnosis after its runs.
-    """
-
-    number: int
-    kind: str
-    asked: list[str]
-    runs: list[StageRun]
-    step: Literal["proposed", "measured", "diagnosed"] = "proposed"
-    verdict: str = ""
-    named: list[tuple[str, str]] = []
-    open: list[list[tuple[str, str]]] = []
-    answer: list[str] = []
-
-
-class Course(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole investigation; `ended` is the reason for its end, empty while it continues."""
-
-    plan: str
-    baseline: Baseline
-    tolerance: float
-    stages: list[Stage] = []
-    declined: list[str] = []
-    ended: str = ""
-    format: Literal["rig-investigation"] = "rig-investigation"
-    format_version: Literal[1] = 1
-
-    @property
-    def runs(self) -> list[RunPlan]:
-        """All runs of all stages."""
-        return [run.plan for stage in self.stages for run in stage.runs]
-
-    @property
-    def seconds(self) -> float:
-        """Seconds of measuring so far."""
-        return sum(run.plan.seconds for stage in self.stages if stage.step != "proposed" for run in stage.runs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,8 +142,6 @@ def read_course(folder: Path) -> Course | None:
 
 
 def _keep(folder: Path, course: Course) -> None:
-    from isorig.rig.next.course_page import course_page
-
     write_json(folder / STATE, course)
     write_text(folder / PAGE, course_page(course))
 
@@ -276,11 +225,6 @@ def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
     )  # fmt: skip
     terms.tell("\n  ".join([f"After stage {stage.number}:", *answer]))
     return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
-
-
-def diagnosis_folder(stage: Stage) -> str:
-    """Name of the folder with the diagnosis after a stage."""
-    return f"diagnosis-{stage.number}"
 
 
 def described_plan(run: RunPlan, alone: bool = False) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from isorig.rig.next.course import Course, Stage, diagnosis_folder
 from isorig.rig.next.page import foreseen_chart
+from isorig.rig.next.stages import Course, Stage, diagnosis_folder
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import words
 

@@ -9,10 +9,11 @@ from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.next.course import PAGE, STATE, Course, Terms, described_rig, investigate
+from isorig.rig.next.course import PAGE, STATE, Terms, described_rig, investigate
 from isorig.rig.next.limits_file import limits_of
 from isorig.rig.next.measuring import measuring
 from isorig.rig.next.plan_file import with_runs
+from isorig.rig.next.stages import Course
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import words
 from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument

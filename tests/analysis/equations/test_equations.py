@@ -33,8 +33,8 @@ from isorig.analysis.fitting.ladder import fit_baseline
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
 from isorig.analysis.rounding import rounding
-from isorig.analysis.simulate.free_run import simulate
 from isorig.analysis.simulate.sampling import Excitation
+from isorig.analysis.simulate.simulation import simulate
 from isorig.rig.wire_bonder.description import wire_bonder
 
 SEED = 4100

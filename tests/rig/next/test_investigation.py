@@ -22,9 +22,10 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import course as course_module
 from isorig.rig.next import proposal as proposal_module
-from isorig.rig.next.course import PAGE, SESSION, STATE, Course, Measured, Terms, investigate, nothing_known, read_course
+from isorig.rig.next.course import PAGE, SESSION, STATE, Measured, Terms, investigate, nothing_known, read_course
 from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
 from isorig.rig.next.sentences import summary
+from isorig.rig.next.stages import Course
 from isorig.rig.wire_bonder.description import wire_bonder
 
 NAMES = ("head", "motor", "table", "heatblock")

@@ -1,0 +1,67 @@
+"""Free-run simulation: the sensors' response of a rig to a drive."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.compiled import compile_rig
+from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
+from isorig.analysis.simulate.sampling import TAPS, Excitation
+from isorig.analysis.simulate.trace import with_forces
+
+
+def simulate(
+    model: RigModel,
+    excitation: Excitation,
+    *,
+    configuration: str | None = None,
+    start_time: float = 0.0,
+    as_recorded: bool = False,
+    samples: int | None = None,
+) -> Response:
+    """Simulate the rig from rest, or from the initial state of the configuration.
+
+    Parameters
+    ----------
+    model
+        The rig.
+    excitation
+        The drive channel as recorded; offset, gain and delay of its chain are corrected.
+    configuration
+        Configuration of the rig; its first one if None.
+    start_time
+        Seconds since the start of the campaign, for a stiffness that drifts.
+    as_recorded
+        Whether the faults of the sensors' chains are included.
+    samples
+        Number of samples; all if None.
+
+    Raises
+    ------
+    SimulationError
+        If the motion grows without bound.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import isorig as iso
+    >>> drive = iso.Excitation.prepare(3.0 * np.random.default_rng(0).normal(size=2048), 1024.0)
+    >>> response = iso.simulate(iso.wire_bonder(), drive, configuration="locked")
+    >>> sorted(response.channels), response.channels["table"].shape
+    (['heatblock', 'motor', 'table'], (2048,))
+    """
+    configuration = next(iter(model.configurations)) if configuration is None else configuration
+    rate, over = excitation.sample_rate, excitation.oversample
+    n = len(excitation.recorded) if samples is None else samples
+    total = min((n + 2 * TAPS) * over, len(excitation.fine))
+    h = 1.0 / (rate * over)
+    sense = sense_of(model, compile_rig(model, configuration, h))
+    if any(sensor.force_in is not None for sensor in model.sensors):
+        return with_forces(
+            model, excitation, configuration=configuration, start_time=start_time, as_recorded=as_recorded, samples=n, steps=total
+        )  # fmt: skip
+    motion = np.empty((len(model.sensors), total))
+    fine, begun = true_fine(model, excitation)[:, :total], imposed_start(model, excitation)
+    run_rig(model, configuration, fine, h, start_time, sense, motion, begun=begun)
+    return response_of(model, excitation, motion, n, as_recorded=as_recorded)
