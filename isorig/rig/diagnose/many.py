@@ -1,20 +1,18 @@
-"""Diagnosis of many campaigns: in parallel through Dask, skipping those with an answer, with one summary."""
+"""Diagnosis of many campaigns: in parallel, skipping those with an answer, with one summary."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
 import io
-import logging
 import math
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, TypeVar
+from queue import SimpleQueue
+from threading import Thread
+from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
@@ -25,16 +23,6 @@ from isorig.rig.model.baseline import Baseline
 
 if TYPE_CHECKING:
     from isorig.rig.files.findings import Findings
-
-LOOPBACK = "127.0.0.1:0"
-#: Seconds to wait for a scheduler's file to appear: its processes start concurrently.
-FILE_PATIENCE = 30.0
-#: Seconds that jobs wait at a scheduler without workers: enough for a worker to restart.
-WORKER_PATIENCE = 300.0
-#: Seconds between checks of the workers while no result arrives.
-LOOK = 1.0
-#: Waiting jobs per running job: enough to keep workers busy, few enough to be cancelled quickly.
-WAITING = 3
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -184,8 +172,7 @@ def _refused(file: Path, why: str) -> Outcome:
 def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | None = None) -> Iterator[tuple[J, R | Exception]]:
     """Do jobs in parallel, yielding each with its result as it arrives, or with the exception that ended it.
 
-    Few jobs wait at a time, so that no longer taking results stops the rest. If a worker dies, another one does its job; a job
-    that ends several workers results in an exception.
+    Few jobs wait at a time, so that no longer taking results stops the rest.
 
     Parameters
     ----------
@@ -194,88 +181,47 @@ def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | N
     jobs
         Consumed on demand.
     scheduler
-        Address of a Dask scheduler, or the file that it writes (`--scheduler-file`, ending in .json); threads of this process if
-        None.
+        Dask scheduler, as for `isorig.rig.diagnose.cluster.on_cluster`; threads of this process if None.
 
     Raises
     ------
     RigError
-        No scheduler answers at the address, or it has had no worker for `WORKER_PATIENCE`.
+        The cluster cannot be used.
     """
-    waiting = iter(jobs)
-    first = list(islice(waiting, 1))
-    if not first:
-        return
-    import dask
-    from dask.distributed import Client, Future
+    if scheduler is None:
+        return _in_threads(function, iter(jobs))
+    from isorig.rig.diagnose.cluster import on_cluster
 
-    # What it logs when work is cancelled, or when its worker is late on a busy host, comes with a traceback; a job that fails has
-    # its exception as its result.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    # Within the process; listening sockets use the loopback interface only.
-    own = {
-        "processes": False, "n_workers": 1, "threads_per_worker": cores(),
-        "dashboard_address": LOOPBACK, "worker_dashboard_address": LOOPBACK,
-    }  # fmt: skip
-    # Its worker is in this process; a suspended computer must not count as a dead worker.
-    settings = {"distributed.scheduler.worker-ttl": None} if scheduler is None else {}
-    with dask.config.set(settings):
-        try:
-            client = Client(_address(scheduler)) if scheduler else Client(**own)
-        except (OSError, ValueError) as error:
-            raise RigError(f"no Dask scheduler answers at {scheduler} ({error}); start one, or leave out --scheduler") from None
-        with client:
-            done: SimpleQueue[Future[Any]] = SimpleQueue()
-            of: dict[Future[Any], J] = {}
-
-            def submit(job: J) -> None:
-                future = client.submit(function, job, pure=False)
-                of[future] = job
-                future.add_done_callback(done.put)
-
-            for job in first:
-                submit(job)
-            room = max(sum(client.nthreads().values()), 1) * (1 + WAITING)
-            for job in islice(waiting, room):
-                submit(job)
-            worked = time.monotonic()
-            while of:
-                try:
-                    future = done.get(timeout=LOOK)
-                except Empty:
-                    with suppress(OSError):  # a lost scheduler cancels the futures
-                        worked = time.monotonic() if client.nthreads() else worked
-                    if time.monotonic() > worked + WORKER_PATIENCE:
-                        raise RigError(
-                            f"the Dask scheduler at {scheduler} has had no worker for {WORKER_PATIENCE:.0f} s; start workers "
-                            "and repeat the command, which keeps finished answers"
-                        ) from None
-                    continue
-                if future.status == "cancelled":
-                    raise RigError(f"the Dask scheduler at {scheduler} was lost; finished answers are kept, so start again")
-                failure = future.exception()
-                yield of.pop(future), future.result() if failure is None else failure
-                worked = time.monotonic()
-                for job in islice(waiting, 1):
-                    submit(job)
+    return on_cluster(function, jobs, scheduler)
 
 
-def _address(scheduler: str) -> str:
-    # Address of a scheduler given by address or by file.
-    if not scheduler.endswith(".json"):
-        return scheduler
-    end = time.monotonic() + FILE_PATIENCE
-    while True:
-        try:
-            return str(msgspec.json.decode(Path(scheduler).read_bytes())["address"])
-        except (OSError, msgspec.DecodeError, KeyError, TypeError) as error:
-            if time.monotonic() > end:
-                why = error.strerror if isinstance(error, OSError) else "it contains no address"
-                raise RigError(
-                    f"{scheduler} cannot be read as the file of a Dask scheduler ({why}); start one with --scheduler-file "
-                    f"{scheduler}, or give its address"
-                ) from None
-        time.sleep(0.1)
+def _in_threads(function: Callable[[J], R], waiting: Iterator[J]) -> Iterator[tuple[J, R | Exception]]:
+    # An interrupted command does not wait for these threads, as it would for those of concurrent.futures.
+    todo: SimpleQueue[J | None] = SimpleQueue()
+    done: SimpleQueue[tuple[J, R | Exception]] = SimpleQueue()
+
+    def work() -> None:
+        while (job := todo.get()) is not None:
+            try:
+                done.put((job, function(job)))
+            except Exception as failure:
+                done.put((job, failure))
+
+    first = list(islice(waiting, cores()))
+    for job in first:
+        todo.put(job)
+        Thread(target=work, daemon=True).start()
+    left = len(first)
+    try:
+        while left:
+            yield done.get()
+            following = next(waiting, None)
+            left -= following is None
+            if following is not None:
+                todo.put(following)
+    finally:
+        for _ in first:
+            todo.put(None)
 
 
 def fingerprint(file: Path) -> dict[str, str]:
