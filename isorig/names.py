@@ -22,8 +22,8 @@ from isorig.rig.model.prediction import predicted as predict
 # What results show and convert to in a notebook is registered by these.
 from isorig.rig.notebook import pages, plots, tables  # noqa: F401
 from isorig.rig.notebook.answers import characterize, diagnose
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 __all__ = [
     "AnalysisError",

@@ -11,8 +11,9 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.isolation.ratio import IsolationRatio, isolation_ratio
 from isorig.analysis.laws import Stribeck
 from isorig.analysis.model.rig_model import Contact, RigModel
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN, Take, virtual_campaign
+from isorig.rig.virtual.levels import HEAD_PER_GAIN
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 from isorig.rig.wire_bonder.stroke import frictionless
 
 #: Gain up to 15 Hz and gain from there to 400 Hz, with the drive's band and the length of a run, s.

@@ -9,9 +9,9 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, broad
 from isorig.analysis.spectra.half_power import half_power
 from isorig.analysis.spectra.welch import estimate
-from isorig.rig.frf.figures import set_ups_figure
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.figures import set_ups_figure
 from isorig.rig.wire_bonder.four_set_ups import Classic, SetUp, classic
 from thesis.campaign import BANDS, LOW, NONE, SECONDS, Played, play, take
 from thesis.published_values import printed

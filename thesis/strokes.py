@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.rig.frf.figures import isolation_figure
 from isorig.rig.wire_bonder.description import THESIS
 from isorig.rig.wire_bonder.design_figures import history_figure, offset_figure, stroke_figure
 from isorig.rig.wire_bonder.design_study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
+from isorig.rig.wire_bonder.figures import isolation_figure
 from isorig.rig.wire_bonder.flexure import SPRING_STEEL, thinnest
 from isorig.rig.wire_bonder.parameters import OF_THESIS
 from isorig.rig.wire_bonder.stroke import frictionless, rocking, stroke_study

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization, Entry
-from isorig.rig.frf.figures import surface_figure
 from isorig.rig.model.prediction import predicted
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.figures import surface_figure
 from isorig.rig.wire_bonder.four_set_ups import Classic
 from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import CALIBRATION, Played

@@ -26,7 +26,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 TABLE = Path(__file__).parents[2] / "docs" / "study" / "coverage.csv"
 NOISES_TABLE = TABLE.with_name("noise-coverage.csv")

@@ -18,8 +18,8 @@ from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 
 def test_campaign_a(shared: Path, tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from isorig.analysis.fitting.division import beginnings, coarsened, ends, refined
 from isorig.analysis.fitting.trials import Trial, prepare
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from isorig.analysis.fitting.division import refined
 from isorig.analysis.fitting.score import BLOCKS, Score, improvement
 from isorig.analysis.fitting.trials import Trial, prepare
 from isorig.analysis.model.rig_model import Chain, RigModel
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 SOUND = wire_bonder({**THESIS, "friction_force": 10.0})
 TAKES = (

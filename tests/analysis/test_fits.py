@@ -17,8 +17,8 @@ from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 RIG = wire_bonder({**THESIS, "friction_force": 9.0})
 TAKES = (

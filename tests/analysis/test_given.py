@@ -12,8 +12,8 @@ from isorig.analysis.fitting.deviations import given_moves
 from isorig.analysis.fitting.uncertainty import HEAD
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 TAKES = (
     Take(id="u70", configuration="unlocked", gain=70.0, seconds=15.0, start=0.0),

@@ -19,10 +19,10 @@ from isorig.analysis.isolation.ratio import (
 from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.spectra.welch import Frf
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.four_set_ups import classic, error_surface
 from isorig.rig.wire_bonder.peak_offset import loaded_frequencies, peak_offset
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 WIDE = (0.5, 400.0)
 TAKES = (

@@ -14,9 +14,10 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
 from isorig.analysis.isolation.ratio import isolation_ratio, stuck_share
 from isorig.analysis.spectra.gain_levels import SHORTEST, STEP, by_level, changes, stretches
 from isorig.rig.model.prediction import predicted
-from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, Take, head_of
+from isorig.rig.virtual.levels import BEGIN, HEAD_PER_GAIN
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.isolation import compared_isolation
+from isorig.rig.wire_bonder.session import Take, head_of
 
 RATE = 256.0
 

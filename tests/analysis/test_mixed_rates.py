@@ -13,8 +13,8 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 TAKES = (
     Take(id="u70a", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0),

@@ -13,8 +13,8 @@ from scipy import signal
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
 from isorig.analysis.spectra.quality import faults, sound, without
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 TAKES = (
     Take(id="u70a", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),

@@ -19,8 +19,8 @@ from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 TAKES = (
     Take(id="u70", configuration="unlocked", gain=70.0, seconds=15.0, start=0.0),

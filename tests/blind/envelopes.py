@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.rig.virtual.campaign import LATER, SESSION, Take
-from isorig.rig.virtual.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, drawn_rig, played
+from isorig.rig.wire_bonder.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, drawn_rig, played
+from isorig.rig.wire_bonder.session import LATER, SESSION, Take
 
 __all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
 

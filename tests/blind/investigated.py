@@ -23,8 +23,9 @@ from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.next.course import Measured
-from isorig.rig.virtual.campaign import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL, known_of
-from isorig.rig.virtual.effects import Hidden, amplitudes_of, drawing, drawn_effect, drawn_rig
+from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
+from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawing, drawn_effect, drawn_rig
+from isorig.rig.wire_bonder.session import known_of
 
 RATE, NOISE = 1024.0, 1e-3
 

@@ -17,7 +17,7 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
-from isorig.rig.virtual.effects import drawing
+from isorig.rig.wire_bonder.effects import drawing
 
 Draw = np.random.Generator
 

@@ -20,7 +20,7 @@ from decisions import sensitivity
 from envelopes import CAUSES, OUTSIDE
 from study import TABLE
 
-from isorig.rig.virtual.campaign import SESSION
+from isorig.rig.wire_bonder.session import SESSION
 
 DOCS = Path(__file__).parents[2] / "docs"
 OTHER = DOCS / "study" / "other-rigs.csv"

@@ -13,7 +13,7 @@ from envelopes import Envelope, draw_envelope
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import SESSION, Take
+from isorig.rig.wire_bonder.session import SESSION, Take
 
 #: Kind, size and seed; what is hidden where is drawn. Twenty seconds of five runs do for these.
 DRAWN = (("none", 1.0, 16), ("asymmetric_friction", 0.33, 12))

@@ -9,9 +9,9 @@ from envelopes import drawn_rig
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import Take, virtual_campaign
-from isorig.rig.virtual.effects import Hidden, amplitudes_of, hide, played
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, hide, played
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 #: Nothing drives the heatblock's resonance at 165 Hz.
 NARROW = (

@@ -17,8 +17,8 @@ from isorig.analysis.model.rig_model import Contact
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import Take, known_of, virtual_campaign
-from isorig.rig.virtual.effects import amplitudes_of
+from isorig.rig.wire_bonder.effects import amplitudes_of
+from isorig.rig.wire_bonder.session import Take, known_of, virtual_campaign
 
 PLAN = Path(__file__).parents[2] / "docs" / "plans" / "two-gains.toml"
 SEEDS = range(1, 7)

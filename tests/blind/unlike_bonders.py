@@ -20,8 +20,9 @@ from isorig.analysis.diagnose.causes.base import Amplitudes, exchange
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.rig.virtual import effects
-from isorig.rig.virtual.campaign import BEGIN, Take, head_of, known_of
-from isorig.rig.virtual.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_rig
+from isorig.rig.virtual.levels import BEGIN
+from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_rig
+from isorig.rig.wire_bonder.session import Take, head_of, known_of
 
 Draw = np.random.Generator
 

@@ -46,8 +46,8 @@ def forked_rig(folder: Path, environment: dict[str, str]) -> Iterator[dict[str, 
 def serve(address: str) -> None:
     """Fork for each call; returns in the process of a call only, which `main` is to run in."""
 
-    from isorig.rig.virtual.campaign import SESSION, virtual_campaign
     from isorig.rig.wire_bonder.description import wire_bonder
+    from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
     # Loads the compiled programs.
     virtual_campaign(wire_bonder(), SESSION[:1], seed=1)

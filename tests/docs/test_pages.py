@@ -18,8 +18,8 @@ import pytest
 from forked_rig import forked_rig
 
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -10,8 +10,8 @@ from scipy import signal
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 SHORT = (
     Take(id="u70", configuration="unlocked", gain=70.0, seconds=24.0, start=0.0),

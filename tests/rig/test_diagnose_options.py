@@ -12,8 +12,8 @@ from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 #: With a low drive friction holds the motor, and the linear baseline would be adequate: a stiff link holds it too.
 TAKES = [replace(take, seconds=10.0) for take in SESSION if take.id in ("u70a", "l7")]

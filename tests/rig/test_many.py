@@ -12,8 +12,8 @@ from isorig.analysis.parallel import cores
 from isorig.rig.cli import main
 from isorig.rig.diagnose.many import diagnose_files, shared_out
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 
 def test_work_on_this_computer_opens_no_port(tmp_path: Path) -> None:

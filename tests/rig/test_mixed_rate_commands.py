@@ -10,8 +10,8 @@ import pytest
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 SLOW = {"u70b", "l70"}
 

@@ -17,8 +17,8 @@ from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, Panel, Trace, s
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 #: Put after the page's own script: zooms the first chart, changes the theme, and tells the page around it what came of it.
 PROBE = """<script>

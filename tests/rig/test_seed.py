@@ -13,9 +13,10 @@ import pytest
 from isorig.rig.cli import main
 from isorig.rig.files.parameter_table import drive_levels, read_parameters
 from isorig.rig.files.recording import read, write
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN, Take, virtual_campaign
+from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.parameters import OF_THESIS, read_seed
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 #: A rig that is not the thesis's, so that a value of the thesis's shows where it does not belong.
 OTHER = {**THESIS, "head_mass": 5.0, "table_mass": 110.0, "motor_frequency": 4.4, "friction_force": 9.0}

@@ -16,8 +16,8 @@ from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take
 from isorig.rig.wire_bonder.description import THESIS, three_mass, two_mass
+from isorig.rig.wire_bonder.session import Take
 from thesis.campaign import HIGH, LOW, Candidate, Played, candidates, play, played, stribeck_rig
 from thesis.early import FOUR, LEVELS, early, stays, too_small
 from thesis.figure_readings import RESOLUTIONS, apparent, read, resolutions

@@ -15,7 +15,7 @@ from isorig.drivers.errors import SettingError
 from isorig.drivers.instrument import Exciter, Stream, Values
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN
+from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 
 #: Samples of a random drive computed at once; a longer drive consists of parts, cross-faded over this number of samples.
 PART, FADE = 1 << 20, 1 << 14

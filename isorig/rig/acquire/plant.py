@@ -15,8 +15,8 @@ from isorig.drivers.block import Raw
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.wire import PtyWire
-from isorig.rig.virtual.campaign import BITS
-from isorig.rig.virtual.effects import Hidden
+from isorig.rig.virtual.levels import BITS
+from isorig.rig.wire_bonder.effects import Hidden
 
 #: Full scale in volts, and sensitivity of the sensors, V per m/s^2.
 FULL_SCALE = 10.0

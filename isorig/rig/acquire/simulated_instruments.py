@@ -16,7 +16,7 @@ from isorig.drivers.kinds import Simulation, kinds
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.served import Peer, served
 from isorig.rig.acquire.plant import SENSITIVITY, VirtualPlant, playing
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN
+from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
 GAIN, BAND = 70.0, (0.5, 20.0)
 #: Length of the repeated signal of a virtual port, s: it is simulated while the session waits for a sample.

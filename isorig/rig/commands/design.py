@@ -91,10 +91,11 @@ def _moves(
     import numpy as np
 
     from isorig.rig.files.output import write_csv, write_json
-    from isorig.rig.frf.figures import isolation_figure, save
+    from isorig.rig.frf.figures import save
     from isorig.rig.process.terminal import show_table
     from isorig.rig.wire_bonder.design_figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
     from isorig.rig.wire_bonder.design_study import RATE, designed, read_design, rigs_of, with_head
+    from isorig.rig.wire_bonder.figures import isolation_figure
     from isorig.rig.wire_bonder.parameters import read_seed
 
     plan = read_design(profile)

@@ -63,8 +63,9 @@ def isolation(
     from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import rig_of
-    from isorig.rig.frf.figures import isolation_figure, save
+    from isorig.rig.frf.figures import save
     from isorig.rig.isolation.transmissibility import transmissibility, write_transmissibility
+    from isorig.rig.wire_bonder.figures import isolation_figure
     from isorig.rig.wire_bonder.isolation import (
         about_isolated,
         about_offset,

@@ -54,10 +54,10 @@ def campaign(
     from isorig.rig.errors import PlanError
     from isorig.rig.files.recording import write
     from isorig.rig.files.rigfile import GivenRig, read_rig
-    from isorig.rig.virtual.campaign import LATER, SESSION
     from isorig.rig.virtual.described import described_campaign
-    from isorig.rig.virtual.effects import hidden_in, played
     from isorig.rig.wire_bonder.description import wire_bonder
+    from isorig.rig.wire_bonder.effects import hidden_in, played
+    from isorig.rig.wire_bonder.session import LATER, SESSION
 
     given = GivenRig(model=wire_bonder()) if model is None else read_rig(model)
     rig = given.model
@@ -137,8 +137,8 @@ def instrument(
     from isorig.rig.acquire.simulated_instruments import PLAYS, far_end
     from isorig.rig.errors import RigError
     from isorig.rig.files.models import read_model
-    from isorig.rig.virtual.effects import hidden_in
     from isorig.rig.wire_bonder.description import wire_bonder
+    from isorig.rig.wire_bonder.effects import hidden_in
 
     rig = read_model(model)[0] if model is not None else wire_bonder()
     faults = Faults(

@@ -40,7 +40,7 @@ from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.isolation.transmissibility import transmissibility
 from isorig.rig.model.prediction import predicted
-from isorig.rig.virtual.campaign import BEGIN
+from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
 from isorig.rig.wire_bonder.design_study import RATE, MovePlan
 from isorig.rig.wire_bonder.isolation import Model

@@ -30,7 +30,7 @@ from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
 from isorig.rig.next.stages import Course, Stage, StageRun, diagnosis_folder
 from isorig.rig.report.sections import CUT_SHORT, words
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN
+from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
 STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"
 #: Noise of a sensor before it is measured, as a share of its signal with the strongest allowed drive.

@@ -17,8 +17,8 @@ from isorig.rig.next.stages import Course
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import words
 from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
-from isorig.rig.virtual.effects import hidden_in
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.effects import hidden_in
 
 #: The hidden effect, and its size.
 HIDDEN, SIZE = "end_stop", 1.0

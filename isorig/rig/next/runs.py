@@ -12,7 +12,7 @@ from isorig.analysis.proposals.prediction import Prospect
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.files.rivals import TakenRun
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN, MOVE_PER_GAIN
+from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 
 #: Seconds between two runs.
 PAUSE = 30.0

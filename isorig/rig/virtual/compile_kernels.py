@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from isorig.rig.virtual.campaign import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 
 
 def main() -> None:

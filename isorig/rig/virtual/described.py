@@ -12,7 +12,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.model.prediction import predicted
-from isorig.rig.virtual.campaign import BEGIN
+from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.virtual.simulated_recording import made_up, usual_run
 
 #: Drive levels of a session relative to the usual one, which are its gains; one is measured twice, with another wave.

@@ -15,7 +15,7 @@ from isorig.analysis.simulate.free_run import excitation_of
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.model.prediction import predicted, seconds_from
-from isorig.rig.virtual.campaign import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
+from isorig.rig.virtual.levels import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
 
 Kind = Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"]
 #: Periods of a synthetic multisine.

@@ -19,9 +19,9 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
-from isorig.rig.virtual.campaign import Take, virtual_campaign
 from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
 from isorig.rig.wire_bonder.parameters import Seed
+from isorig.rig.wire_bonder.session import Take, virtual_campaign
 from isorig.rig.wire_bonder.stroke import StrokeStudy, frictionless, histories, linear_ratio, rocking, stroke_study
 
 #: Sample rate, Hz: at least fifteen samples in a move of a hundredth of a second.

@@ -14,12 +14,13 @@ from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.quality import without
 from isorig.analysis.wording import of_signal
 from isorig.rig.files.output import write_text
-from isorig.rig.frf.figures import save, set_ups_figure, surface_figure
+from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.charts import Chart, Panel, Role, Trace
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, provenance_section, words
+from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import Classic, ErrorSurface, SetUp, classic
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")

@@ -10,9 +10,9 @@ from isorig.analysis.diagnose.early_answer import CLEAR, CONFIRMED, LEAST_SECOND
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import HOLDS
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.virtual.campaign import Take
-from isorig.rig.virtual.effects import hidden_in, played
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.effects import hidden_in, played
+from isorig.rig.wire_bonder.session import Take
 
 RUN = (Take(id="u70", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),)
 BROKEN = {"motor": 2.0 * HOLDS}

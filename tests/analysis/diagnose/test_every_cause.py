@@ -13,8 +13,8 @@ import pytest
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import SMALLEST, Cause, Evidence, Kind, RandomSizes
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.virtual.effects import KINDS, OUTSIDE, PAIRS, drawing, hidden_in
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.effects import KINDS, OUTSIDE, PAIRS, drawing, hidden_in
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "diagnosing.md").read_text(encoding="utf-8")

@@ -34,7 +34,7 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.terminal import levels
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.files.recording import read
-from isorig.rig.virtual.campaign import HEAD_PER_GAIN
+from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
 PLAN = """
 [instrument]

@@ -9,7 +9,7 @@ import pytest
 from recorded import SHORT, drawn_rig
 
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import virtual_campaign
+from isorig.rig.wire_bonder.session import virtual_campaign
 
 
 @pytest.fixture(scope="session")

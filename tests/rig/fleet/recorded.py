@@ -16,8 +16,9 @@ from isorig.analysis.diagnose.causes.measurement_chain import with_chain
 from isorig.analysis.laws import EndStop
 from isorig.analysis.model.rig_model import Configuration, RigModel
 from isorig.rig.files.recording import write
-from isorig.rig.virtual.campaign import BEGIN, SESSION, virtual_campaign
+from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.wire_bonder.description import FRICTION, THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 Draw = np.random.Generator
 #: A session as short as a diagnosis can be sure of: ten seconds a run.

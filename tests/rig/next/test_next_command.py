@@ -133,9 +133,9 @@ def test_refusals(words: list[str], told: str, tmp_path: Path, capsys: pytest.Ca
 
 def test_hidden_effects_of_the_virtual_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A gain of a channel is hidden: its record is that many times another's, and the same seed hides the same."""
-    from isorig.rig.virtual.campaign import Take
-    from isorig.rig.virtual.effects import Hidden, hidden_in, played
     from isorig.rig.wire_bonder.description import wire_bonder
+    from isorig.rig.wire_bonder.effects import Hidden, hidden_in, played
+    from isorig.rig.wire_bonder.session import Take
 
     takes = [Take(id="a", configuration="unlocked", gain=35.0, seconds=3.0, start=0.0)]
     hidden = hidden_in(wire_bonder(), "sensor_gain", 1.0, 3)

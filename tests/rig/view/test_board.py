@@ -25,8 +25,8 @@ from isorig.rig.view.run_list import Planned, planned_as
 from isorig.rig.view.snapshot import Board, Snapshot
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
 from isorig.rig.view.state import Subject, state_of
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from screen_browser import Page, browser, needs_browser
 
 from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import read, write
-from isorig.rig.virtual.campaign import SESSION, virtual_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 pytestmark = needs_browser
 RIG = (sys.executable, "-m", "isorig")

@@ -18,8 +18,8 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.rig.errors import RigError
-from isorig.rig.virtual.campaign import Take, head_of, known_of, virtual_campaign, without_faults
 from isorig.rig.wire_bonder.description import FRICTION, THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import Take, head_of, known_of, virtual_campaign, without_faults
 
 Draw = np.random.Generator
 Wire = Callable[[Run, dict[str, FloatArray]], dict[str, FloatArray]]

@@ -1,10 +1,10 @@
-"""The virtual rig: simulates a `RigModel` and records it as an instrument would, with sensor noise and a converter."""
+"""The virtual wire bonder: a session is simulated and recorded as an instrument would, with sensor noise and a converter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 
 import msgspec
 import numpy as np
@@ -14,17 +14,7 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run, Use
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.excitation import moves, random
-
-#: Full scale of a virtual accelerometer's input, m/s^2, and the bits of its converter.
-FULL_SCALE = 50.0
-BITS = 24
-#: rms of the head's acceleration per unit of gain under random drive, m/s^2 (3.8 m/s^2 at gain 70).
-HEAD_PER_GAIN = 3.8 / 70.0
-#: Peak acceleration of the head in moves per unit of gain, m/s^2.
-MOVE_PER_GAIN = 12.5 / 70.0
-#: Description of a virtual rig's sensors.
-VIRTUAL = {"sensor": "virtual accelerometer"}
-BEGIN = datetime(2011, 11, 7, 9, 0, tzinfo=UTC)
+from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
 
 
 @dataclass(frozen=True, kw_only=True)
