@@ -6,15 +6,12 @@ import re
 import time
 from typing import Protocol
 
-from isorig.drivers.errors import ProtocolError
 from isorig.drivers.port import Port
 from isorig.drivers.waits import WAITS, Waits
 
 #: Names of VISA resources, and of a GPIB address at an adapter: GPIB::11@/dev/ttyUSB0.
 RESOURCE = re.compile(r"(GPIB|TCPIP|USB|ASRL|PXI|VXI)[^@]*::[^@]+", re.IGNORECASE)
 ADAPTED = re.compile(r"GPIB\d*::(\d{1,2})(::INSTR)?@(.+)", re.IGNORECASE)
-#: A status byte is a number from 0 to 255 (IEEE 488.1).
-STATUS_BYTES = 256
 
 
 class Link(Protocol):
@@ -147,16 +144,3 @@ def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> Link:
 
         return VisaLink(name, baud_rate=baud_rate, waits=waits)
     return LineLink(name, baud_rate=baud_rate, waits=waits)
-
-
-def check_status_byte(value: int, who: str) -> int:
-    """A status byte as received.
-
-    Raises
-    ------
-    ProtocolError
-        It is none.
-    """
-    if not 0 <= value < STATUS_BYTES:
-        raise ProtocolError(f"{who} answers a serial poll with {value}; a status byte is 0 to 255, check the adapter")
-    return value

@@ -22,6 +22,17 @@ from numpy.typing import NDArray
 from isorig.drivers.block import Block, Input, Raw, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
 from isorig.drivers.kinds import DrivenRig, Settings, Simulation, StreamKind
+from isorig.drivers.mti600_messages import (
+    ACCELERATION,
+    CLIPPED,
+    ERROR,
+    GROUP_COUNTER,
+    LENGTHS,
+    PER_COUNT,
+    SAMPLE_TIME,
+    STATUS_WORD,
+    WRAP,
+)
 from isorig.drivers.order import EXACT, BlockHeader, Order
 from isorig.drivers.port import check_name
 from isorig.drivers.waits import WAITS, Waits
@@ -31,12 +42,6 @@ if TYPE_CHECKING:
 
 DBC = Path(__file__).with_name("mti600.dbc")
 BITRATE = 250_000
-ERROR, SAMPLE_TIME, GROUP_COUNTER, STATUS_WORD, ACCELERATION = 0x001, 0x005, 0x006, 0x011, 0x034
-#: Bytes of each message that is read.
-LENGTHS = {ERROR: 1, SAMPLE_TIME: 4, GROUP_COUNTER: 2, STATUS_WORD: 4, ACCELERATION: 6}
-PER_COUNT = 2.0**-8
-CLIPPED = 0x700
-WRAP = 1 << 16
 #: The error message that reports messages dropped inside the instrument; any other one is a fault.
 DROPPED = b"\x01"
 #: Groups in a block, and maximum number of frames waiting before a run.

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from isorig.drivers.answers import check_status_byte
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
-from isorig.drivers.link import check_status_byte
 from isorig.drivers.port import BITS, LONGEST, SLOWER
 from isorig.drivers.waits import WAITS, Waits
 

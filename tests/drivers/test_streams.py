@@ -17,7 +17,8 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.mti600 import DBC, PER_COUNT, MtiInstrument, decode
+from isorig.drivers.mti600 import DBC, MtiInstrument, decode
+from isorig.drivers.mti600_messages import PER_COUNT
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups, slcan

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from isorig.drivers.block import FloatArray, Raw
-from isorig.drivers.mti600 import ACCELERATION, CLIPPED, GROUP_COUNTER, PER_COUNT, SAMPLE_TIME, STATUS_WORD, WRAP
+from isorig.drivers.mti600_messages import ACCELERATION, CLIPPED, GROUP_COUNTER, PER_COUNT, SAMPLE_TIME, STATUS_WORD, WRAP
 from isorig.drivers.simulated.faults import Faults, Mishaps
 
 #: Given a number of samples and a rate in Hz: int16 counts, shape (n, inputs).
