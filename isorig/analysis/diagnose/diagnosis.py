@@ -15,6 +15,7 @@ from isorig.analysis.diagnose.budget import Budget, budget
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, signs
+from isorig.analysis.diagnose.guides import with_guides
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
 from isorig.analysis.diagnose.policy import (
@@ -170,6 +171,21 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     >>> found.verdict, found.steps
     ('adequate', ())
     """
+    found = _at_described_places(campaign, model, tolerance, progress)
+    guided = with_guides(model)
+    if found.verdict != "unexplained" or found.cut_short or guided is model:
+        return found
+    progress("no described place explains the error; looking for friction on the ground where nothing joins a body to it")
+    again = _at_described_places(campaign, guided, tolerance, progress)
+    added = {link.name for link in guided.links} - {link.name for link in model.links}
+    if again.verdict == "unexplained" or not any(s.location in added and s.kind == "friction_shape" for s in again.steps):
+        return found
+    text = "Places: the description has no {}, but friction there, on the ground, explains the records; add this link."
+    places = " and the ".join(step.location for step in again.steps if step.location in added)
+    return replace(again, signs=(Sign(text=text.format(places)), *again.signs))
+
+
+def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, progress: Progress) -> Diagnosis:
     trials = prepare(campaign, model)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     equations = equations_of(campaign, model)

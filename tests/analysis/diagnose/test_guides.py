@@ -1,0 +1,23 @@
+"""Friction on the ground of a body that the description joins to other bodies only."""
+
+from __future__ import annotations
+
+import pytest
+from small_rigs import carts, chain, guessed, played, rubbing
+
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.diagnose.guides import guide_of, with_guides
+
+
+def test_friction_of_a_cart_that_its_description_does_not_join_to_the_ground() -> None:
+    truth = rubbing(with_guides(carts()), guide_of("second"), 0.5)
+    found = diagnose(played(truth, seed=11), guessed(carts(), 11))
+    assert found.verdict == "explained"
+    assert [(step.cause, step.location) for step in found.steps] == [("coulomb_friction", "second guide")]
+    assert found.steps[0].parameters["friction_force"][0] == pytest.approx(0.5, rel=0.1)
+    assert "has no second guide" in found.signs[0].text
+
+
+def test_only_bodies_with_a_measured_position_and_no_joint_to_the_ground_get_a_guide() -> None:
+    assert [link.name for link in with_guides(carts()).links] == ["wall", "between", "second guide"]
+    assert with_guides(chain()) == chain()
