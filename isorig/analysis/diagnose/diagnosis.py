@@ -14,7 +14,7 @@ from isorig.analysis.deadline import ask_time, out_of_time
 from isorig.analysis.diagnose.budget import Budget, budget
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
-from isorig.analysis.diagnose.evidence import Sign, signs
+from isorig.analysis.diagnose.evidence import Sign, record_signs, signs
 from isorig.analysis.diagnose.guides import with_guides
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
@@ -211,7 +211,10 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
     compared = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
-    said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
+    if found.verdict == "adequate":  # nothing differs from the simulation
+        said = [record_signs(campaign, last.fit.model, fine)]
+    else:
+        said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(search.floors(last.fit.model, found.division.judged)))
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()

@@ -91,13 +91,14 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared
     """
     pairs, groups = compared.pairs, compared.groups
     return (
-        *_records(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),
+        *record_signs(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),
         *_configurations(model, pairs), *_gains(model, groups), *_time(model, groups), *_surfaces(model, compared),
         *_periods(model, pairs),
     )  # fmt: skip
 
 
-def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> list[Sign]:
+def record_signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> tuple[Sign, ...]:
+    """The signs of the records alone: bad data, flat tops, hum."""
     flat = [
         Sign(
             text=f"Flat tops: the {name} is cut off at its largest magnitude, {limit:.4g}, like a clipped record.",
@@ -113,7 +114,7 @@ def _records(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> li
         for name, frequency in mains(model, trials).items()
     ]
     bad = [Sign(text=fault.text) for fault in faults(campaign, reference=model.drive.channel) if fault.kind != "clipped"]
-    return [*bad, *flat, *hums]
+    return (*bad, *flat, *hums)
 
 
 def _mean(values: FloatArray, std: FloatArray) -> tuple[float, float]:
