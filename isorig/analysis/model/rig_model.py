@@ -392,16 +392,10 @@ def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> No
     raise ModelError(f"the rig has no {kind} {name!r}{did_you_mean(name, names)}, only {names}; name one of these")
 
 
-def _name_of(part: Any) -> str | None:
-    # Drives and sensors have the names of their channels; laws, and numbers of a curve, have none.
-    name: str | None = part.name if isinstance(part, Body | Link | Contact) else getattr(part, "channel", None)
-    return name
-
-
 def _step(item: Any, step: str, path: str) -> Any:
     if isinstance(item, tuple):
         for part in item:
-            if _name_of(part) == step:
+            if getattr(part, "name", getattr(part, "channel", None)) == step:
                 return part
         if step.isdigit() and int(step) < len(item):
             return item[int(step)]
@@ -418,7 +412,7 @@ def _with_values(item: Any, tree: float | Mapping[str, Any]) -> Any:
     if isinstance(tree, float):
         return tree
     if isinstance(item, tuple):
-        names = [_name_of(part) or str(k) for k, part in enumerate(item)]
+        names = [getattr(part, "name", getattr(part, "channel", str(k))) for k, part in enumerate(item)]
         places = {step if step in names else names[int(step)]: values for step, values in tree.items()}
         return tuple(_with_values(part, places[name]) if name in places else part for name, part in zip(names, item, strict=True))
     if isinstance(item, dict):
