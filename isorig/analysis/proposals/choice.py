@@ -15,7 +15,7 @@ from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun
 from isorig.analysis.proposals.policy import CANNOT, COMPARED, LOCK_PRICE, MOST_RUNS, OVERHEAD, SHOWN, WILL, WORTH
 from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn, left, refit
@@ -47,7 +47,7 @@ class Question:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Apart:
+class PairDistance:
     """Distance of a true cause from a refitted rival after some runs: the mean over models drawn for the true cause."""
 
     truth: Variant
@@ -110,8 +110,8 @@ class Choice:
     prospect: Prospect
     probability: float
     gained: float
-    apart: tuple[Apart, ...]
-    peaks: Peaks
+    apart: tuple[PairDistance, ...]
+    peaks: LargestMotions
     foreseen: tuple[Foreseen, ...]
 
 
@@ -133,7 +133,7 @@ class Chosen:
 
     choices: tuple[Choice, ...]
     before: float
-    best: tuple[Apart, ...]
+    best: tuple[PairDistance, ...]
     compared: int
     refused: Mapping[CandidateRun, str] = field(default_factory=dict)
 
@@ -143,7 +143,7 @@ Pairs = dict[tuple[int, int], Moments]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class PredictedPair:
     """Candidate runs evaluated for a question, and those rejected for a limit, with the reasons."""
 
     pairs: Sequence[tuple[Prospect, Pairs]]
@@ -221,7 +221,7 @@ class Comparison:
                     found[i, k] = seen.moments(truths[i], rivals[k], slopes)
         return found
 
-    def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> Seen:
+    def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> PredictedPair:
         """The candidates within the limits by a first simulation, evaluated for the question.
 
         `progress` is called before each; when the deadline in force is over, the candidates compared so far are the answer.
@@ -239,7 +239,7 @@ class Comparison:
                     refused[run] = why
                 else:
                     found.append((prospect, self._moments(prospect)))
-        return Seen(pairs=found, refused=refused)
+        return PredictedPair(pairs=found, refused=refused)
 
     def foreseen(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[Foreseen, ...]:
         """Predictions of causes that a run distinguishes, the closest pairs first."""
@@ -267,7 +267,7 @@ class Comparison:
 
     def with_sensors(
         self, prospect: Prospect, added: Callable[[RigModel], RigModel], noise: float
-    ) -> dict[str, list[Apart]]:  # fmt: skip
+    ) -> dict[str, list[PairDistance]]:  # fmt: skip
         """Distances of causes in a run with each of several additional sensors alone, by channel.
 
         Parameters
@@ -285,7 +285,7 @@ class Comparison:
         further = [s for s in reference.sensors if all(s.channel != own.channel for own in self._reference.sensors)]
         levels = {s.channel: noise if s.quantity == "displacement" else quiet for s in further}
         pairs = self._pairs(Predicted(prospect, {**self._noise, **levels}, reference), flat, fitted)
-        found: dict[str, list[Apart]] = {sensor.channel: [] for sensor in further}
+        found: dict[str, list[PairDistance]] = {sensor.channel: [] for sensor in further}
         for (i, k), moments in pairs.items():
             step = refit(fitted[k].free, [*(run[i, k] for run in self._hand), moments])
             apart = left(moments, step)
@@ -293,7 +293,7 @@ class Comparison:
                 if sensor.channel in found:
                     size = float(apart[row])
                     found[sensor.channel].append(
-                        Apart(truth=flat[i], rival=fitted[k], distance=size, probability=float(parted(size)))
+                        PairDistance(truth=flat[i], rival=fitted[k], distance=size, probability=float(parted(size)))
                     )
         return found
 
@@ -302,7 +302,7 @@ class Comparison:
         starts = np.cumsum([0, *(len(models) for models in self._drawn[:-1])]).tolist()
         return list(zip(starts, self._drawn, strict=True))
 
-    def distances(self, pairs: Sequence[Pairs]) -> list[Apart]:
+    def distances(self, pairs: Sequence[Pairs]) -> list[PairDistance]:
         """Distance of every true cause from every rival after some further runs."""
         return [apart for group in self._apart(pairs) for apart in group]
 
@@ -312,27 +312,27 @@ class Comparison:
         whole = self._settled + sum(self._weights)
         return (self._settled + float(np.dot(chances, self._weights))) / whole if whole else 1.0
 
-    def _apart(self, pairs: Sequence[Pairs]) -> list[list[Apart]]:
+    def _apart(self, pairs: Sequence[Pairs]) -> list[list[PairDistance]]:
         counted = [self._question.supposed] * len(self._hand) + [True] * len(pairs)
         groups = []
         for first, models in self._first_of_each():
-            group: list[Apart] = []
+            group: list[PairDistance] = []
             for k, rival in enumerate(self._question.rivals):
                 if rival.key == models[0].key:
                     continue
                 runs = [[run[i, k] for run in (*self._hand, *pairs)] for i in range(first, first + len(models))]
                 sizes = np.array([distance(rival.free, seen, counted) for seen in runs])
                 chance = float(parted(sizes).mean())
-                group.append(Apart(truth=models[0], rival=rival, distance=float(np.median(sizes)), probability=chance))
+                group.append(PairDistance(truth=models[0], rival=rival, distance=float(np.median(sizes)), probability=chance))
             groups.append(group)
         return groups
 
 
 def choose(
     comparison: Comparison,
-    seen: Seen,
+    seen: PredictedPair,
     limits: Limits,
-    kept: Callable[[Prospect], Peaks],
+    kept: Callable[[Prospect], LargestMotions],
     *,
     configuration: str,
     budget: float,
@@ -392,8 +392,8 @@ def _cost(prospect: Prospect, configuration: str, limits: Limits) -> float:
     return prospect.run.seconds + OVERHEAD + (price if prospect.run.configuration != configuration else 0.0)
 
 
-def _best(comparison: Comparison, seen: Seen) -> tuple[Apart, ...]:
-    found: dict[tuple[object, object], Apart] = {}
+def _best(comparison: Comparison, seen: PredictedPair) -> tuple[PairDistance, ...]:
+    found: dict[tuple[object, object], PairDistance] = {}
     for _, pairs in seen.pairs:
         for apart in comparison.distances([pairs]):
             key = apart.truth.key, apart.rival.key

@@ -10,12 +10,12 @@ from isorig.analysis.diagnose.causes.base import Amplitudes
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import SESSION, TINY
 from isorig.analysis.proposals.prediction import Variant
 
 
-def hypotheses(model: RigModel, peaks: Peaks, speed: Mapping[str, float], sample_rate: float) -> tuple[Variant, ...]:
+def hypotheses(model: RigModel, peaks: LargestMotions, speed: Mapping[str, float], sample_rate: float) -> tuple[Variant, ...]:
     """Every cause of the catalogue at every place, at its smallest relevant size, added to a model.
 
     Parameters

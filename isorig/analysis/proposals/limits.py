@@ -20,7 +20,7 @@ from isorig.analysis.simulate.gauges import DEFLECTION, gauged
 
 
 @dataclass(frozen=True, kw_only=True)
-class Peaks:
+class LargestMotions:
     """Largest magnitudes in a run.
 
     Parameters
@@ -55,9 +55,9 @@ class Peaks:
         return ""
 
 
-def largest(peaks: Sequence[Peaks]) -> Peaks:
+def largest(peaks: Sequence[LargestMotions]) -> LargestMotions:
     """The largest peaks of several models, one by one."""
-    return Peaks(
+    return LargestMotions(
         stroke=_most([p.stroke for p in peaks]), speed=_most([p.speed for p in peaks]), drive=max(p.drive for p in peaks),
         force=max(p.force for p in peaks), channels=_most([p.channels for p in peaks]),
     )  # fmt: skip
@@ -68,14 +68,14 @@ def _most(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {name: max(each.get(name, 0.0) for each in found) for name in sorted(names)}
 
 
-def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArray, sample_rate: float) -> Peaks:
+def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArray, sample_rate: float) -> LargestMotions:
     """Peaks of a simulated run of a `gauged` rig; `motion` has recorded values by channel, `drive` is the true drive."""
     sizes = {name: float(np.abs(values).max(initial=0.0)) for name, values in motion.items()}
     reached = float(np.abs(drive).max(initial=0.0))
     weight = max((abs(w) for w in model.drive.pushes.values()), default=0.0)
     sensors = {name: size for name, size in sizes.items() if not name.startswith(DEFLECTION)}
     gauges = {name.removeprefix(DEFLECTION): values for name, values in motion.items() if name.startswith(DEFLECTION)}
-    return Peaks(
+    return LargestMotions(
         stroke={name: sizes[DEFLECTION + name] for name in gauges},
         speed={name: float(np.abs(np.diff(values)).max(initial=0.0)) * sample_rate for name, values in gauges.items()},
         drive=reached, force=reached * abs(model.drive.factor) * weight,
@@ -83,13 +83,13 @@ def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArra
     )  # fmt: skip
 
 
-def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configuration: str, start_time: float) -> Peaks:
+def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configuration: str, start_time: float) -> LargestMotions:
     """Largest peaks of any of the models in a run, simulated from rest in full length.
 
     A model whose motion grows without bound counts as exceeding every limit.
     """
 
-    def one(model: RigModel) -> Peaks:
+    def one(model: RigModel) -> LargestMotions:
         rig = gauged(model, configuration)
         drive = true_drive(model, excitation)
         try:
@@ -103,7 +103,7 @@ def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configur
     return largest(side_by_side(one, models))
 
 
-def reached_so_far(limits: Limits, model: RigModel, peaks: Peaks) -> Limits:
+def reached_so_far(limits: Limits, model: RigModel, peaks: LargestMotions) -> Limits:
     """The limits, with the peaks of the runs so far for limits that are not given.
 
     These are the stroke of every link that some configuration blocks (of all if there is none), because those links have stops;

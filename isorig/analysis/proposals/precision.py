@@ -22,7 +22,7 @@ from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
-from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.policy import ALIKE, COHERENT, LOCK_PRICE, NO_BETTER, OVERHEAD, RESOLUTION, SHORTEST
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
 from isorig.analysis.simulate import simulate
@@ -88,7 +88,7 @@ class Precise:
 
     prospect: Prospect
     std: float
-    peaks: Peaks
+    peaks: LargestMotions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class Design:
     compared: int
 
 
-class Known:
+class KnownPrecision:
     """Information of the runs on a model's fitted values, and therefore on a parameter.
 
     Parameters
@@ -210,8 +210,8 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
 
 
 def design(
-    known: Known, prospects: Sequence[Prospect], limits: Limits, kept: Callable[[Prospect], Peaks], *, wish: float,
-    configuration: str, budget: float, most: int, deadline: Deadline, progress: Progress,
+    known: KnownPrecision, prospects: Sequence[Prospect], limits: Limits, kept: Callable[[Prospect], LargestMotions], *,
+    wish: float, configuration: str, budget: float, most: int, deadline: Deadline, progress: Progress,
 ) -> Design:  # fmt: skip
     """The cheapest runs that reduce a parameter's relative uncertainty to the required value; or the most precise ones.
 
@@ -262,7 +262,7 @@ def design(
 
 
 def _ranked(
-    known: Known, now: FloatArray, prospect: Prospect, own: FloatArray, wish: float, configuration: str, limits: Limits,
+    known: KnownPrecision, now: FloatArray, prospect: Prospect, own: FloatArray, wish: float, configuration: str, limits: Limits,
     budget: float,
 ) -> tuple[tuple[bool, float], Prospect, FloatArray]:  # fmt: skip
     # Runs that reach the required value first, the cheapest of them; then the most precise others. No longer than necessary.
@@ -303,6 +303,6 @@ def _slopes(variant: Variant, figure: Figure) -> FloatArray:
     return found
 
 
-def candidate_peaks(variants: Sequence[RigModel], prospect: Prospect) -> Peaks:
+def candidate_peaks(variants: Sequence[RigModel], prospect: Prospect) -> LargestMotions:
     """Peaks of models in the full length of a run."""
     return simulated_peaks(variants, prospect.excitation(whole=True), prospect.run.configuration, prospect.start_time)

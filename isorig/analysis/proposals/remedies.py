@@ -13,8 +13,8 @@ from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, Sensor
-from isorig.analysis.proposals.choice import Apart, Comparison, Seen
-from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.choice import Comparison, PairDistance, PredictedPair
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import HIGHER, RAISED, RESOLVES, TRIED, WILL
 from isorig.analysis.proposals.prediction import Key, Prospect
 from isorig.analysis.simulate.gauges import gauged
@@ -41,13 +41,13 @@ class Remedy:
 
     prospect: Prospect
     distance: float
-    peaks: Peaks | None = None
+    peaks: LargestMotions | None = None
     channel: str = ""
 
 
 def further(
     comparison: Comparison, pair: tuple[Key, Key], beyond: Callable[[float], Sequence[Prospect]],
-    peaks: Callable[[Prospect], Peaks], progress: Progress,
+    peaks: Callable[[Prospect], LargestMotions], progress: Progress,
 ) -> Remedy | None:  # fmt: skip
     """The run with the smallest stroke beyond the limits that would distinguish a pair of causes; None if no `RAISED` gain does.
 
@@ -76,7 +76,7 @@ def further(
     return None
 
 
-def another_sensor(comparison: Comparison, seen: Seen, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
+def another_sensor(comparison: Comparison, seen: PredictedPair, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
     """The sensor that would distinguish a pair of causes in an allowed run; None if there is none."""
     ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
     found: list[Remedy] = []
@@ -95,7 +95,7 @@ def _stroke(remedy: Remedy) -> float:
     return max(remedy.peaks.stroke.values(), default=0.0)
 
 
-def farther(apart: Sequence[Apart], pair: tuple[Key, Key]) -> float:
+def farther(apart: Sequence[PairDistance], pair: tuple[Key, Key]) -> float:
     """The larger of a pair's two distances: the more general of two causes may fit everything that the other does."""
     return max((a.distance for a in apart if {a.truth.key, a.rival.key} == set(pair)), default=0.0)
 

@@ -18,7 +18,7 @@ Kind = Literal["step", "drift", "step or drift"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Change:
+class DatedChange:
     """A change of one parameter.
 
     Parameters
@@ -90,7 +90,7 @@ def _parts(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArra
     return -0.5 * (second - first**2 / total), total
 
 
-def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int) -> Change:
+def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int) -> DatedChange:
     """The change in a series that contains one, with its date, its size and its kind.
 
     Parameters
@@ -104,11 +104,13 @@ def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alar
     first, earliest, latest = dated(value, variance)
     before, after = (float(np.average(value[part], weights=weight[part])) for part in (slice(first), slice(first, None)))
     std = float(np.sqrt(1.0 / weight[:first].sum() + 1.0 / weight[first:].sum()))
-    step = Change(kind="step", first=first, earliest=earliest, latest=latest, alarm=alarm, before=before, after=after, std=std)
+    step = DatedChange(
+        kind="step", first=first, earliest=earliest, latest=latest, alarm=alarm, before=before, after=after, std=std
+    )
     knee = bent(time, value, weight)
     difference = knee.likelihood - stepped(value, weight, [first])
     kind: Kind = "drift" if difference > TOLD else "step" if difference < -TOLD else "step or drift"
-    return drifting(time, knee, alarm) if kind == "drift" else Change(**{**vars(step), "kind": kind})
+    return drifting(time, knee, alarm) if kind == "drift" else DatedChange(**{**vars(step), "kind": kind})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,10 +160,10 @@ def stepped(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
     return float(sum(-0.5 * (w * (x - np.average(x, weights=w)) ** 2).sum() for x, w in parts))
 
 
-def drifting(time: FloatArray, knee: Knee, alarm: int) -> Change:
+def drifting(time: FloatArray, knee: Knee, alarm: int) -> DatedChange:
     """A drift as a change; `first` is the first campaign after its start."""
     run = float(time[-1] - time[knee.at])
-    return Change(
+    return DatedChange(
         kind="drift", first=knee.at + 1, earliest=knee.earliest + 1, latest=knee.latest + 1, alarm=alarm, before=knee.level,
         after=knee.level + knee.slope * run, std=run * float(np.sqrt(knee.covariance[1, 1])), slope=knee.slope,
     )  # fmt: skip

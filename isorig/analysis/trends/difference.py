@@ -33,7 +33,7 @@ LOOSE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explanation:
+class CauseOfChange:
     """A cause of a change.
 
     Parameters
@@ -102,7 +102,7 @@ def explanations(
     *,
     suspected: Collection[str] = (),
     progress: Callable[[str], None] = lambda text: None,
-) -> tuple[Explanation, ...]:
+) -> tuple[CauseOfChange, ...]:
     """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
 
     Every parameter of the baseline alone, and every cause of the catalogue, is fitted to the campaign, while all others keep
@@ -180,24 +180,24 @@ def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
     return list(seen.values())
 
 
-def _of_parameter(path: str, earlier: RigModel, changed: Fit, problem: Problem) -> Explanation:
+def _of_parameter(path: str, earlier: RigModel, changed: Fit, problem: Problem) -> CauseOfChange:
     _, place, *_, last = path.split(".")
-    return Explanation(
+    return CauseOfChange(
         cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=changed.values[path],
         std=changed.std[path], share=0.0, misfit=changed.cost * problem.size + np.log(problem.size),
     )  # fmt: skip
 
 
-def _of_candidate(candidate: Candidate, done: Fit, problem: Problem) -> Explanation:
+def _of_candidate(candidate: Candidate, done: Fit, problem: Problem) -> CauseOfChange:
     first = candidate.reported[0]
-    return Explanation(
+    return CauseOfChange(
         cause=candidate.cause, location=candidate.location, parameter=first.name, unit=first.unit, old=np.nan,
         new=first.of(done.model), std=done.std.get(first.path, np.nan), share=0.0,
         misfit=done.cost * problem.size + len(candidate.free) * np.log(problem.size),
     )  # fmt: skip
 
 
-def _judged(found: Sequence[Explanation], unchanged: float, size: int, suspected: Collection[str]) -> tuple[Explanation, ...]:
+def _judged(found: Sequence[CauseOfChange], unchanged: float, size: int, suspected: Collection[str]) -> tuple[CauseOfChange, ...]:
     likely = (item for item in found if item.misfit < unchanged - LIKELY or item.parameter in suspected)
     ordered = sorted(likely, key=lambda item: item.misfit)
     if not ordered:

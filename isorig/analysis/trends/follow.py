@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.trends.change import Change, bent, dated, described, drifting, stepped
+from isorig.analysis.trends.change import DatedChange, bent, dated, described, drifting, stepped
 from isorig.analysis.trends.cusum import alarms
 from isorig.analysis.trends.series import Series
 
@@ -31,7 +31,7 @@ class Followed:
         Indices of outlying campaigns between regular neighbours.
     """
 
-    changes: tuple[Change, ...]
+    changes: tuple[DatedChange, ...]
     level: float
     std: float
     alone: tuple[int, ...]
@@ -64,7 +64,7 @@ def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
     )  # fmt: skip
 
 
-def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Sequence[bool]) -> tuple[Change, ...]:
+def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Sequence[bool]) -> tuple[DatedChange, ...]:
     if not at:
         return ()
     # First the dates from the data up to each alarm; then each change from all data between its neighbours.
@@ -78,7 +78,7 @@ def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Se
             groups[-1].append(k)
         else:
             groups.append([k])
-    found: list[Change] = []
+    found: list[DatedChange] = []
     for group, following in pairwise([*groups, []]):
         begin = found[-1].first if found else 0
         end = firsts[following[0]] if following else len(series)
@@ -94,7 +94,7 @@ def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Se
 
 def _one_drift(
     series: Series, variance: FloatArray, begin: int, end: int, firsts: Sequence[int], alarm: int
-) -> tuple[Change, ...]:
+) -> tuple[DatedChange, ...]:
     # Several steps in the same direction may be one drift: the model with fewer parameters per likelihood (Schwarz 1978) is kept.
     # A step has a date and a level, a drift a date and a slope.
     if len(firsts) < 2:
@@ -108,12 +108,12 @@ def _one_drift(
     return (_moved(drifting(time, knee, alarm - begin), begin),)
 
 
-def _shifted(series: Series, variance: FloatArray, begin: int, end: int, alarm: int) -> Change:
+def _shifted(series: Series, variance: FloatArray, begin: int, end: int, alarm: int) -> DatedChange:
     part = slice(begin, end)
     return _moved(described(series.time[part], series.value[part], variance[part], alarm=alarm - begin), begin)
 
 
-def _moved(change: Change, by: int) -> Change:
+def _moved(change: DatedChange, by: int) -> DatedChange:
     return replace(
         change, first=change.first + by, earliest=change.earliest + by, latest=change.latest + by, alarm=change.alarm + by
     )

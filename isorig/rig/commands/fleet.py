@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from isorig.rig.fleet.catalogue import Answer
+    from isorig.rig.fleet.catalogue import StoredAnswer
 
 app = App(name="fleet", help="Diagnoses every recording of many rigs once, tracks every parameter, dates each change.")
 
@@ -107,7 +107,7 @@ def update(
     done = 0
     with Console(stderr=True).status(f"0 of {len(work.jobs)} recordings diagnosed") as status:
 
-        def tell(answer: Answer) -> None:
+        def tell(answer: StoredAnswer) -> None:
             nonlocal done
             done += 1
             status.update(f"{done} of {len(work.jobs)} recordings diagnosed")

@@ -62,7 +62,7 @@ LIMIT = "time_limit"
 R = TypeVar("R")
 
 
-class Parameter(msgspec.Struct, frozen=True, kw_only=True):
+class StoredParameter(msgspec.Struct, frozen=True, kw_only=True):
     """A value from a diagnosis: its path in the model, or cause, place and name; NaN for a missing standard uncertainty."""
 
     name: str
@@ -71,7 +71,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     unit: str = ""
 
 
-class Answer(msgspec.Struct, frozen=True, kw_only=True):
+class StoredAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """The result of diagnosing a recording.
 
     Parameters
@@ -108,7 +108,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     cause: str = ""
     alike: str = ""
     reason: str = ""
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[StoredParameter, ...] = ()
 
     @property
     def key(self) -> str:
@@ -163,7 +163,7 @@ class Catalogue:
         """The folder of an answer's findings.json and models."""
         return self.folder / "diagnoses" / key[:2] / key
 
-    def put(self, answer: Answer) -> None:
+    def put(self, answer: StoredAnswer) -> None:
         """Store an answer, replacing an earlier one with the same key.
 
         Raises
@@ -258,8 +258,8 @@ def retried(function: Callable[[], R]) -> R:
     return function()
 
 
-def _rows(answer: Answer) -> pa.Table:
-    found = sorted(answer.parameters, key=lambda p: p.name) or [Parameter(name="", value=float("nan"), std=float("nan"))]
+def _rows(answer: StoredAnswer) -> pa.Table:
+    found = sorted(answer.parameters, key=lambda p: p.name) or [StoredParameter(name="", value=float("nan"), std=float("nan"))]
     common = {name: value for name, value in msgspec.structs.asdict(answer).items() if name != "parameters"}
     if answer.started is not None:
         common["started"] = answer.started.astimezone(UTC)

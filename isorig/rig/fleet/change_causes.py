@@ -16,14 +16,14 @@ from isorig.rig.diagnose.many import shared_out
 from isorig.rig.errors import REFUSALS
 from isorig.rig.files.models import read_model
 from isorig.rig.fleet.catalogue import Catalogue, key_of
-from isorig.rig.fleet.history import FALSE_PER_MONTH, Fleet, Incident, Rig, followed
+from isorig.rig.fleet.history import FALSE_PER_MONTH, Fleet, Incident, TrackedRig, followed
 from isorig.rig.fleet.sentences import incident_words
 
 #: Number of explanations stored for a change.
 KEPT = 8
 
 
-class Question(msgspec.Struct, frozen=True, kw_only=True):
+class ChangeToExplain(msgspec.Struct, frozen=True, kw_only=True):
     """A change whose cause is searched for.
 
     Parameters
@@ -64,7 +64,7 @@ def name_of(fleet: Fleet, incident: Incident) -> str:
     return hashlib.sha256("|".join(parts).encode()).hexdigest()[:24]
 
 
-def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[Question]:
+def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[ChangeToExplain]:
     """The changes whose cause was not searched for yet."""
     known = catalogue.explained()
     for incident in fleet.incidents:
@@ -73,7 +73,7 @@ def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[Question]:
         if name not in known and not incident.named:
             rig = fleet.rigs[incident.rig]
             levels, scatter = _before(fleet, rig, incident)
-            yield Question(
+            yield ChangeToExplain(
                 catalogue=str(catalogue.folder.resolve()), name=name, rig=rig.name, version=rig.version, baseline=fleet.baseline,
                 before=rig.campaigns[incident.last_before].content, after=rig.campaigns[incident.alarm].content,
                 path=rig.campaigns[incident.alarm].path, levels=levels, scatter=scatter,
@@ -81,7 +81,7 @@ def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[Question]:
             )  # fmt: skip
 
 
-def _before(fleet: Fleet, rig: Rig, incident: Incident) -> tuple[dict[str, float], dict[str, float]]:
+def _before(fleet: Fleet, rig: TrackedRig, incident: Incident) -> tuple[dict[str, float], dict[str, float]]:
     begun = max((i.first for i in rig.incidents if i.first < incident.first), default=0)
     levels, scatter = {}, {}
     for name, track in rig.tracks.items():
@@ -95,7 +95,7 @@ def _before(fleet: Fleet, rig: Rig, incident: Incident) -> tuple[dict[str, float
     return levels, scatter
 
 
-def explain(question: Question) -> str:
+def explain(question: ChangeToExplain) -> str:
     """Search for the cause of a change and store its explanations; returns why not, if recording or earlier fit are unusable."""
     try:
         _explain(question)
@@ -104,7 +104,7 @@ def explain(question: Question) -> str:
     return ""
 
 
-def _explain(question: Question) -> None:
+def _explain(question: ChangeToExplain) -> None:
     from isorig.analysis.trends.difference import explanations
     from isorig.rig.files.recording import read
 

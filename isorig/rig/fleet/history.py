@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.trends.change import Change
+from isorig.analysis.trends.change import DatedChange
 from isorig.analysis.trends.cusum import FEWEST, thresholds
 from isorig.analysis.trends.follow import Followed, follow
 from isorig.analysis.trends.scatter import Scatter, scatter_of
@@ -41,7 +41,7 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Campaign:
+class DiagnosedCampaign:
     """A campaign of a rig from its answer: date, named causes, and recording."""
 
     name: str
@@ -87,7 +87,7 @@ class Track:
         """A level as the parameter's value."""
         return math.exp(value) if self.log else value
 
-    def moved(self, change: Change) -> str:
+    def moved(self, change: DatedChange) -> str:
         """A change in words: its size, with the standard uncertainty."""
         if self.log:
             share, std = math.expm1(change.after - change.before), math.exp(change.after - change.before) * change.std
@@ -135,7 +135,7 @@ class Incident:
     """
 
     rig: str
-    changes: tuple[tuple[Track, Change], ...]
+    changes: tuple[tuple[Track, DatedChange], ...]
     named: tuple[Named, ...]
     last_before: int
     first_after: int
@@ -144,7 +144,7 @@ class Incident:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rig:
+class TrackedRig:
     """One rig.
 
     Parameters
@@ -164,7 +164,7 @@ class Rig:
     """
 
     name: str
-    campaigns: tuple[Campaign, ...]
+    campaigns: tuple[DiagnosedCampaign, ...]
     version: str
     waiting: int
     tracks: Mapping[str, Track]
@@ -194,7 +194,7 @@ class Fleet:
     """
 
     baseline: str
-    rigs: Mapping[str, Rig]
+    rigs: Mapping[str, TrackedRig]
     scatter: Mapping[str, Scatter]
     limits: Mapping[str, tuple[float, ...]]
     false_per_month: float
@@ -282,7 +282,7 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = F
             )
             for parameter, (at, unit, series) in raw[name].items()
         }  # fmt: skip
-        rigs[name] = Rig(
+        rigs[name] = TrackedRig(
             name=name, campaigns=campaigns[name], version=version, waiting=waiting, tracks=own,
             incidents=_incidents(name, own, causes[name]),
         )  # fmt: skip
@@ -304,7 +304,7 @@ def _ordered(version: str) -> tuple[tuple[int, str], ...]:
     return tuple((int(part), "") if part.isdigit() else (-1, part) for part in version.split("."))
 
 
-def _without(named: Sequence[Named], campaigns: Sequence[Campaign]) -> frozenset[int]:
+def _without(named: Sequence[Named], campaigns: Sequence[DiagnosedCampaign]) -> frozenset[int]:
     # Campaigns of a rig with a cause whose model lacks it: their values are biased and not compared. A cause that `OF` successive
     # campaigns do not name is gone.
     found: set[int] = set()
@@ -354,11 +354,11 @@ def _days(rows: pd.DataFrame) -> FloatArray:
     return np.asarray((rows.started - EPOCH) / timedelta(days=1), dtype=np.float64)
 
 
-def _campaigns(rows: pd.DataFrame) -> tuple[Campaign, ...]:
+def _campaigns(rows: pd.DataFrame) -> tuple[DiagnosedCampaign, ...]:
     first = np.flatnonzero(np.diff(_in_rig(rows), prepend=-1))
     columns = (rows[k].iloc[first].tolist() for k in ("campaign", "verdict", "cause", "alike", "content", "path"))
     return tuple(
-        Campaign(
+        DiagnosedCampaign(
             name=name, started=day, verdict=verdict, causes=_split(cause), alike=_split(alike), content=content, path=path
         )
         for name, verdict, cause, alike, content, path, day in zip(*columns, _days(rows)[first].tolist(), strict=True)
@@ -383,7 +383,7 @@ def _coarse(freedom: float) -> float:
     return float(1.1 ** np.floor(np.log(max(freedom, 1.0)) / np.log(1.1)))
 
 
-def _named(campaigns: Sequence[Campaign]) -> list[Named]:
+def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[Named]:
     found = []
     for cause in sorted(frozenset().union(*(c.causes for c in campaigns))):
         named = [cause in c.causes for c in campaigns]
@@ -404,7 +404,7 @@ def _named(campaigns: Sequence[Campaign]) -> list[Named]:
     return found
 
 
-def _begun(campaigns: Sequence[Campaign], first: int) -> int:
+def _begun(campaigns: Sequence[DiagnosedCampaign], first: int) -> int:
     # A campaign that no model explains, right before the first that names a cause, may already have it; unless the rig never was
     # explained.
     begun = first
@@ -448,7 +448,7 @@ def _incident(rig: str, group: Sequence[tuple[int, int, int, int, int, Any]]) ->
     )  # fmt: skip
 
 
-def _siblings(rigs: Mapping[str, Rig]) -> dict[str, tuple[tuple[str, ...], Siblings]]:
+def _siblings(rigs: Mapping[str, TrackedRig]) -> dict[str, tuple[tuple[str, ...], Siblings]]:
     names = sorted({name for rig in rigs.values() for name in rig.tracks})
     found = {}
     for name in names:

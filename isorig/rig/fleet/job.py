@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.kinds import FORMS
 from isorig.rig.diagnose.many import answered, diagnose_file, program_version
 from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError, TimeLimitError
 from isorig.rig.files.findings import NamedCause, Value, read_findings
-from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Answer, Catalogue, Parameter
+from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Catalogue, StoredAnswer, StoredParameter
 from isorig.rig.model.baseline import Baseline
 
 #: Errors for missing disk space or quota.
@@ -40,7 +40,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     catalogue: str
-    answer: Answer
+    answer: StoredAnswer
     limit: float | None = None
     pages: bool = False
     again: bool = False
@@ -57,7 +57,7 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
         Why the update cannot continue; empty if it can.
     """
 
-    answer: Answer | None = None
+    answer: StoredAnswer | None = None
     stop: str = ""
 
 
@@ -81,7 +81,7 @@ def answer_job(job: Job) -> JobResult:
         return JobResult(stop=str(error))
 
 
-def _answered(job: Job, folder: Path) -> Answer:
+def _answered(job: Job, folder: Path) -> StoredAnswer:
     blank, path = job.answer, Path(job.answer.path)
     origin = {"baseline": blank.baseline, "recording": path.name, "sha256": blank.content, "version": blank.version}
     try:
@@ -109,7 +109,7 @@ def _answered(job: Job, folder: Path) -> Answer:
         return msgspec.structs.replace(blank, verdict=FAILED, reason=str(error))
 
 
-def from_findings(folder: Path, blank: Answer) -> Answer:
+def from_findings(folder: Path, blank: StoredAnswer) -> StoredAnswer:
     """The answer from findings.json and baseline.json of a folder.
 
     Raises
@@ -153,14 +153,14 @@ def _same(step: NamedCause) -> list[str]:
     return [f"{word} at {step.location}" for word in forms]
 
 
-def _limit(seconds: float | None) -> Parameter:
-    return Parameter(name=LIMIT, value=math.nan if seconds is None else seconds, std=math.nan, unit="s")
+def _limit(seconds: float | None) -> StoredParameter:
+    return StoredParameter(name=LIMIT, value=math.nan if seconds is None else seconds, std=math.nan, unit="s")
 
 
-def _parameter(name: str, row: Value) -> Parameter | None:
+def _parameter(name: str, row: Value) -> StoredParameter | None:
     if row.value is None:
         return None
-    return Parameter(name=name, value=row.value, std=math.nan if row.std is None else row.std, unit=row.unit)
+    return StoredParameter(name=name, value=row.value, std=math.nan if row.std is None else row.std, unit=row.unit)
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.wording import capitalized
 from isorig.rig.fleet.change_causes import name_of
-from isorig.rig.fleet.history import Fleet, Incident, Rig, Track, date_of
+from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig, date_of
 from isorig.rig.fleet.sentences import (
     bad_campaigns,
     borne_out,
@@ -123,7 +123,7 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
     )
 
 
-def _glance(fleet: Fleet, rigs: Sequence[Rig], anchors: Mapping[str, str]) -> Section:
+def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]) -> Section:
     names = [name for name in fleet.scatter if sum(name in rig.tracks for rig in rigs) > len(rigs) / 2]
     rows: list[tuple[Cell, ...]] = []
     for rig in rigs:
@@ -200,7 +200,7 @@ def _without(fleet: Fleet) -> list[Section]:
     ]
 
 
-def _page(fleet: Fleet, rig: Rig, explanations: Explanations, anchors: Mapping[str, str]) -> Page:
+def _page(fleet: Fleet, rig: TrackedRig, explanations: Explanations, anchors: Mapping[str, str]) -> Page:
     sections = [_change_section(fleet, incident, explanations) for incident in reversed(rig.incidents)]
     far = [
         f"{campaign.name} ({day(campaign.date)}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
@@ -249,7 +249,7 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
     return Section(title=f"Change, {period(fleet, incident)}", text=text, tables=tables)
 
 
-def _parameters(fleet: Fleet, rig: Rig) -> Section:
+def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
     odd = odd_parameters(fleet, rig.name)
     rows = []
     for name, track in rig.tracks.items():
@@ -266,7 +266,7 @@ def _parameters(fleet: Fleet, rig: Rig) -> Section:
     )
 
 
-def _chart(rig: Rig) -> Chart:
+def _chart(rig: TrackedRig) -> Chart:
     tracks = list(rig.tracks.values())
     traces, marks = [], []
     for panel, track in enumerate(tracks):
@@ -319,7 +319,7 @@ def _level_at(track: Track, last: int, at: int) -> float:
     return change.before + change.slope * float(track.series.time[at] - track.series.time[max(change.first - 1, 0)])
 
 
-def _campaigns(rig: Rig) -> Section:
+def _campaigns(rig: TrackedRig) -> Section:
     rows = [
         (c.name, day(c.date), c.verdict, words(", ".join(sorted(c.causes))) or "–", c.content[:12])
         for c in reversed(rig.campaigns[-LISTED:])

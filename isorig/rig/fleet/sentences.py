@@ -8,9 +8,9 @@ from datetime import datetime
 
 import numpy as np
 
-from isorig.analysis.trends.change import Change
-from isorig.rig.fleet.catalogue import Answer
-from isorig.rig.fleet.history import Campaign, Fleet, Incident, Rig, Track
+from isorig.analysis.trends.change import DatedChange
+from isorig.rig.fleet.catalogue import StoredAnswer
+from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, TrackedRig
 
 #: A pause in the measurements of this many usual intervals is reported.
 PAUSE = 3.0
@@ -32,7 +32,7 @@ def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def answer_words(answer: Answer) -> str:
+def answer_words(answer: StoredAnswer) -> str:
     """An answer in a line."""
     parts = (answer.verdict, _plain(answer.cause), answer.reason)
     return f"{answer.rig} {answer.campaign}: {'; '.join(part for part in parts if part)}"
@@ -50,7 +50,7 @@ def period(fleet: Fleet, incident: Incident) -> str:
     return f"{day(before.date)} to {day(after.date)}"
 
 
-def change_words(track: Track, change: Change) -> str:
+def change_words(track: Track, change: DatedChange) -> str:
     """A change of a parameter in words."""
     unit = f" {track.unit}" if track.unit not in ("", "1") else ""
     text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
@@ -122,7 +122,7 @@ def _meets(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
     return borne_out(other) and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
 
 
-def _pause(rig: Rig, incident: Incident) -> list[str]:
+def _pause(rig: TrackedRig, incident: Incident) -> list[str]:
     steps = np.diff([c.started for c in rig.campaigns])
     usual = float(np.median(steps))
     here = slice(incident.last_before, max(incident.first_after, incident.last_before + 1))
@@ -135,7 +135,7 @@ def _pause(rig: Rig, incident: Incident) -> list[str]:
     ]
 
 
-def bad_campaigns(rig: Rig) -> list[tuple[Campaign, list[str]]]:
+def bad_campaigns(rig: TrackedRig) -> list[tuple[DiagnosedCampaign, list[str]]]:
     """Outlying campaigns between regular ones, with the outlying parameters."""
     found: dict[int, list[str]] = {}
     for track in rig.tracks.values():
@@ -144,7 +144,7 @@ def bad_campaigns(rig: Rig) -> list[tuple[Campaign, list[str]]]:
     return [(rig.campaigns[k], names) for k, names in sorted(found.items())]
 
 
-def last_change(rig: Rig) -> Incident | None:
+def last_change(rig: TrackedRig) -> Incident | None:
     """The latest change of a rig that later campaigns confirm."""
     return next((incident for incident in reversed(rig.incidents) if borne_out(incident)), None)
 
@@ -154,7 +154,7 @@ def borne_out(incident: Incident) -> bool:
     return bool(incident.named) or any(abs(change.size) >= BORNE_OUT for _, change in incident.changes)
 
 
-def state_of(fleet: Fleet, rig: Rig) -> str:
+def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     """A rig in a few words: its last change, whether it is an outlier, whether campaigns wait."""
     parts = []
     last = last_change(rig)
@@ -178,10 +178,10 @@ def difference_words(away: float) -> str:
     return "–" if math.isnan(away) else f"{away:+.1f}"
 
 
-def in_order(fleet: Fleet) -> list[Rig]:
+def in_order(fleet: Fleet) -> list[TrackedRig]:
     """The rigs in display order: the latest change first, then outliers, then the rest by name."""
 
-    def place(rig: Rig) -> tuple[float, bool, str]:
+    def place(rig: TrackedRig) -> tuple[float, bool, str]:
         last = last_change(rig)
         alarm = -math.inf if last is None else rig.campaigns[last.alarm].started
         return -alarm, not odd_parameters(fleet, rig.name), rig.name

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.history import Fleet, Rig, Track
+from isorig.rig.fleet.history import Fleet, Track, TrackedRig
 from isorig.rig.fleet.sentences import change_words, day, difference_words, in_order, odd_parameters, parameter_words, state_of
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
@@ -62,7 +62,7 @@ def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
     show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "against others", "", "last change"), rows)
 
 
-def _show_track(rig: Rig, name: str) -> None:
+def _show_track(rig: TrackedRig, name: str) -> None:
     if name not in rig.tracks:
         raise RigError(f"{rig.name} has no parameter {name!r}; it has {', '.join(rig.tracks)}")
     track = rig.tracks[name]
@@ -89,7 +89,7 @@ def _events(track: Track) -> dict[int, list[str]]:
     return events
 
 
-def rig_of(fleet: Fleet, name: str) -> Rig:
+def rig_of(fleet: Fleet, name: str) -> TrackedRig:
     """The rig with that name.
 
     Raises

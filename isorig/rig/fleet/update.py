@@ -14,7 +14,7 @@ import msgspec
 
 from isorig.rig.diagnose.many import program_version, shared_out
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Answer, Catalogue, Parameter, key_of
+from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Catalogue, StoredAnswer, StoredParameter, key_of
 from isorig.rig.fleet.job import Job, JobResult, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
 from isorig.rig.model.baseline import Baseline
@@ -47,7 +47,7 @@ class Updated:
     """Result of an update: answers by verdict, and sentences about recordings without an answer."""
 
     done: int = 0
-    without: list[Answer] = field(default_factory=list)
+    without: list[StoredAnswer] = field(default_factory=list)
 
 
 def work_of(
@@ -102,14 +102,14 @@ def work_of(
     return Work(jobs=tuple(jobs), known=len(first) - len(jobs), notes=(*notes, *notices))
 
 
-def _blank(recording: Recording, baseline: Baseline) -> Answer:
-    return Answer(
+def _blank(recording: Recording, baseline: Baseline) -> StoredAnswer:
+    return StoredAnswer(
         rig=recording.rig, campaign=recording.campaign, content=recording.content, version=program_version(), baseline=baseline,
         path=str(recording.path), size=recording.size, modified=recording.modified, verdict="",
     )  # fmt: skip
 
 
-def _worth_trying(old: Answer, limit: float | None, again: bool) -> bool:
+def _worth_trying(old: StoredAnswer, limit: float | None, again: bool) -> bool:
     if old.verdict == SUPERSEDED:
         return True
     given = next((p.value for p in old.parameters if p.name == LIMIT), None)
@@ -125,21 +125,21 @@ class _Stored:
         self._frame = catalogue.answers()
         rows = self._frame[self._frame.parameter == LIMIT]
         limits = dict(zip(map(key_of, rows.content, rows.version, rows.baseline), rows.value, strict=True))
-        columns = [name for name in Answer.__struct_fields__ if name != "parameters"]
-        self.answers: dict[str, Answer] = {}
+        columns = [name for name in StoredAnswer.__struct_fields__ if name != "parameters"]
+        self.answers: dict[str, StoredAnswer] = {}
         first = self._frame.drop_duplicates(["content", "version", "baseline"])
         self._rows = {}
         for at, row in zip(first.index, first[columns].to_dict("records"), strict=True):
             kept: Any = {name: row[name] for name in columns}
             kept["started"] = None if row["started"] != row["started"] else row["started"].to_pydatetime()
-            answer = Answer(**kept)
+            answer = StoredAnswer(**kept)
             if answer.key in limits:
-                stopped = Parameter(name=LIMIT, value=limits[answer.key], std=math.nan, unit="s")
+                stopped = StoredParameter(name=LIMIT, value=limits[answer.key], std=math.nan, unit="s")
                 answer = msgspec.structs.replace(answer, parameters=(stopped,))
             self.answers[answer.key] = answer
             self._rows[answer.key] = at
 
-    def whole(self, answer: Answer) -> Answer:
+    def whole(self, answer: StoredAnswer) -> StoredAnswer:
         # Rows of an answer are adjacent.
         start = self._rows[answer.key]
         rows = []
@@ -147,11 +147,13 @@ class _Stored:
             if key_of(row["content"], row["version"], row["baseline"]) != answer.key:
                 break
             rows.append(row)
-        found = (Parameter(name=r["parameter"], value=r["value"], std=r["std"], unit=r["unit"]) for r in rows if r["parameter"])
+        found = (
+            StoredParameter(name=r["parameter"], value=r["value"], std=r["std"], unit=r["unit"]) for r in rows if r["parameter"]
+        )
         return msgspec.structs.replace(answer, parameters=tuple(found))
 
 
-def _placed(recordings: Sequence[Recording], stored: Sequence[Answer]) -> tuple[dict[str, Recording], list[str]]:
+def _placed(recordings: Sequence[Recording], stored: Sequence[StoredAnswer]) -> tuple[dict[str, Recording], list[str]]:
     # One path for each content: the earlier one if it still exists, otherwise the first.
     notes, first = [], {}
     at = {str(r.path): r.content for r in recordings}
@@ -170,7 +172,7 @@ def _placed(recordings: Sequence[Recording], stored: Sequence[Answer]) -> tuple[
     return first, notes
 
 
-def _put_right(answer: Answer, first: Mapping[str, Recording], places: Set[str]) -> Answer | None:
+def _put_right(answer: StoredAnswer, first: Mapping[str, Recording], places: Set[str]) -> StoredAnswer | None:
     # The answer with the present path of its recording; None if nothing has changed.
     here = first.get(answer.content)
     if here is not None:
@@ -188,7 +190,7 @@ def update(
     jobs: Sequence[Job],
     *,
     scheduler: str | None = None,
-    tell: Callable[[Answer], None] = lambda answer: None,
+    tell: Callable[[StoredAnswer], None] = lambda answer: None,
 ) -> Updated:
     """Do the work, store each answer when it is complete, and merge the catalogue's files.
 
@@ -216,7 +218,7 @@ def update(
     return updated
 
 
-def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -> Iterator[Answer]:
+def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -> Iterator[StoredAnswer]:
     left = deque(jobs)
     while left:
         busy = []

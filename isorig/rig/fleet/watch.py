@@ -17,7 +17,7 @@ from isorig.rig.model.baseline import Baseline
 EVERY = 10.0
 
 
-class Arrivals:
+class NewRecordings:
     """Recordings that are complete: a file that is still being copied grows from one reading to the next."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ def watch(
     tell
         Called with one line at a time.
     """
-    arrivals = Arrivals()
+    arrivals = NewRecordings()
     end = None if seconds is None else time.monotonic() + seconds
     while True:
         fresh = arrivals.settled(folders)

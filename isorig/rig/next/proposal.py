@@ -16,7 +16,7 @@ from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
-from isorig.analysis.proposals.limits import Peaks, largest, reached_so_far, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions, largest, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
 from isorig.analysis.proposals.policy import BROAD, CANNOT, KEPT, MOST_RUNS
 from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn
@@ -129,7 +129,7 @@ class Proposed:
     run: CandidateRun
     choice: Choice | None = None
     remarks: tuple[str, ...] = ()
-    peaks: Peaks | None = None
+    peaks: LargestMotions | None = None
 
 
 #: What a proposal is about: causes that the data cannot tell apart, causes of which none earned a name, whether the remainder is
@@ -319,7 +319,7 @@ def _compared(
     surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
     models = [model for variant in surviving for model in (drawn(variant, KEPT, 5) if variant.free else (variant.model,))]
 
-    def kept(one: Prospect) -> Peaks:
+    def kept(one: Prospect) -> LargestMotions:
         return simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
 
     found = choose(comparison, seen, now.limits, kept, configuration=now.configuration, budget=budget, most=most)

@@ -8,8 +8,8 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.choice import Apart, Choice
-from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.choice import Choice, PairDistance
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.proposals.remedies import SECOND, Remedy
@@ -62,7 +62,7 @@ def _parts(choice: Choice) -> list[str]:
     return sentences
 
 
-def _chance(apart: Apart) -> str:
+def _chance(apart: PairDistance) -> str:
     if apart.distance >= WILL:
         return "this distinguishes them"
     return "this may distinguish them" if apart.distance > CANNOT else "this does not distinguish them"
@@ -89,7 +89,7 @@ def _after(choice: Choice, supposed: bool) -> str:
     return f"The probability that one cause is identified after it is {choice.probability:.2f}."
 
 
-def _uses(peaks: Peaks, limits: Limits, model: RigModel) -> list[str]:
+def _uses(peaks: LargestMotions, limits: Limits, model: RigModel) -> list[str]:
     # Strokes in mm, of rotations in mrad.
     units = {name: f"m{unit_of(f'links.{name}.laws.0.stroke', model)}" for name in limits.stroke}
     uses = [

@@ -9,7 +9,7 @@ from math import isfinite
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.proposals.policy import KEPT, MOST_RUNS
-from isorig.analysis.proposals.precision import Known, Precise, candidate_peaks, design, figure_of
+from isorig.analysis.proposals.precision import KnownPrecision, Precise, candidate_peaks, design, figure_of
 from isorig.analysis.proposals.prediction import drawn
 from isorig.rig.errors import PlanError
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation
@@ -56,7 +56,7 @@ def propose_for(
     """
     variant, rate = now.explains, now.rivals.sample_rate
     try:
-        known = Known(variant, figure_of(variant.model, wanted.name), now.rivals.noise, now.taken)
+        known = KnownPrecision(variant, figure_of(variant.model, wanted.name), now.rivals.noise, now.taken)
     except AnalysisError as error:
         raise PlanError(f"--for {wanted.name}: {error}") from None
     runs = [replace(run, seconds=min(2.0 * run.seconds, now.limits.seconds or run.seconds)) for run in now.menu()]

@@ -17,7 +17,7 @@ from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import largest, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, natural_frequencies, rest
 from isorig.analysis.proposals.policy import CANNOT, TRUSTED, USABLE, WILL
-from isorig.analysis.proposals.precision import Known, design, figure_of, std_of, transfer
+from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of, transfer
 from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn, left, refit
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep
@@ -265,7 +265,7 @@ def test_figures_and_their_deviation() -> None:
 def test_precision_grows_with_the_length_and_the_wish_is_met_at_least_cost() -> None:
     fitted = variant(one_mass(), std=0.02)
     in_hand = prospect(1.0, seconds=8.0)
-    known = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
+    known = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
     assert known.linear
     now = known.std(known.now)
     # What the runs in hand gave, the damper's 2 % and half the stiffness's, is where it starts.

@@ -19,16 +19,16 @@ from isorig.analysis.deadline import Deadline
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.analysis.proposals import policy
-from isorig.analysis.proposals.choice import Apart, Chosen, Comparison, Question, Seen, choose
+from isorig.analysis.proposals.choice import Chosen, Comparison, PairDistance, PredictedPair, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
-from isorig.analysis.proposals.limits import Peaks, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, menu, natural_frequencies, rest
-from isorig.analysis.proposals.precision import Known, design, figure_of
+from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.analysis.proposals.remedies import another_sensor, further, watched
 from isorig.rig.wire_bonder.description import wire_bonder
 
-NOTHING = Peaks(stroke={}, speed={}, drive=0.0, force=0.0, channels={})
+NOTHING = LargestMotions(stroke={}, speed={}, drive=0.0, force=0.0, channels={})
 NOISE = {"body": 1e-3, "force": 1e-3}
 
 
@@ -53,7 +53,7 @@ class Made(Comparison):
     def probability(self, pairs: object) -> float:
         return 0.1 + sum(self._gains[run["seed"]] for run in pairs)  # type: ignore[attr-defined]
 
-    def distances(self, pairs: object) -> list[Apart]:
+    def distances(self, pairs: object) -> list[PairDistance]:
         return []
 
     def foreseen(self, *_: object, **__: object) -> tuple[()]:
@@ -69,7 +69,7 @@ def chosen(
         one = prospect(1.0, seed=seed, seconds=16.0 if seed == long else 8.0)
         setup = "locked" if seed == locked else "unlocked"
         runs.append((replace(one, run=replace(one.run, configuration=setup)), {"seed": seed}))
-    seen = Seen(pairs=runs, refused={})  # type: ignore[arg-type]
+    seen = PredictedPair(pairs=runs, refused={})  # type: ignore[arg-type]
     return choose(Made(gains), seen, limits or Limits(), lambda _: NOTHING, configuration="unlocked", budget=budget)
 
 
@@ -198,9 +198,9 @@ def test_a_spring_that_holds_a_body(share: float, held: int) -> None:
     assert len(natural_frequencies(other, "unlocked")) == held
 
 
-def known(in_hand: Prospect) -> Known:
+def known(in_hand: Prospect) -> KnownPrecision:
     fitted = variant(one_mass(), std=0.02)
-    return Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
+    return KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
 
 
 def test_bins_without_coherence_have_no_information() -> None:
@@ -208,7 +208,7 @@ def test_bins_without_coherence_have_no_information() -> None:
     fitted = variant(one_mass(), std=0.02)
     figure = figure_of(fitted.model, "body_damping")
     for noise, told in ((1e-3, True), (1e4, False)):
-        one = Known(fitted, figure, {"body": noise, "force": 1e-3}, [])
+        one = KnownPrecision(fitted, figure, {"body": noise, "force": 1e-3}, [])
         assert bool(np.any(one.information(prospect(1.0)) > 1.0)) == told
 
 
@@ -228,10 +228,10 @@ def test_the_shortest_run_for_a_parameter() -> None:
     assert designed(60.0, 0.999 * now) == [policy.SHORTEST]
 
 
-class Informed(Known):
+class Informed(KnownPrecision):
     """What another one knows, and of every run that it says so large a share of it."""
 
-    def __init__(self, other: Known, share: float) -> None:
+    def __init__(self, other: KnownPrecision, share: float) -> None:
         self.__dict__.update(other.__dict__)
         self._share = share
 
@@ -267,7 +267,7 @@ def test_gains_are_raised_step_by_step() -> None:
         asked.append(factor)
         return [prospect(12.0 * factor)]
 
-    def peaks(one: Prospect) -> Peaks:
+    def peaks(one: Prospect) -> LargestMotions:
         return simulated_peaks(models, one.excitation(whole=True), "unlocked", 0.0)
 
     found = further(comparison, pair, beyond, peaks, quiet)
@@ -304,7 +304,7 @@ def test_where_a_second_sensor_sits() -> None:
 
 def supposed() -> dict[tuple[str, str], Variant]:
     model = wire_bonder()
-    peaks = Peaks(
+    peaks = LargestMotions(
         stroke={link.name: 0.01 for link in model.links}, speed={link.name: 0.5 for link in model.links}, drive=4.0, force=26.0,
         channels={**{s.channel: 2.0 for s in model.sensors}, "head": 4.0},
     )  # fmt: skip
@@ -344,7 +344,7 @@ def test_causes_are_supposed_at_their_smallest_size() -> None:
 
 def test_what_does_not_move_has_a_size_all_the_same() -> None:
     model = wire_bonder()
-    still = Peaks(stroke={}, speed={}, drive=0.0, force=0.0, channels={s.channel: 0.0 for s in model.sensors})
+    still = LargestMotions(stroke={}, speed={}, drive=0.0, force=0.0, channels={s.channel: 0.0 for s in model.sensors})
     assert all(np.isfinite(found.model.link("isolation").stiffness) for found in hypotheses(model, still, {}, 1024.0))
 
 
@@ -361,7 +361,7 @@ def test_a_displacement_sensor_resolves_so_much() -> None:
 def test_resolution_of_transfer_functions() -> None:
     """Lines lie `RESOLUTION` apart; a band of no line tells nothing."""
     fitted = variant(one_mass(), std=0.02)
-    one = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
+    one = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
     between = prospect(1.0, band=(10 * policy.RESOLUTION + 0.1, 11 * policy.RESOLUTION - 0.1))
     at = prospect(1.0, band=(10 * policy.RESOLUTION - 0.1, 10 * policy.RESOLUTION + 0.1))
     assert not one.information(between).any()
@@ -370,7 +370,7 @@ def test_resolution_of_transfer_functions() -> None:
 
 def test_neighbouring_lines_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted = variant(one_mass(), std=0.02)
-    one = Known(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
+    one = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
     told = one.information(prospect(1.0))
     monkeypatch.setattr("isorig.analysis.proposals.precision.ALIKE", 2.0 * policy.ALIKE)
     assert one.information(prospect(1.0)) == pytest.approx(0.5 * told)
@@ -378,7 +378,7 @@ def test_neighbouring_lines_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
     model = wire_bonder()
-    peaks = Peaks(
+    peaks = LargestMotions(
         stroke={}, speed={}, drive=4.0, force=26.0, channels={**{s.channel: 2.0 for s in model.sensors}, "head": 4.0}
     )  # fmt: skip
     found = [v.model for v in hypotheses(model, peaks, {}, 1024.0) if v.key == ("extra_mode", "motor")]

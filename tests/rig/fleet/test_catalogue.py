@@ -18,19 +18,21 @@ from hypothesis import strategies as st
 
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.catalogue import SCHEMA, Answer, Catalogue, Parameter
+from isorig.rig.fleet.catalogue import SCHEMA, Catalogue, StoredAnswer, StoredParameter
 from isorig.rig.fleet.query import asked
 
 #: The columns that other programs may count on, in this order.
 PROMISED = ["rig", "campaign", "started", "parameter", "value", "std", "verdict", "cause", "version", "content"]
 
 
-def answer(k: int, *, rig: str = "rig-a", version: str = "1.0", value: float = 1.0) -> Answer:
-    return Answer(
+def answer(k: int, *, rig: str = "rig-a", version: str = "1.0", value: float = 1.0) -> StoredAnswer:
+    return StoredAnswer(
         rig=rig, campaign=f"w{k}", started=datetime(2026, 1, 1 + k % 28, tzinfo=UTC), version=version,
         content=hashlib.sha256(bytes([k])).hexdigest(), baseline="coulomb", path=f"/{rig}/w{k}.h5", size=10, modified=k,
         verdict="adequate",
-        parameters=(Parameter(name="b", value=value, std=0.1, unit="N"), Parameter(name="a", value=k, std=0.1, unit="kg")),
+        parameters=(
+            StoredParameter(name="b", value=value, std=0.1, unit="N"), StoredParameter(name="a", value=k, std=0.1, unit="kg"),
+        ),
     )  # fmt: skip
 
 

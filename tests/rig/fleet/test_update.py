@@ -29,7 +29,7 @@ from isorig.rig.diagnose.many import program_version
 from isorig.rig.files import inputs
 from isorig.rig.files.findings import write_findings
 from isorig.rig.fleet import job as answering
-from isorig.rig.fleet.catalogue import Answer, Catalogue
+from isorig.rig.fleet.catalogue import Catalogue, StoredAnswer
 from isorig.rig.fleet.job import Job, JobResult, answer_job, from_findings
 from isorig.rig.fleet.recordings import recordings_under
 from isorig.rig.fleet.update import work_of
@@ -165,7 +165,7 @@ def test_a_copy_that_arrives_does_not_take_the_place_of_its_original(tmp_path: P
     content = hashlib.sha256(original.read_bytes()).hexdigest()
     stat = original.stat()
     store.put(
-        Answer(
+        StoredAnswer(
             rig="rig-a", campaign="w1", content=content, version=program_version(), baseline="coulomb", path=str(original),
             size=stat.st_size, modified=stat.st_mtime_ns, verdict="adequate",
         )
@@ -314,7 +314,7 @@ def test_a_form_and_its_kind_are_alike(tmp_path: Path) -> None:
         findings(steps=[form, kind], baseline={"name": "linear", "parameters": before}, extended={"parameters": after}),
     )
     (tmp_path / "baseline.json").write_text("{}")
-    blank = Answer(
+    blank = StoredAnswer(
         rig="a", campaign="b", content="0" * 64, version="1", baseline="linear", path="", size=1, modified=1, verdict=""
     )  # fmt: skip
     answer = from_findings(tmp_path, blank)
@@ -327,7 +327,7 @@ def test_a_form_and_its_kind_are_alike(tmp_path: Path) -> None:
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path, pool: list[Path]) -> None:
-    blank = Answer(
+    blank = StoredAnswer(
         rig="a",
         campaign="b",
         content="0" * 64,

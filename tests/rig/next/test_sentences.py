@@ -9,8 +9,8 @@ from open_questions import end_stop, hardening, rivals
 from isorig.analysis.fitting.solve import positive
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.choice import Apart, Choice
-from isorig.analysis.proposals.limits import Peaks
+from isorig.analysis.proposals.choice import Choice, PairDistance
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import CandidateRun, rest
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.rig.files.rigfile import SHIPPED, read_description
@@ -50,7 +50,7 @@ def test_uses_have_units() -> None:
     for name, link, drive, stroke in (("two-carts", "wall", "V", "mm"), ("belt-pair", "belt", "N m", "mrad")):
         model = shipped(name)
         limits = Limits(drive=138.0, stroke={link: 0.5})
-        peaks = Peaks(drive=28.6, force=28.6, stroke={link: 0.02}, channels={}, speed={})
+        peaks = LargestMotions(drive=28.6, force=28.6, stroke={link: 0.02}, channels={}, speed={})
         used = Proposed(run=run, peaks=peaks)
         said = " ".join(reasons(used, Proposal(kind="untested"), at(model, limits)))
         assert f"a drive of 28.6 of 138 {drive}" in said
@@ -71,7 +71,8 @@ def test_a_cause_is_named_once() -> None:
                 for c, p in (("backlash", "wall"), ("hardening_stiffness", "wall"))]  # fmt: skip
     run = CandidateRun(configuration="unlocked", excitation="random", gain=1.0, seconds=10.0, band=(1.0, 40.0))
     apart = tuple(
-        Apart(truth=one, rival=variants[0], distance=9.0 + k, probability=1.0) for k, one in enumerate((*variants, variants[1]))
+        PairDistance(truth=one, rival=variants[0], distance=9.0 + k, probability=1.0)
+        for k, one in enumerate((*variants, variants[1]))
     )
     prospect = Prospect(run=run, drive=at(model, Limits()).explains.covariance.ravel(), sample_rate=200.0, start_time=0.0)
     choice = Choice(
@@ -79,7 +80,7 @@ def test_a_cause_is_named_once() -> None:
         apart=apart,
         probability=0.9,
         gained=0.4,
-        peaks=Peaks(drive=1.0, force=1.0, stroke={}, channels={}, speed={}),
+        peaks=LargestMotions(drive=1.0, force=1.0, stroke={}, channels={}, speed={}),
         foreseen=(),
     )
     said = " ".join(reasons(Proposed(run=run, choice=choice), Proposal(kind="untested"), at(model, Limits())))
