@@ -22,7 +22,7 @@ from isorig.rig.model.baseline import Baseline
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class Job(msgspec.Struct, frozen=True, kw_only=True):
+class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
     """A recording to be diagnosed, and the catalogue for its answer.
 
     Parameters
@@ -61,7 +61,7 @@ class JobResult(msgspec.Struct, frozen=True, kw_only=True):
     stop: str = ""
 
 
-def answer_job(job: Job) -> JobResult:
+def answer_job(job: DiagnosisJob) -> JobResult:
     """Diagnose a recording, store the answer, and return it."""
     if program_version() != job.answer.version:
         return JobResult(
@@ -81,7 +81,7 @@ def answer_job(job: Job) -> JobResult:
         return JobResult(stop=str(error))
 
 
-def _answered(job: Job, folder: Path) -> StoredAnswer:
+def _answered(job: DiagnosisJob, folder: Path) -> StoredAnswer:
     blank, path = job.answer, Path(job.answer.path)
     origin = {"baseline": blank.baseline, "recording": path.name, "sha256": blank.content, "version": blank.version}
     try:

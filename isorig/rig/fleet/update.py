@@ -15,7 +15,7 @@ import msgspec
 from isorig.rig.diagnose.many import program_version, shared_out
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Catalogue, StoredAnswer, StoredParameter, key_of
-from isorig.rig.fleet.job import Job, JobResult, answer_job
+from isorig.rig.fleet.job import DiagnosisJob, JobResult, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
 from isorig.rig.model.baseline import Baseline
 
@@ -37,7 +37,7 @@ class Work:
         Sentences about folders and recordings that could not be used as they are.
     """
 
-    jobs: tuple[Job, ...]
+    jobs: tuple[DiagnosisJob, ...]
     known: int
     notes: tuple[str, ...]
 
@@ -69,7 +69,7 @@ def work_of(
     baseline
         Name of the baseline.
     limit, pages
-        As for `Job`.
+        As for `DiagnosisJob`.
     again
         Whether recordings whose diagnosis failed or took too long are tried again.
     reread
@@ -98,7 +98,9 @@ def work_of(
         old = stored.answers.get(blank.key)
         if old is None or _worth_trying(old, limit, again):
             retry = old is not None and old.verdict != SUPERSEDED
-            jobs.append(Job(catalogue=str(catalogue.folder.resolve()), answer=blank, limit=limit, pages=pages, again=retry))
+            jobs.append(
+                DiagnosisJob(catalogue=str(catalogue.folder.resolve()), answer=blank, limit=limit, pages=pages, again=retry)
+            )
     return Work(jobs=tuple(jobs), known=len(first) - len(jobs), notes=(*notes, *notices))
 
 
@@ -187,7 +189,7 @@ def _put_right(answer: StoredAnswer, first: Mapping[str, Recording], places: Set
 
 def update(
     catalogue: Catalogue,
-    jobs: Sequence[Job],
+    jobs: Sequence[DiagnosisJob],
     *,
     scheduler: str | None = None,
     tell: Callable[[StoredAnswer], None] = lambda answer: None,
@@ -218,7 +220,7 @@ def update(
     return updated
 
 
-def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -> Iterator[StoredAnswer]:
+def _answers(catalogue: Catalogue, jobs: Sequence[DiagnosisJob], scheduler: str | None) -> Iterator[StoredAnswer]:
     left = deque(jobs)
     while left:
         busy = []
@@ -241,7 +243,7 @@ def _answers(catalogue: Catalogue, jobs: Sequence[Job], scheduler: str | None) -
             time.sleep(PATIENCE)
 
 
-def _unanswered(catalogue: Catalogue, busy: Sequence[Job]) -> list[Job]:
+def _unanswered(catalogue: Catalogue, busy: Sequence[DiagnosisJob]) -> list[DiagnosisJob]:
     # Those that another process was working on and has not answered: it may have died.
     if not busy:
         return []

@@ -30,7 +30,7 @@ from isorig.rig.files import inputs
 from isorig.rig.files.findings import write_findings
 from isorig.rig.fleet import job as answering
 from isorig.rig.fleet.catalogue import Catalogue, StoredAnswer
-from isorig.rig.fleet.job import Job, JobResult, answer_job, from_findings
+from isorig.rig.fleet.job import DiagnosisJob, JobResult, answer_job, from_findings
 from isorig.rig.fleet.recordings import recordings_under
 from isorig.rig.fleet.update import work_of
 
@@ -338,7 +338,7 @@ def test_a_worker_of_another_version_is_refused(tmp_path: Path, pool: list[Path]
         modified=1,
         verdict="",
     )
-    told = answer_job(Job(catalogue=str(tmp_path), answer=blank))
+    told = answer_job(DiagnosisJob(catalogue=str(tmp_path), answer=blank))
     assert told.answer is None
     assert "not 0.0.0; install the same" in told.stop
 
