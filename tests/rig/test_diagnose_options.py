@@ -1,6 +1,7 @@
 """The time limit and the tolerance of a diagnosis, through the command line."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,9 +9,13 @@ from types import SimpleNamespace
 import pytest
 
 from isorig.analysis import deadline
+from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.fitting.solve import Problem
+from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
+from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.recording import write
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
@@ -64,6 +69,25 @@ def test_no_answer_before_the_baseline_is_fitted(rubbing: Path, tmp_path: Path, 
     assert diagnosed(rubbing, tmp_path / "out", "--seconds", AT_ONCE) == 2
     assert "the limit of 0.5 s ended before the baseline was fitted to" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_limit_holds_within_the_fits(rubbing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a clock that goes on with each simulation of a fit, none follows the limit, and there is an answer."""
+    simulated: list[int] = []
+    residuals = Problem.residuals
+
+    def counted(problem: Problem, models: Sequence[RigModel]) -> FloatArray:
+        found = residuals(problem, models)
+        simulated.append(len(models))
+        return found
+
+    monkeypatch.setattr(Problem, "residuals", counted)
+    monkeypatch.setattr(deadline, "time", SimpleNamespace(process_time=lambda: float(len(simulated))))
+    diagnose_file(rubbing, tmp_path / "whole", "linear", page=False)
+    limit = 0.8 * len(simulated)
+    simulated.clear()
+    diagnose_file(rubbing, tmp_path / "cut", "linear", limit=limit, page=False)
+    assert limit < len(simulated) <= limit + 1.0
 
 
 @pytest.mark.usefixtures("clock")

@@ -148,7 +148,8 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
                 pair: runs for pair, runs in swapped.items()
                 if wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1].mean() > agreement.mean()
             }  # fmt: skip
-        if swapped:
+        # Runs that contradict each other show a rig that behaves otherwise, not a cable.
+        if len(swapped) == 1:
             return tuple(_of_swaps(swapped))
     return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found, units or {}),)
 
