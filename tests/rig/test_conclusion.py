@@ -50,6 +50,13 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
     assert said.lines == [said.answer, said.ruled_out, said.next]
 
 
+def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_limits_it() -> None:
+    found = findings(steps=[named(location="l2")])
+    found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
+    assert "mm in l2 (0.25 mm either way)" in conclude(found).answer
+    assert conclude(found).answer.endswith("falls from 35 % to 0.60 %, noise alone is 1.2 % at most")
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [

@@ -85,16 +85,22 @@ def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
 
 def cause_in_words(step: NamedCause) -> str:
     """A step of the findings: its cause, place and parameters."""
-    place, values = words(step.location), step.parameters
+    place, values = _place(step.location), step.parameters
     if step.form is None:
         near = f", closest to {words(step.closest_form.cause)}" if step.closest_form else ", of no catalogued form"
-        return f"{KINDS[step.kind]} at the {place}{near}"
+        return f"{KINDS[step.kind]} at {place}{near}"
     shown = {name: _size(row) for name, row in values.items()} | _derived(values)
     try:
-        return PHRASES[step.cause].format(place=place, **shown)
+        phrase = PHRASES[step.cause] if step.kind == "sensor" else PHRASES[step.cause].replace("the {place}", "{place}")
+        return phrase.format(place=words(step.location) if step.kind == "sensor" else place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have
         listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
-        return f"{words(step.cause)} at the {place}" + (f", {listed}" if listed else "")
+        return f"{words(step.cause)} at {place}" + (f", {listed}" if listed else "")
+
+
+def _place(name: str) -> str:
+    # A number, as in l2, needs no article.
+    return words(name) if any(letter.isdigit() for letter in name) else f"the {words(name)}"
 
 
 def _size(row: Value, factor: float = 1.0, unit: str | None = None) -> str:
@@ -133,8 +139,9 @@ def _found(findings: Findings) -> str:
 def _error(holdout: HeldOut, extended: bool, all_known: bool) -> str:
     before, after, floor = (in_per_cent(error) for error in (holdout.baseline, holdout.extended, holdout.noise_floor))
     falls = f"falls from {before} to {after}" if extended else f"is {before}"
-    # A cause that the model lacks may amplify noise.
-    return f"the error on held-out data {falls}, noise alone is {'' if all_known else 'at least '}{floor}"
+    # A cause that the model lacks may amplify noise; an error below the estimated noise shows that the estimate is high.
+    least, most = "" if all_known else "at least ", " at most" if holdout.extended < holdout.noise_floor else ""
+    return f"the error on held-out data {falls}, noise alone is {least}{floor}{most}"
 
 
 def in_per_cent(share: float) -> str:
@@ -147,10 +154,10 @@ def in_per_cent(share: float) -> str:
 def _ruled_out(findings: Findings) -> str:
     rejected = [(c.holdout_error, c) for c in findings.candidates if c.standing == "ruled out" and c.holdout_error is not None]
     out = sorted(rejected, key=lambda pair: pair[0])
-    alike = [f"{words(c.cause)} at the {words(c.location)}" for group in findings.indistinguishable for c in group[1:]]
+    alike = [f"{words(c.cause)} at {_place(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
     if out:
-        first = [f"{words(c.cause)} at the {words(c.location)} ({in_per_cent(error)})" for error, c in out[:NAMED]]
+        first = [f"{words(c.cause)} at {_place(c.location)} ({in_per_cent(error)})" for error, c in out[:NAMED]]
         more = f", and {len(out) - NAMED} more" if len(out) > NAMED else ""
         said.append(f"Ruled out, with the error each leaves: {', '.join(first)}{more}.")
     if alike:
