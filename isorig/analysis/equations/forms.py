@@ -67,7 +67,8 @@ def element_force(equations: Equations, explanation: Explanation) -> ElementForc
         element = next((e for e, _ in balance.crossing if e.name == explanation.place), None)
         if element is None:
             continue
-        found = equations.in_time(balance, element)
+        # Undescribed dry friction shows while the element slides.
+        found = equations.in_time(balance, element, sliding=True if shape.name == "dry friction" else None)
         if found is not None:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
             return _sliding_force(equations, balance, element, shape, size, *found)
@@ -89,12 +90,13 @@ def _sliding_force(
     for block in (sliding.active[k] for k in fitted.sound):
         place = block.first + block.used
         run = block.run
-        others = run.fixed[place] @ fitted.values[first : first + run.fixed.shape[1]]
+        matrix, _ = sliding.evaluated(block, columns)
+        others = slice(first, first + run.fixed.shape[1])
         d.append((run.deflection + run.slow)[place])
         v.append((run.velocity + run.slow_velocity)[place])
         t.append(run.time[place])
-        f.append((run.force[place] - others) / size)
-        left.append((run.force[place] - columns(d[-1], v[-1], run, place) @ fitted.values) / size)
+        f.append((run.force[place] - matrix[:, others] @ fitted.values[others]) / size)
+        left.append((run.force[place] - matrix @ fitted.values) / size)
     sliding.restore(state)
     return _thinned(*(np.concatenate(part) for part in (d, v, t, f, left)))
 
@@ -236,7 +238,10 @@ def _values_of(equations: Equations, balance: Balance, explanation: Explanation 
     # The values of an equation's parameters by path.
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]
     found: dict[str, float] = {}
-    if balance.name in equations.prepared:
+    dry = explanation is not None and explanation.what == "dry friction"
+    rubbed = next((e for e, _ in balance.crossing if dry and explanation is not None and e.name == explanation.place), None)
+    in_time = equations.in_time(balance, rubbed, sliding=True) if rubbed is not None else None
+    if balance.name in equations.prepared and in_time is None:
         values = _solved(equations, balance, explanation)
         found |= zip(unknown, values.tolist(), strict=False)
         k = len(unknown)
@@ -245,10 +250,11 @@ def _values_of(equations: Equations, balance: Balance, explanation: Explanation 
                 found[f"links.{element.link.name}.damping"] = float(values[k])
                 found[f"links.{element.link.name}.stiffness"] = float(values[k + 1])
                 k += 2 + law_columns(element)
-    elif balance.name in equations.sliding:
-        element = equations.primary(balance)
+    elif balance.name in equations.sliding or in_time is not None:
+        element = rubbed or equations.primary(balance)
         size = abs(next(s for e, s in balance.crossing if e.name == element.name))
-        values = _slid(equations, balance, element, explanation).values
+        fit = in_time[1] if in_time is not None else _slid(equations, balance, element, explanation)
+        values = fit.values
         if element.link is not None:
             found[f"links.{element.link.name}.stiffness"] = float(values[0]) / size
             found[f"links.{element.link.name}.damping"] = float(values[1]) / size

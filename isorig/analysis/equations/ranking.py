@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,6 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element, Lock
 from isorig.analysis.equations.columns import CORNERS, PER_COEFFICIENT, SHAPES, Shape, dissipates, relaxing
+from isorig.analysis.equations.errors import ERRORS
 from isorig.analysis.equations.filters import filtered, resonator, rocked, rocker
 from isorig.analysis.equations.motion import derivatives, low_passed
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
@@ -20,6 +21,9 @@ from isorig.analysis.equations.system import CUT, HOLDS, Equations
 #: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
 COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
 RESONATORS, CLOSER, WITHIN = 90, 13, 0.03
+#: Half bandwidth, in frequency resolutions of the segments, below which a resonator rings beyond a segment, and evaluations of
+#: the search for such a one.
+NARROW, RINGING = 1.5, 30
 #: Elastic locks: stiffnesses as multiples of mass times the square of the lowest mode, and relaxation times in s.
 LOCK_RATIOS, LOCK_TIMES = np.geomspace(1e2, 5e4, 50), (0.0, 4e-4, 1e-3)
 #: Sensor faults: gains, delays of a sensor and of the drive in samples, crosstalk; refinements.
@@ -27,9 +31,13 @@ GAINS = np.linspace(0.6, 1.6, 41)
 DELAYS = np.linspace(0.1, 6.0, 60)
 LATE = np.linspace(-30.0, 6.0, 73)
 SHARES = np.linspace(-0.4, 0.4, 33)
+#: Corner frequencies of a sensor's high-pass, in multiples of the rig's lowest mode.
+CORNERS_BELOW = np.linspace(0.01, 1.21, 41)
 FINER, ROUNDS = 9, 2
-#: Powers of a sensor's value in the error of its static curve.
-POWERS = (2, 3)
+#: Rocking: number of frequencies, and what its score is charged with.
+ROCKERS, ROCKING_CHARGE = 60, 4
+#: Gauss-Newton steps with a mass: the samples' slow parts were found with the given one.
+LOADED = 4
 #: Residual from which an equation is explained where none is broken although a simulation misfits. Chosen: the median of sound
 #: equations is 0.9.
 HINTS = 1.3
@@ -162,18 +170,21 @@ class Regressions:
                 add(shape.kind, element.name, shape.name, after, charge)
 
     def _bent(self, balance: Balance, element: Element, shape: Shape) -> float:
-        # Residual of an equation without friction with a shape. The slow part of an integrated deflection shifts a curve over it,
-        # and is eliminated in the time domain only: there the ratio of the residuals counts.
+        # Residual of an equation without friction with a shape. The time domain is better where the slow part of an integrated
+        # deflection shifts a curve over it, where rare events count, and for friction, which holds while the element slides:
+        # there the ratio of the residuals counts.
         before = self.on.prepared[balance.name].solved.residual
         left = self.on.shaped(balance, element, shape).residual
-        if left <= self.least or before < self.least or not self.on.integrated(element):
+        if left <= self.least or before < self.least:
             return left
+        if shape.name == "dry friction":
+            return min(left, before * self.on.dry(balance, element))
         found = self.on.in_time(balance, element)
-        if found is None:
+        if found is None or found[0].residual(found[1]) < HINTS:
             return left
         sliding, base = found
         fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
-        return min(left, before * sliding.residual(fitted, base) / sliding.residual(base))
+        return min(left, before * (sliding.residual(fitted, base) - 1.0) / (sliding.residual(base) - 1.0))
 
     def _relaxed(self, balance: Balance, element: Element) -> float:
         # Residual with one relaxation of positive stiffness.
@@ -210,6 +221,9 @@ class Regressions:
                 if after:
                     add("known_value", body, "mass", after, 1, mass=mass + change)
             frequency, damping = self._fitted_mode(spectral, slid, row, scaled, frequencies)
+            narrow = spectral and damping * frequency < NARROW * self.on.rate / self.on.length
+            if narrow:
+                frequency, damping = self._narrow_mode(spectral, row, frequency, damping)
             gain = resonator(self.on.spectra.omega, frequency, damping)[None]
             of_filter = {name: item.scan(row, gain) for name, item in spectral.items()}
             signals = {name: self._time_row(name, row, (frequency, damping)) for name in slid}
@@ -219,6 +233,9 @@ class Regressions:
                 after, added, _ = _attached(of_filter, scaled)
                 for name, pair in slid.items():
                     after[name], added = self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])
+            if narrow:
+                exact, added = self._ringing(spectral, row, (frequency, damping))
+                after |= exact
             if after:
                 add("added_motion", body, "resonator", after, 3, frequency=frequency, damping=damping, mass=added)
 
@@ -235,6 +252,28 @@ class Regressions:
         grid = [(float(best * u), z) for u in np.linspace(1.0 - WITHIN, 1.0 + WITHIN, CLOSER) for z in FINE_DAMPING]
         fine = np.stack([resonator(omega, f, z) for f, z in grid])
         return grid[_attached({name: item.scan(row, fine) for name, item in spectral.items()}, scaled)[2]]
+
+    def _narrow_mode(self, spectral: Mapping[str, Prepared], row: Row, frequency: float, damping: float) -> tuple[float, float]:
+        from scipy.optimize import minimize
+
+        def left(place: FloatArray) -> float:
+            after, _ = self._ringing(spectral, row, (frequency * float(np.exp(place[0])), damping * float(np.exp(place[1]))))
+            return float(sum(np.log10(max(value, 1.0)) for value in after.values()))
+
+        start = np.array([[0.0, 0.0], [WITHIN, 0.0], [0.0, 0.7]])
+        done = minimize(left, start[0], method="Nelder-Mead", options={"initial_simplex": start, "maxfev": RINGING})
+        return frequency * float(np.exp(done.x[0])), damping * float(np.exp(done.x[1]))
+
+    def _ringing(self, spectral: Mapping[str, Prepared], row: Row, mode: tuple[float, float]) -> tuple[dict[str, float], float]:
+        # Residuals with a resonator that rings longer than a segment, filtered over whole runs, and its mass.
+        columns = {
+            record.index: self.on.spectra.segments(filtered(self.on.combined(signals, row), self.on.rate, mode))[None]
+            for record, signals in zip(self.on.records, self.on.signals, strict=True)
+        }
+        solved = {
+            name: item.shaped({run: columns[run] for run in item.weights}, held_out=False) for name, item in spectral.items()
+        }
+        return {name: one.residual for name, one in solved.items()}, float(next(iter(solved.values())).values[-1])
 
     def _shared(
         self, scans: Mapping[str, FloatArray], slid: Mapping[str, tuple[Sliding, SlidingFit]],
@@ -273,12 +312,13 @@ class Regressions:
     ) -> float:  # fmt: skip
         # Residual of a sliding equation with a further known force.
         state, columns = sliding.state(), self.on.base_columns(element)
+        forces = {run.run: value * low_passed(signal[run.run], sliding.rate, self.on.edge) for run in sliding.runs}
         for run in sliding.runs:
-            run.force -= value * signal[run.run]
-        fitted = sliding.fit(columns, base.values, 1)
+            run.force -= forces[run.run]
+        fitted = sliding.fit(columns, base.values, LOADED)
         sliding.restore(state)
         for run in sliding.runs:
-            run.force += value * signal[run.run]
+            run.force += forces[run.run]
         return sliding.residual(fitted, base)
 
     def _scanned(self, slid: Mapping[str, tuple[Sliding, SlidingFit]], row: Row, frequencies: FloatArray) -> tuple[float, float]:
@@ -305,7 +345,7 @@ class Regressions:
                 values = np.sign(sign) * self.on.combined(signals, row)
                 if mode is not None:
                     values = filtered(values, self.on.rate, mode)
-                found[record.index] = low_passed(values, self.on.rate, self.on.edge)
+                found[record.index] = self.on.thinned(values)
         return found
 
     def _linear(
@@ -352,11 +392,20 @@ class Regressions:
             if not parts:
                 continue
             band = self.on.spectra.frequency
-            frequencies = np.geomspace(2.0 * self.on.lowest, min(12.0 * self.on.lowest, 0.5 * band[-1]), 120)
+            frequencies = np.geomspace(2.0 * self.on.lowest, min(12.0 * self.on.lowest, 0.5 * band[-1]), ROCKERS)
             gains = np.stack([-rocker(self.on.spectra.omega, f) for f in frequencies])
-            scans = {name: part[0].scan({key: 1.0}, gains) for name, part in parts.items()}
-            scans = {name: scan[:, 0] - scan[:, 1] ** 2 / np.maximum(4.0 * scan[:, 2], 1e-300) for name, scan in scans.items()}
+            # The drive and the link's force make it rock: the latter is that of the drive less the inertia.
+            driving = [{key: 1.0}, self.on.body_row(pushed)]
+            scans = {name: part[0].least(driving, gains) for name, part in parts.items()}
             k = int(np.argmin(sum(np.log10(np.maximum(r, 1.0)) for r in scans.values())))
+            if k in (0, ROCKERS - 1):
+                continue  # at the end of the grid it is a mass or a spring
+            # Both make one torque: in the shares that the equation shows in which most is left.
+            apart = max((part[0] for part in parts.values()), key=lambda item: item.solved.residual)
+            shares = apart.solve([{n: gains[k] * w for n, w in row.items()} for row in driving]).values[-len(driving) :]
+            torque: dict[tuple[str, int], complex | ComplexArray] = {}
+            for share, row in zip(shares, driving, strict=True):
+                torque |= {name: float(share) * weight for name, weight in row.items()}
             after = {}
             for name, (apart, rest, mine_count, other_count) in parts.items():
                 total = self.on.prepared[name].solved.residual
@@ -367,16 +416,17 @@ class Regressions:
                 if balance.name in self.on.sliding:
                     sliding, base = self.on.sliding[balance.name]
                     after[balance.name], _ = self._linear(
-                        self.on.primary(balance), sliding, base, self._rocked(balance, key, float(frequencies[k]))
+                        self.on.primary(balance), sliding, base, self._rocked(balance, torque, float(frequencies[k]))
                     )
-            add("added_motion", pushed, "rocking", after, 3, frequency=float(frequencies[k]))
+            add("added_motion", pushed, "rocking", after, ROCKING_CHARGE, frequency=float(frequencies[k]))
 
-    def _rocked(self, balance: Balance, key: tuple[str, int], frequency: float) -> list[dict[int, FloatArray]]:
+    def _rocked(self, balance: Balance, torque: Row, frequency: float) -> list[dict[int, FloatArray]]:
         found: list[dict[int, FloatArray]] = [{}, {}, {}]
         for record, signals in zip(self.on.records, self.on.signals, strict=True):
             if any(run.run == record.index for run in self.on.sliding[balance.name][0].runs):
-                for part, values in zip(found, rocked(signals[key], self.on.rate, frequency), strict=True):
-                    part[record.index] = values
+                moved = rocked(self.on.combined(signals, torque), self.on.rate, frequency)
+                for part, values in zip(found, moved, strict=True):
+                    part[record.index] = self.on.thinned(values)
         return found
 
     def _locks(self, add: _Add) -> None:
@@ -428,8 +478,10 @@ class Regressions:
                 continue
             self._linear_faults(add, channel, inside, slid, before)
             if channel in orders:
-                after = self._curved(channel, inside, slid)
-                add("sensor", channel, "static curve", after, len(POWERS))
+                for what, errors in ERRORS.items():
+                    of_runs = self._errors(channel, errors)
+                    if count := max(map(len, of_runs)):
+                        add("sensor", channel, what, self._erring(channel, of_runs, inside, slid), count)
 
     def _linear_faults(
         self, add: _Add, channel: str, inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]],
@@ -444,6 +496,8 @@ class Regressions:
         faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", delays, None)]
         if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
             faults = faults[1:]
+        if channel in orders:
+            faults.append(("high-pass", CORNERS_BELOW * self.on.lowest, None))
         faults += [("crosstalk", SHARES, source) for source in sources]
         for what, values, source in faults:
             best, value, after = -np.inf, 0.0, {}
@@ -471,38 +525,47 @@ class Regressions:
             if after:
                 add("sensor", channel, what, after, 1, source or "", value=value)
 
-    def _curved(
-        self, channel: str, inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]]
-    ) -> dict[str, float]:  # fmt: skip
-        # Residuals with a static curve of a sensor: the error of its record is a polynomial of its value.
+    def _errors(
+        self, channel: str, errors: Callable[[FloatArray, float, float], list[FloatArray]]
+    ) -> list[list[Mapping[int, FloatArray]]]:  # fmt: skip
+        # The errors of a channel's record in each run, by derivative; zero where a run has none.
         order = self.on.combos.orders[channel]
         peak = max(float(np.abs(signals[channel, order]).max()) for signals in self.on.signals) or 1.0
-        powers: list[list[Mapping[int, FloatArray]]] = []
-        for signals in self.on.signals:
-            values = signals[channel, order] / peak
-            powers.append([derivatives(values**p, order, self.on.rate, CUT * self.on.lowest, np.inf).orders for p in POWERS])
+        found = [errors(signals[channel, order], peak, self.on.rate) for signals in self.on.signals]
+        count = max(map(len, found))
+        return [
+            [
+                derivatives(values, order, self.on.rate, CUT * self.on.lowest, np.inf).orders
+                for values in own or [np.zeros(len(signals[channel, order]))] * count
+            ]
+            for own, signals in zip(found, self.on.signals, strict=True)
+        ]
+
+    def _erring(
+        self, channel: str, errors: Sequence[Sequence[Mapping[int, FloatArray]]], inside: Mapping[str, Prepared],
+        slid: Mapping[str, tuple[Sliding, SlidingFit]],
+    ) -> dict[str, float]:  # fmt: skip
+        # Residuals with errors of a channel's record, each with an unknown factor.
         after: dict[str, float] = {}
         for name, item in inside.items():
-            columns = {}
-            for record, by_power in zip(self.on.records, powers, strict=True):
-                if record.index in item.weights:
-                    columns[record.index] = np.stack(
-                        [
-                            self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, found))
-                            for found in by_power
-                        ]
-                    )
+            columns = {
+                record.index: np.stack(
+                    [self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, found)) for found in own]
+                )
+                for record, own in zip(self.on.records, errors, strict=True)
+                if record.index in item.weights
+            }
             after[name] = item.shaped(columns).residual
         for name, (sliding, base) in slid.items():
             rows, values, way = self._signed_rows(name, base)
-            errors = [
+            signals = [
                 {
-                    record.index: low_passed(way * self._error(rows, values, channel, by_power[k]), self.on.rate, self.on.edge)
-                    for record, by_power in zip(self.on.records, powers, strict=True)
+                    record.index: self.on.thinned(way * self._error(rows, values, channel, own[k]))
+                    for record, own in zip(self.on.records, errors, strict=True)
                 }
-                for k in range(len(POWERS))
+                for k in range(len(errors[0]))
             ]
-            after[name], _ = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, errors)
+            after[name], _ = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
         return after
 
     @staticmethod
@@ -542,9 +605,13 @@ class Regressions:
                 if own is None:
                     continue
                 error = signals[source, order] if source is not None and order >= 0 else own
-                errors[order] = np.gradient(error, 1.0 / self.on.rate) if what == "delay" else error
+                if what == "delay":
+                    error = np.gradient(error, 1.0 / self.on.rate)
+                elif what == "high-pass":
+                    error = derivatives(error, 1, self.on.rate, CUT * self.on.lowest, np.inf).orders[0]
+                errors[order] = error
             total = way * self._error(rows, values, channel, errors)
-            found[record.index] = low_passed(total, self.on.rate, self.on.edge)
+            found[record.index] = self.on.thinned(total)
         return found
 
 

@@ -11,8 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import convolve1d
 
 from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
+from isorig.analysis.equations.motion import lowpass_gain
 
 #: Distance of the knots of the slow part, and length of a block, in periods of the rig's lowest mode. Chosen: with five periods a
 #: knot, the spline cannot follow the motion itself.
@@ -22,13 +24,17 @@ BLOCKS = 8
 #: Samples next to a reversal that are left out: the converter's filter spreads the step of the friction over them. A low-pass
 #: spreads it over this share of its period, also next to samples that stick.
 REVERSAL, SPREAD = 5, 0.6
+#: Half of its length in periods of the low-pass.
+TAPS = 2.0
 #: Velocity below which a contact counts as not sliding, as a share of the largest rms velocity of the runs. Chosen: integrated
 #: noise and the sampling filter blur the moment of a reversal.
 SLOW = 0.1
 #: Largest number of samples in use: neighbours repeat each other.
-MOST_SAMPLES = 30_000
-#: Samples of a block below which it is not used.
-FEWEST = 50
+MOST_SAMPLES = 20_000
+#: Samples for each knot of the slow part: there are fewer blocks where knots are close.
+PER_KNOT = 20
+#: Samples of a block below which it is not used: with and without a slow part to be fitted.
+FEWEST, FEWEST_ALONE = 50, 10
 #: Relative accuracy of the force, rms (see `spectral.ACCURACY`).
 ACCURACY = 0.004
 #: Largest correction of the slow part in one step, as a share of the largest deflection, and damping of its steps as a share of
@@ -40,6 +46,8 @@ FLOOR = 0.05
 SOUND = 3.0
 #: Factor of a step that is taken back, and the smallest such factor.
 BACK, LEAST = 0.3, 0.05
+#: Decrease of the mean logarithm of the blocks' residuals below which a fit ends.
+CONVERGED = 0.01
 #: Largest number of Gauss-Newton steps.
 ROUNDS = 15
 #: Residual of a block, relative to that of the base equation, above which its weight decreases.
@@ -145,16 +153,21 @@ class Sliding:
     parts
         Mean square of the channels' parts in the force, N^2: each is accurate to `ACCURACY`.
     edge
-        Corner frequency in Hz of the low-pass that the force went through; infinite for none.
+        Corner frequency in Hz of the low-pass that the force went through (`low_passed`), but not yet the columns; infinite for
+        none.
+    rubs
+        Whether a contact acts: then only samples that slide are used.
     """
 
     def __init__(
         self, runs: Sequence[SlidingRun], rate: float, period: float, *, integrated: bool, stiffness: float, noise: float,
-        parts: float, edge: float,
+        parts: float, edge: float, rubs: bool,
     ) -> None:  # fmt: skip
         self.runs, self.rate, self.integrated, self.noise, self.parts = tuple(runs), rate, integrated, noise, parts
+        self.rubs, self.fewest = rubs, FEWEST if integrated else FEWEST_ALONE
         self.reach = REVERSAL if np.isinf(edge) else max(REVERSAL, round(SPREAD * rate / edge))
         self.spread = 0 if np.isinf(edge) else self.reach
+        self.taps = _taps(rate, edge)
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
         knots = BLOCK_KNOTS if integrated else 1
@@ -176,6 +189,9 @@ class Sliding:
             for run in self.runs
             for k in range(max(len(run.force) // self.length, 0))
         ]
+        # An odd stride keeps every second block held out.
+        stride = int(np.ceil(len(self.blocks) * PER_KNOT * self.knots / MOST_SAMPLES)) // 2 * 2 + 1
+        self.blocks = self.blocks[::stride]
         if len(self.blocks) > 1 and not any(block.held_out for block in self.blocks):
             for block in self.blocks[1::2]:
                 block.held_out = True
@@ -186,32 +202,22 @@ class Sliding:
 
     def select(self) -> int:
         """Choose the samples that slide; returns their number."""
-        masks = {}
-        for run in self.runs:
-            velocity = run.velocity + run.slow_velocity
-            slow = np.abs(velocity) <= SLOW * self.speed
-            if self.spread:
-                around = np.convolve(slow, np.ones(2 * self.spread + 1), mode="same")
-                slow = around > 0.5
-            use = run.usable & ~slow
-            turned = np.flatnonzero((velocity[1:] > 0) != (velocity[:-1] > 0))
-            for offset in range(1 - self.reach, self.reach + 1):
-                use[np.clip(turned + offset, 0, len(use) - 1)] = False
-            masks[run.run] = use
+        masks = {run.run: self._slides(run) & run.usable if self.rubs else run.usable for run in self.runs}
         total = sum(int(mask.sum()) for mask in masks.values())
         every = max(1, total // MOST_SAMPLES)
         for block in self.blocks:
             inside = masks[block.run.run][block.first : block.first + self.length]
+            inside[: len(self.taps) // 2] = inside[len(inside) - len(self.taps) // 2 :] = False
             block.used = np.flatnonzero(inside)[::every]
         # Held-out samples outside the range of the others would be extrapolated.
-        seen = [self._deflection(block) for block in self.blocks if not block.held_out and len(block.used) >= FEWEST]
-        if seen and sum(map(len, seen)) > FEWEST:
+        seen = [self._deflection(block) for block in self.blocks if not block.held_out and len(block.used) >= self.fewest]
+        if seen and sum(map(len, seen)) > self.fewest:
             low, high = np.quantile(np.concatenate(seen), [0.0003, 0.9997])
             for block in self.blocks:
                 if block.held_out and len(block.used):
                     d = self._deflection(block)
                     block.used = block.used[(d >= low) & (d <= high)]
-        self.active = [block for block in self.blocks if len(block.used) >= FEWEST]
+        self.active = [block for block in self.blocks if len(block.used) >= self.fewest]
         if self.active:
             d = np.concatenate([self._deflection(block) for block in self.active])
             v = np.concatenate([self._velocity(block) for block in self.active])
@@ -221,6 +227,16 @@ class Sliding:
             self.fastest = 1.05 * float(np.quantile(np.abs(v), 0.9995))
             self.power = float(np.mean(np.concatenate([block.run.force[block.first + block.used] for block in self.active]) ** 2))
         return sum(len(block.used) for block in self.active)
+
+    def _slides(self, run: SlidingRun) -> BoolArray:
+        velocity = run.velocity + run.slow_velocity
+        slow = np.abs(velocity) <= SLOW * self.speed
+        if self.spread:
+            slow = np.convolve(slow, np.ones(2 * self.spread + 1), mode="same") > 0.5
+        turned = np.flatnonzero((velocity[1:] > 0) != (velocity[:-1] > 0))
+        for offset in range(1 - self.reach, self.reach + 1):
+            slow[np.clip(turned + offset, 0, len(slow) - 1)] = True
+        return np.asarray(~slow)
 
     @property
     def usable(self) -> bool:
@@ -283,9 +299,11 @@ class Sliding:
             fitted = [item for item in reduced if not item.block.held_out]
             cost = float(np.mean([np.log(max(item.power, 0.0) / self.allowed + FLOOR) for item in fitted]))
             if best is None or cost < best[0]:
-                if best is not None:
-                    scale = min(1.0, 2.0 * scale)
+                done = best is not None and cost > best[0] - CONVERGED
+                scale = min(1.0, 2.0 * scale)
                 best = (cost, values, self.state(), reduced)
+                if done:
+                    break
             else:
                 if cost < best[0] + 1e-3 or scale < LEAST:
                     break
@@ -338,31 +356,48 @@ class Sliding:
 
     def _reduced(self, block: _Block, columns: Columns, values: FloatArray, damped: bool) -> _Reduced:
         place = block.first + block.used
-        d, v = self._deflection(block), self._velocity(block)
-        matrix = columns(d, v, block.run, place)
+        matrix, motion = self.evaluated(block, columns, values if self.integrated else None)
         left = block.run.force[place] - matrix @ values
         whole = np.column_stack([matrix, left])
         normal: FloatArray = np.asarray(whole.T @ whole, dtype=np.float64)
         count = len(place)
         back = np.zeros((self.knots, whole.shape[1]))
         if self.integrated:
-            step = 1e-4 * self.swing
-            slope = (columns(d + step, v, block.run, place) - matrix) @ values / step
-            spread = np.arange(count)[:, None], self._first[block.used][:, None] + np.arange(4)
-            value = self._value[block.used]
-            basis = np.zeros((count, self.knots))
-            basis[spread] = slope[:, None] * value + self.damping * self._slope[block.used]
+            basis = motion
             gram = basis.T @ basis
             scale = max(abs(self.stiffness), 1e-12) ** 2
             if damped:
-                plain = np.zeros((count, self.knots))
-                plain[spread] = value
+                plain = self._spread(block.used, self._value[block.used])
                 gram += DAMPED * scale * (plain.T @ plain)
             gram[np.diag_indices(self.knots)] += 1e-6 * scale
             cross = basis.T @ whole
             back = np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
             normal = np.asarray(normal - cross.T @ back, dtype=np.float64)
         return _Reduced(block=block, normal=normal, back=back, count=count, power=float(normal[-1, -1]) / count)
+
+    def evaluated(self, block: _Block, columns: Columns, values: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Columns at a block's samples in use, and the derivatives of their sum with these values by the knots of the slow part.
+
+        Where the force went through a low-pass, both go through it.
+        """
+        used = block.used if len(self.taps) == 1 else np.arange(self.length)
+        place = block.first + used
+        d, v = block.run.deflection[place] + block.run.slow[place], block.run.velocity[place] + block.run.slow_velocity[place]
+        matrix, motion = columns(d, v, block.run, place), np.zeros((len(used), 0))
+        if values is not None:
+            step = 1e-4 * self.swing
+            slope = (columns(d + step, v, block.run, place) - matrix) @ values / step
+            motion = self._spread(used, slope[:, None] * self._value[used] + self.damping * self._slope[used])
+        if len(self.taps) > 1:
+            both = convolve1d(np.column_stack([matrix, motion]), self.taps, axis=0, mode="nearest")[block.used]
+            matrix, motion = both[:, : matrix.shape[1]], both[:, matrix.shape[1] :]
+        return matrix, motion
+
+    def _spread(self, used: IntArray, weights: FloatArray) -> FloatArray:
+        # Weights of the four splines at each sample as columns of all splines of a block, shape (n, knots).
+        found = np.zeros((len(used), self.knots))
+        found[np.arange(len(used))[:, None], self._first[used][:, None] + np.arange(4)] = weights
+        return found
 
     def _step(self, normal: FloatArray, values: FloatArray, penalty: FloatArray | None) -> FloatArray:
         p = len(values)
@@ -386,6 +421,16 @@ class Sliding:
             parts = np.lib.stride_tricks.sliding_window_view(block.spline, 4).T
             block.run.slow[inside] = (self._value[: self.knot] @ parts).T.ravel()
             block.run.slow_velocity[inside] = (self._slope[: self.knot] @ parts).T.ravel()
+
+
+def _taps(rate: float, edge: float) -> FloatArray:
+    # The low-pass of `low_passed` as a symmetric filter, shape (odd,); one for none.
+    if np.isinf(edge):
+        return np.ones(1)
+    half = int(np.ceil(TAPS * rate / edge))
+    response = np.fft.irfft(lowpass_gain(np.asarray(np.fft.rfftfreq(64 * half, 1.0 / rate)), edge))
+    taps = np.concatenate([response[-half:], response[: half + 1]])
+    return np.asarray(taps / taps.sum())
 
 
 def spline_columns(values: FloatArray, low: float, high: float, intervals: int) -> FloatArray:

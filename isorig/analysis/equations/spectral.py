@@ -14,8 +14,9 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 
-#: Relative accuracy of each channel's part in each term of an equation, rms. Chosen: calibrations of sensors agree to half a per
-#: cent, so the elongation of a stiff link, a small difference of two large motions, is known only to half a per cent of these.
+#: Relative accuracy of each channel's part in each term of an equation, rms, and of its largest values. Chosen: calibrations of
+#: sensors agree to half a per cent, so the elongation of a stiff link, a small difference of two large motions, is known only to
+#: half a per cent of these; and their curves bend as much, which spreads strong motion over frequencies with hardly any.
 ACCURACY = 0.005
 #: Distance of neighbouring frequency bins in use, as a share of the frequency: denser ones repeat each other.
 SPACING = 1.0 / 120.0
@@ -39,11 +40,14 @@ class RunSpectra:
         Shape (signals, segments, bins).
     power
         Cross-spectral matrices averaged over segments, shape (bins, signals, signals).
+    bent
+        Those of errors by `ACCURACY` of each record's largest value in proportion to its square, of the same shape.
     """
 
     run: int
     segments: ComplexArray
     power: ComplexArray
+    bent: ComplexArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,12 +90,16 @@ class Prepared:
         grams = [np.real(_gram(matrix, item.power)) for item in chosen]
         noise = np.real(_gram(matrix, spectra.noise))
         parts = [spectra.parts(matrix, item.power) for item in chosen]
+        bent = [np.real(_gram(matrix, item.bent)) for item in chosen]
         given = np.asarray(start, dtype=float)
         values = given
         for again in range(rounds + 1):
             row = np.concatenate([[1.0], -np.clip(values, given / TRUSTED, given * TRUSTED)])
-            own = np.einsum("p,fpq,q->f", row, noise, row)
-            weights = [spectra.octaves / np.maximum(own + ACCURACY**2 * (part @ row**2), 1e-300) for part in parts]
+            weights = [
+                spectra.octaves
+                / np.maximum(np.einsum("p,fpq,q->f", row, noise + curve, row) + ACCURACY**2 * (part @ row**2), 1e-300)
+                for part, curve in zip(parts, bent, strict=True)
+            ]
             if not len(values) or again == rounds:
                 break
             total = sum(np.einsum("f,fpq->pq", w, gram - noise) for w, gram in zip(weights, grams, strict=True))
@@ -155,10 +163,36 @@ class Prepared:
             found.append(_parabola(*both))
         return np.array(found)
 
+    def least(self, rows: Sequence[Row], gains: ComplexArray) -> FloatArray:
+        """Residual with further rows, filtered with each of these gains, all solved for.
+
+        Parameters
+        ----------
+        rows
+            The further rows.
+        gains
+            Shape (filters, bins).
+
+        Returns
+        -------
+        FloatArray
+            Shape (filters,).
+        """
+        matrix = self.spectra.matrix([*self.rows, *rows])
+        gram, noise = _gram(matrix, self.power), _gram(matrix, self.noise)
+        own, found = len(self.rows), []
+        for gain in gains:
+            by_row = np.ones((len(gain), len(gram[0])), dtype=complex)
+            by_row[:, own:] = gain[:, None]
+            both = [np.real(np.einsum("fp,fpq,fq->pq", by_row.conj(), part, by_row)) for part in (gram, noise)]
+            found.append(_solve(*both).residual)
+        return np.array(found)
+
     def shaped(self, columns: Mapping[int, ComplexArray], penalty: FloatArray | None = None, held_out: bool = True) -> Solved:
         """Residual with further unknown columns that are no linear functions of the signals.
 
-        The columns' coefficients are determined from every second segment and the residual from the others.
+        The columns' coefficients are determined from every second segment, and from the others by how much they reduce the
+        residual: rare events may be in few segments.
 
         Parameters
         ----------
@@ -193,7 +227,9 @@ class Prepared:
             normal[p:, p:] += self.count / self.size * penalty
         values = _scaled(normal[1:, 1:], normal[1:, 0])
         row = np.concatenate([[1.0], -values])
-        return Solved(residual=float(row @ test @ row) / share / self.count, values=values)
+        bare = np.concatenate([[1.0], -_scaled(normal[1:p, 1:p], normal[1:p, 0])])
+        ratio = float(row @ test @ row) / max(float(bare @ test[:p, :p] @ bare), 1e-300)
+        return Solved(residual=self.solved.residual * ratio, values=values)
 
 
 class Spectra:
@@ -231,17 +267,21 @@ class Spectra:
         self.frequency = frequency[self.bins]
         self.omega = 2.0 * np.pi * self.frequency
         self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
-        power = float((self.window**2).sum())
-        columns = []
-        for channel in dict.fromkeys(channel for channel, _ in self.names):
-            column = np.zeros((len(self.bins), len(self.names)), dtype=complex)
-            for (other, order), k in self.index.items():
-                if other == channel:
-                    column[:, k] = (1j * self.omega) ** (order - orders.get(channel, order))
-            columns.append(noise.get(channel, 0.0) * np.sqrt(power) * column)
-        stacked = np.stack(columns)
-        self.noise: ComplexArray = np.einsum("cfi,cfj->fij", stacked.conj(), stacked)
+        self.orders = orders
+        window = float((self.window**2).sum())
+        self.noise = self._independent({name: np.full(len(self.bins), level**2 * window) for name, level in noise.items()})
         self.runs: list[RunSpectra] = []
+
+    def _independent(self, power: Mapping[str, FloatArray]) -> ComplexArray:
+        # Cross-spectral matrices of independent errors with these power spectra in the channels, shape (bins, signals, signals).
+        found = np.zeros((len(self.bins), len(self.names), len(self.names)), dtype=complex)
+        for channel, values in power.items():
+            own = [(k, (1j * self.omega) ** (order - self.orders.get(channel, order)))
+                   for (name, order), k in self.index.items() if name == channel]  # fmt: skip
+            for i, a in own:
+                for j, b in own:
+                    found[:, i, j] = values * a.conj() * b
+        return found
 
     def add(self, run: int, signals: Mapping[tuple[str, int], FloatArray]) -> None:
         """Add a run: its signals, each shape (n,)."""
@@ -249,7 +289,12 @@ class Spectra:
         count = segments.shape[1]
         if count:
             power = np.einsum("isf,jsf->fij", segments.conj(), segments, optimize=True) / count
-            self.runs.append(RunSpectra(run=run, segments=segments, power=power))
+            bent = {}
+            for name, order in self.orders.items():
+                values = signals[name, order]
+                error = self.segments(ACCURACY * values**2 / max(float(np.abs(values).max()), 1e-300))
+                bent[name] = np.mean(np.abs(error) ** 2, axis=0)
+            self.runs.append(RunSpectra(run=run, segments=segments, power=power, bent=self._independent(bent)))
 
     def segments(self, values: FloatArray) -> ComplexArray:
         """Spectra of a signal's segments at the chosen bins, shape (segments, bins)."""

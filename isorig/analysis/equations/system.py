@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, IntArray, Run
 from isorig.analysis.equations.balances import Balance, Element, Lock, balances, elements, locks
 from isorig.analysis.equations.columns import Course, Shape, direction_of
-from isorig.analysis.equations.hidden import estimable, estimated
+from isorig.analysis.equations.hidden import adjacent, estimable, estimated, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces, law_of, true_records
 from isorig.analysis.equations.motion import (
     Combinations,
@@ -31,17 +31,29 @@ from isorig.analysis.spectra.motion import signal_edge
 
 #: Periods of the lowest mode in a segment, and its shortest length in samples.
 SEGMENT_PERIODS, SHORTEST = 20.0, 256
-#: Lowest frequency of spectra, and below which integrals have no content, in multiples of the lowest mode: in spectra, and for
-#: the deflection of sliding contacts.
-LOWEST, CUT, SLIDING_CUT = 0.3, 0.1, 0.02
+#: Lowest frequency of spectra, and below which integrals have no content, in multiples of the lowest mode.
+LOWEST, CUT = 0.3, 0.1
+#: Frequency up to which the slow part of an element's integrated deflection is fitted, at most, in multiples of the lowest mode;
+#: otherwise `CUT` times the element's own: what its sensors' errors integrate to there exceeds the motion of a stiff element.
+HIGHEST_CUT = 0.4
+#: Share of it from which on all content is in the integral: the slow part that is fitted along bends little faster.
+SURE = 0.5
 #: Periods in a run of the lowest frequency that an integral contains: what is slower is unknown and grows with its period.
 FEWEST_PERIODS = 3.0
 #: Share of the signal's edge at which a record of displacements is cut before its second derivative.
 EDGE = 1.0
 #: Seconds at both ends of a run that are left out, in periods of the lowest mode.
 ENDS = 2.5
+#: Index of dry friction in the columns of an equation in the time domain: after spring and damper.
+FRICTION_COLUMN = 2
+#: Samples per period of the edge: more repeat each other.
+SAMPLES = 8.0
+#: Sample rate in multiples of the corner frequency of the low-pass before it.
+PASSED = 2.5
 #: rms velocity of an element in a run, as a share of the largest, below which its contact sticks for the whole run.
 STUCK = 0.06
+#: Quantile of the force's magnitude in such a run that must stay below the friction.
+HELD = 0.999
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
 HOLDS = 2.0
 
@@ -101,8 +113,31 @@ class Equations:
                 used = [e for e in edges if e < 1.0]
                 if used:
                     self.edge = min(self.edge, EDGE * max(used) * self.rate / 2.0)
-        self.contacts = {b.name: b for b in self.balances if b.rubs}
+        self.assumed = model
+        self.every = max(1, int(self.rate / (SAMPLES * self.edge))) if np.isfinite(self.edge) else 1
         self._prepare()
+        if self.hidden and self.prepared:
+            self.assumed = fitted(model, adjacent(model, self.hidden), self._left)
+            self._prepare()
+
+    def _left(self, assumed: RigModel) -> float:
+        # What the equations leave if the motion of bodies without sensors is that of a rig with these values.
+        spectra = self.spectra
+        seen = [body.name for body in self.model.bodies if body.name not in self.hidden]
+        of_bodies, of_drives = transfer(assumed, self.hidden, seen, spectra.omega)
+        correction = np.zeros((len(spectra.bins), len(spectra.names), len(spectra.names)), dtype=complex)
+        correction[:, range(len(spectra.names)), range(len(spectra.names))] = 1.0
+        for i, body in enumerate(self.hidden):
+            for order in range(3):
+                k = spectra.index[estimate_of(body), order]
+                integral = (1j * spectra.omega) ** (order - 2)
+                correction[:, k] = 0.0
+                for j, other in enumerate(seen):
+                    for name, weight in self.body_row(other).items():
+                        correction[:, k, spectra.index[name]] += integral * of_bodies[:, i, j] * weight
+                for channel, gain in of_drives.items():
+                    correction[:, k, spectra.index[channel, -1]] += integral * gain[:, i]
+        return float(sum(np.log(max(p.solve(correction=correction).residual, 0.1)) for p in self.prepared.values()))
 
     def _prepare(self) -> None:
         names: list[tuple[str, int]] = []
@@ -118,7 +153,7 @@ class Equations:
             self.spectra.add(record.index, signals)
         self.prepared: dict[str, Prepared] = {}
         self.sliding: dict[str, tuple[Sliding, SlidingFit]] = {}
-        self._in_time: dict[tuple[str, str], tuple[Sliding, SlidingFit] | None] = {}
+        self._in_time: dict[tuple[str, str, bool], tuple[Sliding, SlidingFit] | None] = {}
         self._slid: dict[tuple[int, str], tuple[SlidingFit, list[tuple[FloatArray, ...]]]] = {}
         for balance in self.balances:
             if balance.rubs:
@@ -147,7 +182,7 @@ class Equations:
         if self.hidden:
             seen = [body.name for body in self.model.bodies if body.name not in self.hidden]
             motions = {body: self.combined(signals, self.body_row(body)) for body in seen}
-            for body, values in estimated(self.model, self.hidden, motions, record.channels, self.rate).items():
+            for body, values in estimated(self.assumed, self.hidden, motions, record.channels, self.rate).items():
                 found = derivatives(values, 2, self.rate, CUT * self.lowest, np.inf)
                 signals |= {(estimate_of(body), order): part for order, part in found.orders.items()}
         for element in elements(self.model):
@@ -261,26 +296,49 @@ class Equations:
         if found is not None:
             self.sliding[balance.name] = found
 
-    def in_time(self, balance: Balance, element: Element) -> tuple[Sliding, SlidingFit] | None:
-        """An equation in the time domain, with the motion of one of its elements; None if there are too few samples."""
-        key = balance.name, element.name
+    def in_time(self, balance: Balance, element: Element, *, sliding: bool | None = None) -> tuple[Sliding, SlidingFit] | None:
+        """An equation in the time domain, with the motion of one of its elements; None if there are too few samples.
+
+        Only samples that slide count if `sliding`, or if that is None and a contact acts.
+        """
+        rubs = balance.rubs if sliding is None else sliding
+        key = balance.name, element.name, rubs
         if key not in self._in_time:
             sign = next(s for e, s in balance.crossing if e.name == element.name)
             runs, noise = self._sliding_runs(balance, element, sign, self.records, self.signals)
             self._in_time[key] = None
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
-                sliding = Sliding(
-                    runs, self.rate, 1.0 / self.lowest, integrated=self.integrated(element), stiffness=abs(sign) * stiffness,
-                    noise=noise, parts=self._parts(balance), edge=self.edge,
+                found = Sliding(
+                    runs, self.rate / self.every, CUT / self._cut(balance, element), integrated=self.integrated(element),
+                    stiffness=abs(sign) * stiffness, noise=noise, parts=self._parts(balance), edge=self.edge, rubs=rubs,
                 )  # fmt: skip
-                if sliding.usable:
-                    self._in_time[key] = sliding, self._settled(sliding, element, sign)
+                if found.usable:
+                    self._in_time[key] = found, self._settled(found, element, sign)
         return self._in_time[key]
+
+    def dry(self, balance: Balance, element: Element) -> float:
+        """The ratio by which dry friction reduces what an equation without any leaves, while the element slides."""
+        found = self.in_time(balance, element, sliding=True)
+        if found is None:
+            return 1.0
+        sliding, with_friction = found
+        plain, state = self.base_columns(element), sliding.state()
+
+        def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
+            return np.delete(plain(d, v, run, place), FRICTION_COLUMN, axis=1)
+
+        without = sliding.fit(columns, np.delete(with_friction.values, FRICTION_COLUMN), ROUNDS)
+        sliding.restore(state)
+        return (sliding.residual(with_friction) - 1.0) / (sliding.residual(without) - 1.0)
 
     def integrated(self, element: Element) -> bool:
         """Whether an element's deflection is an integral, so that its slow part is unknown."""
         return all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
+
+    def _cut(self, balance: Balance, element: Element) -> float:
+        # Frequency in Hz up to which the slow part of an integrated deflection is fitted.
+        return min(CUT * self.own_frequency(element, balance), HIGHEST_CUT * self.lowest)
 
     def _settled(self, sliding: Sliding, element: Element, sign: float) -> SlidingFit:
         laws = law_columns(element)
@@ -302,7 +360,7 @@ class Equations:
                 rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), NO_LINK)
             parts = [d, v, rubbing]
             if laws:
-                parts.append(law_forces(self.model, element, d, v, run.time[place], self.rate, run, place))
+                parts.append(law_forces(self.model, element, d, v, run.time[place], self.rate / self.every, run, place))
             return np.column_stack([*parts, run.fixed[place]])
 
         return columns
@@ -319,31 +377,37 @@ class Equations:
             if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < self.length:
                 continue
             force = way * self.combined(signals, self.force_row(balance))
-            d, v = self.elongation(record, signals, element)
+            d, v = self.elongation(signals, element, SURE * self._cut(balance, element))
             fixed = [way * self.combined(signals, row) for _, row, _ in self.unknown_rows(balance)]
             for other, other_sign in balance.crossing:
                 if other.name == element.name:
                     continue
-                od, ov = self.elongation(record, signals, other)
+                od, ov = self.elongation(signals, other, CUT * self.lowest)
                 if other.link is not None:
                     fixed += [way * other_sign * od, way * other_sign * ov]
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
             columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
+            noise = max(noise, self._force_noise(balance, len(force), edge))
+            force, d, v, columns = self.thinned(low_passed(force, self.rate, edge)), *map(self.thinned, (d, v, columns))
             n = len(force)
             usable = np.zeros(n, dtype=bool)
-            margin = min(round(ENDS / self.lowest * self.rate), n // 10)
+            margin = min(round(ENDS / self.lowest * self.rate / self.every), n // 10)
             usable[margin : n - margin] = True
-            if np.isfinite(edge):
-                force, columns = low_passed(force, self.rate, edge), low_passed(columns, self.rate, edge)
             runs.append(
                 SlidingRun(
                     run=record.index, force=force, deflection=d, velocity=v, fixed=columns,
-                    time=record.start + np.arange(n) / self.rate, usable=usable, slow=np.zeros(n), slow_velocity=np.zeros(n),
+                    time=record.start + np.arange(n) * self.every / self.rate, usable=usable, slow=np.zeros(n),
+                    slow_velocity=np.zeros(n),
                 )
             )  # fmt: skip
-            noise = max(noise, self._force_noise(balance, n, edge))
         return runs, noise
+
+    def thinned(self, values: FloatArray) -> FloatArray:
+        """Records, shape (n, ...), at the samples of sliding equations."""
+        if self.every == 1:
+            return values
+        return low_passed(values, self.rate, self.rate / self.every / PASSED)[:: self.every]
 
     def _parts(self, balance: Balance) -> float:
         # Largest mean square of the channels' parts in an equation's known force, N^2.
@@ -358,9 +422,9 @@ class Equations:
         return found
 
     def elongation(
-        self, record: Record, signals: Mapping[tuple[str, int], FloatArray], element: Element
+        self, signals: Mapping[tuple[str, int], FloatArray], element: Element, low: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Deflection and velocity of an element in a run: integrals reach lower frequencies than in spectra."""
+        """Deflection and velocity of an element in a run, integrals from `low` Hz on."""
         combo = self.combos.of(element.weights, 0)
         assert combo is not None
         orders = self.combos.orders
@@ -368,8 +432,7 @@ class Equations:
         d, v = np.zeros(n), np.zeros(n)
         for channel, weight in combo.items():
             order = orders[channel]
-            low = max(SLIDING_CUT * self.lowest, FEWEST_PERIODS * self.rate / n)
-            found = derivatives(signals[channel, order], order, self.rate, low, self.edge)
+            found = derivatives(signals[channel, order], order, self.rate, max(low, FEWEST_PERIODS * self.rate / n), self.edge)
             d += weight * found.orders[0]
             v += weight * found.orders[1]
         if 0 in (orders[channel] for channel in combo):
@@ -404,13 +467,21 @@ class Equations:
                     if r.configuration in balance.configurations
                 }
                 most = max(speed.values(), default=0.0)
-                still = [run for run, value in speed.items() if value < STUCK * most]
+                still = [run for run, value in speed.items() if value < STUCK * most and self._held(run, balance)]
                 if still and any(item.run in still for item in self.spectra.runs) and len(balance.crossing) == 1:
                     lock = Lock(element=element, configuration=balance.configurations[0], beyond=balance)
                     name = f"stuck {element.name}"
                     self.prepared[name] = Prepared(self.spectra, [self.motion_row(element.weights, 2)], still, np.zeros(0))
                     found[name] = lock
         return found
+
+    def _held(self, run: int, balance: Balance) -> bool:
+        # Whether the force in a run never reaches the friction that the others show.
+        if balance.name not in self.sliding:
+            return True
+        force = self.combined(self.signals[[r.index for r in self.records].index(run)], self.force_row(balance))
+        _, base = self.sliding[balance.name]
+        return bool(np.quantile(np.abs(force), HELD) < base.values[FRICTION_COLUMN])
 
     def residuals(self) -> dict[str, float]:
         """Residual of each equation over noise."""
@@ -467,7 +538,7 @@ class Equations:
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
             course = Course(
-                deflection=d, velocity=v, time=run.time[place], whole=run.deflection, place=place, rate=self.rate,
+                deflection=d, velocity=v, time=run.time[place], whole=run.deflection, place=place, rate=self.rate / self.every,
                 low=sliding.range[0], high=sliding.range[1], fastest=sliding.fastest, speed=sliding.speed, swing=sliding.swing,
                 own=own, end=self.end, memory=run.memory,
             )  # fmt: skip
@@ -534,6 +605,8 @@ class Equations:
                 found[:, k, k] = 1.0 / value
             elif what == "delay":
                 found[:, k, k] = np.exp(1j * spectra.omega * value)
+            elif what == "high-pass":
+                found[:, k, k] = 1.0 + 2.0 * np.pi * value / (1j * spectra.omega)
             elif source is not None:
                 found[:, k, spectra.index[source, order]] = -value
         return found

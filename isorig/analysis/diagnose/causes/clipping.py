@@ -21,7 +21,7 @@ class Clipping(ChannelCause):
     kind = "sensor"
     phrase = "the {place} channel is limited at {limit}"
     signs = frozenset({"amplitude", "ratio of rigid bodies", "flat tops"})
-    found_as = frozenset({"static curve"})
+    found_as = frozenset({"static curve", "clipping"})
     always_tried = True
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:

@@ -21,6 +21,7 @@ class MainsHum(ChannelCause):
     family = "hum"
     phrase = "mains hum of {frequency} in the {place} channel"
     signs = frozenset({"hum"})
+    found_as = frozenset({"hum"})
     always_tried = True
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:

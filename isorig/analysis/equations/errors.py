@@ -1,0 +1,63 @@
+"""Errors of a sensor's record that are no linear functions of any record: a bent curve, a limit, hum.
+
+Each is a sum of signals with unknown factors, computed from the record alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from isorig.analysis.campaign import BoolArray, FloatArray
+from isorig.analysis.spectra.hum import hum, mains_in
+
+#: Powers of a sensor's value in the error of its static curve.
+POWERS = (2, 3)
+#: Samples within this share of a record's extreme are at a limit if there are at least so many in a row, so many times.
+NEAR, ROW, TIMES = 0.005, 3, 3
+
+
+def bent(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
+    """Errors of a static curve: powers of the value relative to the largest one of all runs."""
+    return [(values / peak) ** power for power in POWERS]
+
+
+def clipped(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
+    """The error at a limit: what is missing to a smooth curve through the samples next to it; [] if none is at a limit."""
+    from scipy.interpolate import CubicSpline
+
+    held = _held(values, peak) | _held(-values, peak)
+    if not held.any():
+        return []
+    at, kept = np.flatnonzero(held), np.flatnonzero(~held)
+    error = np.zeros(len(values))
+    error[at] = values[at] - CubicSpline(kept, values[kept])(at)
+    return [error]
+
+
+def _held(values: FloatArray, peak: float) -> BoolArray:
+    near = values >= (1.0 - NEAR) * float(values.max())
+    if values.max() < 0.5 * peak:
+        return np.zeros(len(values), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
+    starts, stops = edges[::2], edges[1::2]
+    long = stops - starts >= ROW
+    if long.sum() < TIMES:
+        return np.zeros(len(values), dtype=bool)
+    found = np.zeros(len(values), dtype=bool)
+    for start, stop in zip(starts[long], stops[long], strict=True):
+        found[start:stop] = True
+    return found
+
+
+def humming(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
+    """Sines at the mains frequency and its multiples; [] if the record has no such spectral lines."""
+    frequency = mains_in(values, rate)
+    return [] if frequency is None else [hum(values, rate, frequency)]
+
+
+#: The errors by name: functions of a record, shape (n,), the largest value of all runs, and the sample rate in Hz.
+ERRORS: Mapping[str, Callable[[FloatArray, float, float], list[FloatArray]]] = {
+    "static curve": bent, "clipping": clipped, "hum": humming,
+}  # fmt: skip
