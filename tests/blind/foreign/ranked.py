@@ -20,10 +20,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from foreign_campaign import Setting, draw
+from isorig.rig.baseline import baseline_model
 from rigs import FAMILIES
 
 from isorig.analysis.diagnose.suspects import SHOWN, equations_of, suspects
-from isorig.rig.baseline import baseline_model
 from isorig.rig.files.recording import read
 
 #: Outcomes of a campaign with a cause: the best explanation is right, another suspected one is, none of them is although they
