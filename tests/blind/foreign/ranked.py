@@ -20,11 +20,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from foreign_campaign import Setting, draw
-from isorig.rig.baseline import baseline_model
 from rigs import FAMILIES
 
 from isorig.analysis.diagnose.suspects import SHOWN, equations_of, suspects
 from isorig.rig.files.recording import read
+from isorig.rig.model.baseline import baseline_model
 
 #: Outcomes of a campaign with a cause: the best explanation is right, another suspected one is, none of them is although they
 #: show clearly, or nothing clear is suspected.
