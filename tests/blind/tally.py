@@ -340,6 +340,10 @@ def equations_section() -> str:
     table = pd.read_csv(EQUATIONS)
     outcomes = ("first", "suspected", "wrong", "silent", "said")
     rows = [(group, *(str((own["outcome"] == name).sum()) for name in outcomes)) for group, own in table.groupby("group")]
+    wrong = "; ".join(
+        f"{one.best} for {one.hidden or 'a sound rig'} (seed {one.seed}, {one.family})"
+        for one in table[table["outcome"] == "wrong"].fillna("").itertuples()
+    )
     return f"""
 ## Place and kind by the equations of motion alone
 
@@ -347,11 +351,13 @@ def equations_section() -> str:
 partly measured chains, simulated by another program behind converters with sharp filters, with descriptions up to a quarter off.
 Nothing was simulated by the project: the explanations of each campaign were ranked by the residuals of its equations. The right
 place and kind is the best explanation ("first"), among the best three ("suspected"), or not although one shows clearly ("wrong");
-"silent" means that none shows clearly, "said" that a disturbance that is in the rig is the best one. Every campaign has a line in
-`docs/study/equations.csv`, written by
+of two causes, one suffices. "silent" means that none shows clearly, "said" that a disturbance that is in the rig is the best one.
+Every campaign has a line in `docs/study/equations.csv`, written by
 `python tests/blind/foreign/ranked.py --seeds {table["seed"].min()}-{table["seed"].max()} --csv docs/study/equations.csv`.
 
 {markdown(rows, ("hidden", *outcomes))}
+
+Wrong: {wrong or "none"}.
 """
 
 
