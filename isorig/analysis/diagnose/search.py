@@ -30,6 +30,7 @@ from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.excess import excess, share_removed
 from isorig.analysis.fitting.ladder import (
+    AGREES,
     BEHIND,
     BENT,
     CLOSE,
@@ -335,6 +336,8 @@ class Suspected:
             alone = verified([(first, free, model)], job.rungs[-1], job.progress)
             if alone and job.stays(run):
                 found.append((first, alone[0][1], *run[0]))
+                if run[0][1].cost <= AGREES:
+                    break
         return sorted(found, key=lambda pair: pair[3].cost)[:PAIRS]
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
@@ -436,10 +439,10 @@ def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
 
 
 def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> Starts:
-    # Starting points of suspected candidates, from the equations.
+    # Starting points of suspected candidates, from the equations; those of the best explanation first.
     return [
         (candidate, candidate.parameters(current.model, current.free), model)
-        for candidate in candidates
+        for candidate in sorted(candidates, key=lambda c: -found.score_of(c.cause, c.location))
         for model in found.started(candidate, current.free)
     ]
 

@@ -107,6 +107,10 @@ class Suspects:
         kind = kind_of(cause)
         return kind == explanation.kind or {kind, explanation.kind} == OVER_VELOCITY
 
+    def score_of(self, cause: str, location: str) -> float:
+        """Score of the explanation of which a cause at a place is a form; 0 if there is none."""
+        return max((item.score for item in self.chosen if self._is(item, cause, location)), default=0.0)
+
     def shown(self, kind: str, place: str) -> bool:
         """Whether the equations show this kind and place: no explanation of another kind or place comes close to it."""
         mine = max((e.score for e in self.chosen if self._is(e, kind, place)), default=0.0)
