@@ -26,10 +26,10 @@ from isorig.analysis.simulate import Excitation, scan, simulate_many
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.simulate.free_run import run_rig
-from isorig.analysis.simulate.literal import literal_run
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "analysis"))
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tests" / "analysis"), str(ROOT)]
 RATE, RMS, FRICTION = 2048.0, 60.0, 20.0
 TRUTH = {"sliding": lambda v, s: FRICTION * s, "static": FRICTION}
 
@@ -136,6 +136,8 @@ def with_laws() -> dict[str, RigModel]:
 def main() -> list[Row]:
     """Times and errors of ours and of peers."""
     from reference import Reference
+
+    from thesis.printed_law import literal_run
 
     model = rig()
     force = random(samples=round(10 * RATE), sample_rate=RATE, rms=RMS, band=(1.0, 250.0), seed=60)

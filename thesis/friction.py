@@ -15,9 +15,9 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, Trace, trace
 from isorig.analysis.simulate.excitation import half_sine
-from isorig.analysis.simulate.literal import LiteralRun, literal_run
 from isorig.rig.frf.figures import save
 from isorig.rig.wire_bonder.description import one_mass, three_mass, two_mass
+from thesis.printed_law import LiteralRun, literal_run
 
 #: The thesis's half sine in N. Its duration is not given: at 0.05 s a mass held by 200 N stays at its largest displacement, as in
 #: Fig. 7; after pulses longer than about 0.07 s the spring pulls it back.
@@ -174,7 +174,7 @@ def literal(
     velocity: Literal["relative", "own"], model: RigModel | None = None, *, holding: Literal["body", "contact"] = "body",
     length: float = LITERAL_PULSE,
 ) -> LiteralRun:  # fmt: skip
-    """The thesis's integration of a rig (its three masses) under the half sine; see `isorig.analysis.simulate.literal`."""
+    """The thesis's integration of a rig (its three masses) under the half sine; see `thesis.printed_law`."""
     return literal_run(model or three_mass(), pulse(length), RATE, velocity=velocity, holding=holding)
 
 

@@ -7,9 +7,9 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
-from isorig.analysis.simulate.literal import literal_run
 from isorig.rig.wire_bonder.description import one_mass, three_mass, two_mass, wire_bonder
 from thesis.friction import LITERAL_PULSE, PICTURES, PULSE, START, literal, reversals, struck
+from thesis.printed_law import literal_run
 
 
 def test_with_200_newton_the_mass_stays_where_it_went() -> None:
