@@ -173,12 +173,13 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     """
     found = _at_described_places(campaign, model, tolerance, progress)
     guided = with_guides(model)
-    if found.verdict != "unexplained" or found.cut_short or guided is model:
+    if found.verdict in ("adequate", "explained") or found.cut_short or guided is model:
         return found
-    progress("no described place explains the error; looking for friction on the ground where nothing joins a body to it")
+    progress("no described place explains the whole error; looking for friction on the ground where nothing joins a body to it")
     again = _at_described_places(campaign, guided, tolerance, progress)
     added = {link.name for link in guided.links} - {link.name for link in model.links}
-    if again.verdict == "unexplained" or not any(s.location in added and s.kind == "friction_shape" for s in again.steps):
+    there = any(step.location in added and step.kind == "friction_shape" for step in again.steps)
+    if not there or again.extended_error * POLICY.matters > found.extended_error:
         return found
     text = "Places: the description has no {}, but friction there, on the ground, explains the records; add this link."
     places = " and the ".join(step.location for step in again.steps if step.location in added)

@@ -116,7 +116,11 @@ class Job:
     @cached_property
     def evidence(self) -> Evidence:
         """What the records show without a fit of a candidate."""
-        return observe(self.campaign, self.current.model, self.trials, self.guesses[0])
+        return self.evidence_of(self.current.model)
+
+    def evidence_of(self, model: RigModel) -> Evidence:
+        """The same for a model that has other links."""
+        return observe(self.campaign, model, self.trials, self.guesses[0])
 
     @cached_property
     def seconds(self) -> float:
@@ -153,6 +157,10 @@ class Job:
     def helps(self, entries: Sequence[Entry]) -> bool:
         """Whether one removes as much as no other single cause can then."""
         return any(share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.contributes for entry in entries)
+
+    def nearly(self, entry: Entry) -> bool:
+        """Whether it leaves so little that the rest is due to no other kind or place."""
+        return share_removed(self.now.error, entry.score.error, self.floors) > 1.0 - POLICY.settled
 
     def entries(self, ranked: Running) -> list[Entry]:
         """Fits of candidates, judged on held-out data."""
@@ -238,7 +246,7 @@ def next_step(job: Job) -> Found | None:
         return None
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
-    nearly = next((e for e in forms if share_removed(job.now.error, e.score.error, job.floors) > 1.0 - POLICY.settled), None)
+    nearly = next((entry for entry in forms if job.nearly(entry)), None)
     alone = any(adequate(entry.score, job.floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     shapes: list[Entry] = []
     try:
@@ -330,7 +338,8 @@ class Suspected:
             if then is None:
                 continue
             extended = replace(job.current, model=model, free=free)
-            candidates = [c for c in then.candidates(extended, job.evidence) if c.key != first.key and c.cause not in ALWAYS]
+            evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
+            candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
             starts = [start for start in _started(candidates, then, extended) if own <= {f.path for f in start[1]}]
             run = verified(starts, job.rungs[-1], job.progress) if starts else []
             alone = verified([(first, free, model)], job.rungs[-1], job.progress)
@@ -521,7 +530,8 @@ def _kind_and_form(
 def _together(
     job: Job, pairs: Sequence[tuple[Candidate, Fit, Candidate, Fit]], forms: Sequence[Entry]
 ) -> Found | None:  # fmt: skip
-    # The best pair of forms that makes the model adequate, as two steps; None if there is none.
+    # The best pair of forms that makes the model adequate, or leaves as little as one form may, as two steps; None if there is
+    # none.
     done: list[tuple[Candidate, Fit, Entry]] = []
     for first, alone, second, rough in pairs:
         with suppress(FitError):
@@ -529,10 +539,11 @@ def _together(
             entry = Entry(candidate=second, fit=both, score=score(both.model, job.fine))
             names = sorted((first.key, second.key))
             job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
-            if adequate(entry.score, job.floors):
+            if adequate(entry.score, job.floors) or job.nearly(entry):
                 done.append((first, alone, entry))
     if not done:
         return None
+    done = [pair for pair in done if adequate(pair[2].score, job.floors)] or done
     first, alone, last = min(done, key=lambda pair: (pair[0].rank + pair[2].candidate.rank, len(pair[2].fit.free)))
     bare = without(last.fit, alone, job.trials)
     entry = Entry(candidate=first, fit=bare, score=score(bare.model, job.fine))
