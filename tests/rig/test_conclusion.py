@@ -191,3 +191,10 @@ def test_findings_of_the_command_agree_with_its_last_words(tmp_path: Path, capsy
     first = page[: page.index("<main>")]
     assert conclude(found).found[1:] in first
     assert first.count('class="chart') == 4
+
+
+@pytest.mark.parametrize(("low", "said"), [(0.51, True), (0.49, False)])
+def test_what_most_of_an_unexplained_error_is_stands_in_the_answer(low: float, said: bool) -> None:
+    budget = msgspec.to_builtins(findings().budget.extended) | {"amplitude": {"value": 0.9, "low": low, "high": 0.98}}
+    unexplained = findings(verdict="unexplained", steps=[], budget={"baseline": budget, "extended": budget})
+    assert ("; 90 % of the error's power changes with the amplitude" in conclude(unexplained).answer) == said

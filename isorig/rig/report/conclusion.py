@@ -26,6 +26,16 @@ KINDS: Mapping[Kind, str] = {
     "known_value": "a wrong given value",
     "sensor": "a sensor's static curve or transfer function",
 }
+#: What a part of an unexplained error is, by its name in the budget.
+NATURES: Mapping[str, str] = {
+    "noise": "is the noise of the sensors",
+    "disturbance": "is motion that the drive did not cause",
+    "linear": "could be removed by a linear model with more modes",
+    "amplitude": "changes with the amplitude, as small nonlinearities of several parts do",
+    "time": "changes during the session",
+}
+#: Lower limit of a part's 95 % interval from which the part is most of the error.
+MOST = 0.5
 #: Number of ruled-out causes that are named.
 NAMED = 3
 HOUR = 3600.0
@@ -132,8 +142,19 @@ def _found(findings: Findings) -> str:
         return f"{verdict}: no cause was searched for, because the records contradict the description"
     late = "; the time limit ended the search for causes before all were tried" if findings.cut_short else ""
     if not findings.steps:
-        return f"{verdict}: the model misfits, and no place and kind of cause is certain enough to be named{late}"
+        return (
+            f"{verdict}: the model misfits, and no place and kind of cause is certain enough to be named{_nature(findings)}{late}"
+        )
     return f"{verdict}: {', and '.join(cause_in_words(step) for step in findings.steps)}{late}"
+
+
+def _nature(findings: Findings) -> str:
+    # What most of the unexplained error is, where that is certain.
+    for nature, what in NATURES.items():
+        share = getattr(findings.budget.extended, nature)
+        if (share.low or 0.0) >= MOST:
+            return f"; {in_per_cent(share.value)} of the error's power {what}"
+    return ""
 
 
 def _error(holdout: HeldOut, extended: bool, all_known: bool) -> str:
