@@ -9,20 +9,17 @@ reports it, and polls the status byte otherwise.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isorig.drivers.answers import WordKind, number, parse, text, whole
+from isorig.drivers.analyzer import Analyzer
+from isorig.drivers.answers import number, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Status
-from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
+from isorig.drivers.errors import InstrumentError, ProtocolError
 from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
-from isorig.drivers.link import linked
 from isorig.drivers.shows import Shows
-from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
@@ -33,93 +30,53 @@ BAD = -1e37
 ERRORS = 30
 #: Maximum size of a block in bytes: the longest record has 4096 values.
 LARGEST = 1 << 16
-#: Maximum level of the source, V, and allowed relative difference of the level read back.
-LOUDEST, STEP = 5.0, 0.01
-#: Valid answers to each query.
-ANSWERS: dict[str, WordKind] = {"*STB?": whole(0, 255), "SYST:ERR?": text(200), "SOUR:VOLT?": number(), "OUTP?": whole(0, 1)}
 
 
-class Hp35670aInstrument:
-    """A 35670A.
+class Hp35670aInstrument(Analyzer):
+    """A 35670A; the first of its shows is trace 1. Its own serial port serves printers and plotters only."""
 
-    Parameters
-    ----------
-    port
-        A name as in `isorig.drivers.link.linked`; its own serial port serves printers and plotters only.
-    shows
-        Feeds of its traces; the first is trace 1.
-    waits
-        Its timeouts.
-    """
-
-    def __init__(self, port: str, shows: Sequence[Shows], waits: Waits = WAITS) -> None:
-        self._link, self._waits = linked(port, baud_rate=9600, waits=waits), waits
-        self._shows = tuple(shows)
-        self._sourcing = False
-        self._invalid: list[str] = []
-        self.identity = "HP 35670A"
-        try:
-            self._link.clear()
-            self._send("*ESE 1;*SRE 32")
-            self._send("FORM:DATA REAL,32")
-            for trace, shown in enumerate(self._shows, 1):
-                self._send(f"CALC{trace}:FEED '{shown.trace}'")
-            self._errors()
-        except BaseException:
-            self._link.close()
-            raise
+    ANSWERS: ClassVar = {"*STB": whole(0, 255), "SYST:ERR": text(200), "SOUR:VOLT": number(), "OUTP": whole(0, 1)}
+    SOURCE_OFF = "OUTP OFF"
+    identity = "HP 35670A"
+    _invalid: tuple[str, ...] = ()
 
     @property
     def noticed(self) -> Sequence[str]:
         """The number of points without a value in the last records."""
-        return tuple(self._invalid)
+        return self._invalid
 
     def status(self) -> Status:
         """Always GOOD: no command is known that queries overloads, so check the panel."""
         return Status.GOOD
 
-    def set_source(self, level: float) -> None:
-        """Set the level of its source (V, peak), switch it on, and read both back."""
-        if not 0.0 < level <= LOUDEST:
-            raise SettingError(f"the source of {self._link.name} cannot play {level:g} V; give up to {LOUDEST:g} V")
-        self._sourcing = True
-        self._send(f"SOUR:VOLT {level:.6g} VPK")
-        self._send("OUTP ON")
-        self._errors()
-        answer = self._ask("SOUR:VOLT?")
-        if abs(answer - level) > STEP * level or not self._ask("OUTP?"):
-            raise SettingError(
-                f"the source of {self._link.name} was set to {level:g} V and answers {answer:g} V; set it on its panel"
-            )
-
     def measure(self, timeout: float) -> None:
         """Start one measurement and wait until the operation is complete."""
-        self._invalid = []
+        self._invalid = ()
         # The event of the measurement before stays set until it is cleared.
         self._send("*CLS")
         self._send("ABOR;INIT:IMM;*OPC")
-        end = time.monotonic() + timeout
-        while not self._status_byte() & DONE:
-            if time.monotonic() > end:
-                raise InstrumentError(f"{self._link.name} did not finish within {timeout:g} s; give the run more seconds")
-            self._link.wait(self._waits.poll)
-        self._errors()
+        self._wait_until(lambda: bool(self._status_byte() & DONE), timeout)
+        self._check()
 
     def records(self) -> tuple[InstrumentRecord, ...]:
         """The records of the traces."""
         return tuple(self._record(trace, shown) for trace, shown in enumerate(self._shows, 1))
 
-    def close(self) -> None:
-        """Switch its source off if this driver switched it on, and close the port."""
-        if self._sourcing:
-            self._sourcing = False
-            # The connection may be lost.
-            with suppress(DriverError):
-                self._link.send("OUTP OFF")
-        self._link.close()
+    def _set_up(self) -> None:
+        self._send("*ESE 1;*SRE 32")
+        self._send("FORM:DATA REAL,32")
+        for trace, shown in enumerate(self._shows, 1):
+            self._send(f"CALC{trace}:FEED '{shown.trace}'")
+
+    def _play(self, level: float) -> tuple[float, bool]:
+        self._sourcing = True
+        self._send(f"SOUR:VOLT {level:.6g} VPK")
+        self._send("OUTP ON")
+        self._check()
+        return self._ask("SOUR:VOLT?"), bool(self._ask("OUTP?"))
 
     def _record(self, trace: int, shown: Shows) -> InstrumentRecord:
-        x, values = self._twice(f"CALC{trace}:X:DATA?"), self._twice(f"CALC{trace}:DATA?")
+        x, values = (self._values(f"CALC{trace}:{what}?") for what in ("X:DATA", "DATA"))
         if x.shape != values.shape:
             raise ProtocolError(
                 f"{self._link.name} sent {len(values)} values and {len(x)} x values for trace {trace}; "
@@ -131,17 +88,15 @@ class Hp35670aInstrument:
         if not good.any():
             raise InstrumentError(f"{self._link.name} has no valid value in trace {trace}; measure again")
         if not good.all():
-            self._invalid.append(f"trace {trace} has no value at {int((~good).sum())} of {len(good)} points, which are left out")
+            bad = int((~good).sum())
+            self._invalid += (f"trace {trace} has no value at {bad} of {len(good)} points, which are left out",)
         return InstrumentRecord(
             kind=shown.kind, x=x[good], values=values[good], unit=shown.unit, source=shown.trace,
             status=Status.GOOD if good.all() else Status.LOST,
         )  # fmt: skip
 
-    def _twice(self, command: str) -> FloatArray:
-        first, second = self._block(command), self._block(command)
-        if first != second:
-            raise ProtocolError(f"{self._link.name} gave two different answers to {command}; check the cable, measure again")
-        return np.frombuffer(first, ">f4").astype(np.float64)
+    def _values(self, command: str) -> FloatArray:
+        return np.frombuffer(self._twice(command, self._block), ">f4").astype(np.float64)
 
     def _block(self, command: str) -> bytes:
         self._send(command)
@@ -158,7 +113,7 @@ class Hp35670aInstrument:
             raise ProtocolError(f"{self._link.name} ended a block with {data[-1:]!r}, not LF; measure again")
         return data[:-1]
 
-    def _errors(self) -> None:
+    def _check(self) -> None:
         first = self._ask("SYST:ERR?")
         for _ in range(ERRORS):
             if self._no_error(first):
@@ -175,15 +130,6 @@ class Hp35670aInstrument:
     @staticmethod
     def _no_error(answer: str) -> bool:
         return answer.replace(" ", "").lstrip("+").startswith("0,")
-
-    def _send(self, command: str) -> None:
-        self._link.expect_nothing()
-        self._link.send(command)
-
-    def _ask(self, command: str) -> Any:
-        self._send(command)
-        answer = self._link.line().strip().decode("ascii", "replace")
-        return parse((answer,), (ANSWERS[command],), who=self._link.name, command=command)[0]
 
 
 def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:

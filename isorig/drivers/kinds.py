@@ -85,15 +85,13 @@ FarEnd = Callable[[DrivenRig, Simulation], "Peer"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamKind:
-    """An instrument that streams samples.
+class Kind:
+    """A kind of instrument.
 
     Parameters
     ----------
     name
         Its name in plans.
-    open
-        Opens it at a port, with its settings and timeouts.
     example
         Example of its entries in a plan, TOML: the rest of the table `instrument`, and the channels.
     settings
@@ -104,44 +102,34 @@ class StreamKind:
         How it is connected.
     recognized
         Pattern of its name or its USB number in the system's list of devices; empty if it has none of its own.
-    plays
-        Whether it plays a drive.
     """
 
     name: str
-    open: Callable[[str, Any, Waits], Stream]
     example: str = ""
     settings: type[Settings] = Settings
     far_end: FarEnd | None = None
     buses: tuple[Bus, ...] = ("serial",)
     recognized: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamKind(Kind):
+    """An instrument that streams samples: `open` at a port, with its settings and timeouts; whether it `plays` a drive."""
+
+    open: Callable[[str, Any, Waits], Stream]
     plays: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordsKind:
-    """An instrument that returns records.
+class RecordsKind(Kind):
+    """An instrument that returns records: `open` at a port, with the contents of its traces and timeouts.
 
-    Parameters
-    ----------
-    name
-        Its name in plans.
-    open
-        Opens it at a port, with the contents of its traces and timeouts.
-    trace
-        Pattern of the trace names, and an example.
-    example, settings, far_end, buses, recognized
-        As for a stream.
+    `trace` is the pattern of the traces' names, and an example.
     """
 
-    name: str
     open: Callable[[str, Sequence[Shows], Waits], Records]
     trace: tuple[str, str]
-    example: str = ""
-    settings: type[Settings] = Settings
-    far_end: FarEnd | None = None
     buses: tuple[Bus, ...] = ("serial", "visa")
-    recognized: str = ""
 
 
 @cache

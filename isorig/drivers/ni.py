@@ -20,10 +20,9 @@ import numpy as np
 
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError
-from isorig.drivers.instrument import Values
 from isorig.drivers.kinds import StreamKind
 from isorig.drivers.tachometer import Tachometer
-from isorig.drivers.voltage import OutputSettings, Voltage, fade_out
+from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade_out
 from isorig.drivers.waits import WAITS, Waits
 
 T = TypeVar("T")
@@ -75,8 +74,13 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
     tachometer: str = ""
     tachometer_terminal: str = ""
 
+    @property
+    def used(self) -> bool:
+        """Whether there is an output."""
+        return bool(self.output)
+
     def __post_init__(self) -> None:
-        self.check_output(bool(self.output))
+        self.check_output()
         if not self.inputs or any("/ai" not in name or not name.isprintable() or "," in name for name in self.inputs):
             raise ValueError(f'inputs is {list(self.inputs)}; give the physical channels, e.g. ["cDAQ1Mod1/ai0"]')
         if self.tachometer and "ctr" not in self.tachometer.rsplit("/", maxsplit=1)[-1]:
@@ -89,7 +93,7 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
             raise ValueError(f"iepe is {self.iepe:g} mA; give one of {', '.join(f'{mA:g}' for mA in CURRENTS)}")
 
 
-class NiInstrument:
+class NiInstrument(AnalogOutput):
     """A device or chassis of National Instruments.
 
     Parameters
@@ -109,7 +113,8 @@ class NiInstrument:
 
     def __init__(self, port: str, settings: NiSettings, waits: Waits = WAITS) -> None:
         self._ni, self._errors = _package()
-        self._name, self._settings, self._waits = port, settings, waits
+        super().__init__(port, settings)
+        self._settings, self._waits = settings, waits
         one = Input(unit="V", per_count=1.0, full_scale=settings.full_scale, dtype="float64")
         pulses = Input(unit="pulses", per_count=1.0, full_scale=None, dtype="float64", counts=True)
         self.inputs: Sequence[Input] = (one,) * len(settings.inputs) + (pulses,) * bool(settings.tachometer)
@@ -118,9 +123,6 @@ class NiInstrument:
         self._task: Any = None
         self._output: Any = None
         self._tachometer: Tachometer | None = None
-        self._rate = math.nan
-        self._gain = 1.0
-        self._drive: Voltage | None = None
         self._written = 0
         self._running = False
         self._ready: deque[Block] = deque()
@@ -142,14 +144,6 @@ class NiInstrument:
         if self._settings.tachometer:
             self._tachometer = self._call(self._counter)
         return self._rate
-
-    def set_gain(self, gain: float) -> None:
-        """The gain of the next run; it scales the drive."""
-        self._gain = gain
-
-    def set_configuration(self, name: str) -> bool:
-        """The operator locks and unlocks the rig."""
-        return False
 
     def memory(self, place: int) -> bytes | None:
         """The memory of the sensor at an input; None if it has none, or the module reads none."""
@@ -175,22 +169,6 @@ class NiInstrument:
             return None
         newtons = 1.0 if unit == constants.ForceIEPESensorSensitivityUnits.MILLIVOLTS_PER_NEWTON else POUND
         return 1e-3 * float(sensitivity) / newtons
-
-    def load_drive(self, drive: Values) -> bool:
-        """Load the drive; False without an output.
-
-        Raises
-        ------
-        SettingError
-            The drive exceeds the limit.
-        """
-        if not self._settings.output:
-            return False
-        own = self._settings
-        self._drive = Voltage(
-            drive, factor=own.drive_volts * self._gain, limit=own.limit, ramp=round(own.ramp * self._rate), who=self._name
-        )
-        return True
 
     def start(self) -> None:
         """Start the inputs, and the output with them."""
@@ -270,10 +248,10 @@ class NiInstrument:
         self._close_output()
         constants, ahead = self._ni.constants, round(AHEAD * self._rate)
         task = self._output = self._ni.Task()
-        channel = task.ao_channels.add_ao_voltage_chan(
-            self._settings.output, min_val=-self._settings.limit, max_val=self._settings.limit
-        )
-        self._zero_when_idle(channel)
+        channel = self._output_channel(task)
+        # Not every output has a behavior at rest; the soft stop writes zero in any case.
+        with suppress(self._errors.DaqError):
+            channel.ao_idle_output_behavior = constants.AOIdleOutputBehavior.ZERO_VOLTS
         # The inputs' clock: one output sample for each tick.
         task.timing.cfg_samp_clk_timing(
             self._rate, source=self._task.timing.samp_clk_term, sample_mode=constants.AcquisitionType.CONTINUOUS,
@@ -283,10 +261,9 @@ class NiInstrument:
         self._written = self._write(task, 0, ahead)
         task.start()
 
-    def _zero_when_idle(self, channel: Any) -> None:
-        # Not every output has a behavior at rest; the soft stop writes zero in any case.
-        with suppress(self._errors.DaqError):
-            channel.ao_idle_output_behavior = self._ni.constants.AOIdleOutputBehavior.ZERO_VOLTS
+    def _output_channel(self, task: Any) -> Any:
+        limit = self._settings.limit
+        return task.ao_channels.add_ao_voltage_chan(self._settings.output, min_val=-limit, max_val=limit)
 
     def _top_up(self) -> None:
         if self._output is None:
@@ -320,9 +297,8 @@ class NiInstrument:
     def _lower(self, volts: float) -> None:
         from nidaqmx.stream_writers import AnalogSingleChannelWriter
 
-        limit = self._settings.limit
         with self._ni.Task() as task:
-            task.ao_channels.add_ao_voltage_chan(self._settings.output, min_val=-limit, max_val=limit)
+            self._output_channel(task)
             writer = AnalogSingleChannelWriter(task.out_stream, auto_start=True)
             for value in fade_out(volts, STEPS):
                 writer.write_one_sample(float(value))
@@ -398,16 +374,12 @@ class NiInstrument:
         if self._tachometer is not None:
             self._tachometer.close()
             self._tachometer = None
-        task, self._task = self._task, None
-        if task is not None:
-            with suppress(Exception):
-                task.close()
+        _close(self._task)
+        self._task = None
 
     def _close_output(self) -> None:
-        task, self._output = self._output, None
-        if task is not None:
-            with suppress(Exception):
-                task.close()
+        _close(self._output)
+        self._output = None
 
     def _call(self, action: Callable[[], T]) -> T:
         try:
@@ -475,6 +447,12 @@ def _package() -> tuple[Any, Any]:
             "NI devices need the package nidaqmx, which is missing; install it with pip install 'isorig[ni]'"
         ) from None
     return nidaqmx, errors
+
+
+def _close(task: Any) -> None:
+    if task is not None:
+        with suppress(Exception):
+            task.close()
 
 
 def _brief(error: Exception) -> str:

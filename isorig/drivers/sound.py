@@ -20,9 +20,8 @@ import numpy as np
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, FloatArray, Input, Raw, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
-from isorig.drivers.instrument import Values
 from isorig.drivers.kinds import StreamKind
-from isorig.drivers.voltage import OutputSettings, Voltage, fade
+from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade
 from isorig.drivers.waits import WAITS, Waits
 
 #: Digital full scale of the samples, and largest number of channels of an interface.
@@ -62,8 +61,13 @@ class SoundSettings(OutputSettings, frozen=True, kw_only=True):
     output: int | None = None
     output_full_scale: float = 1.0
 
+    @property
+    def used(self) -> bool:
+        """Whether there is an output."""
+        return self.output is not None
+
     def __post_init__(self) -> None:
-        self.check_output(self.output is not None)
+        self.check_output()
         if not 1 <= self.channels <= MOST:
             raise ValueError(f"channels is {self.channels}; give the number of inputs, 1 to {MOST}")
         if self.output is not None and not 0 <= self.output < MOST:
@@ -88,7 +92,7 @@ class SoundSettings(OutputSettings, frozen=True, kw_only=True):
         return self.level_volts / self.level_reads if self.level_reads else math.inf
 
 
-class SoundInstrument:
+class SoundInstrument(AnalogOutput):
     """A sound interface.
 
     Parameters
@@ -108,7 +112,8 @@ class SoundInstrument:
 
     def __init__(self, port: str, settings: SoundSettings, waits: Waits = WAITS) -> None:
         self._sound = _package()
-        self._name, self._settings, self._waits = port, settings, waits
+        super().__init__(port, settings)
+        self._settings, self._waits = settings, waits
         one = Input(unit="V", per_count=settings.volts / FULL, full_scale=settings.volts, dtype="int32")
         self.inputs: Sequence[Input] = (one,) * settings.channels
         try:
@@ -119,9 +124,6 @@ class SoundInstrument:
             ) from None
         self.identity = str(self._device["name"])
         self._stream: Any = None
-        self._rate = math.nan
-        self._gain = 1.0
-        self._drive: Voltage | None = None
         self._made = 0
         self._lock = threading.Lock()
         self._clear()
@@ -168,30 +170,6 @@ class SoundInstrument:
         self._stream = made
         self._rate = float(made.samplerate)
         return self._rate
-
-    def set_gain(self, gain: float) -> None:
-        """The gain of the next run; it scales the drive."""
-        self._gain = gain
-
-    def set_configuration(self, name: str) -> bool:
-        """The operator locks and unlocks the rig."""
-        return False
-
-    def load_drive(self, drive: Values) -> bool:
-        """Load the drive; False without an output.
-
-        Raises
-        ------
-        SettingError
-            The drive exceeds the limit.
-        """
-        own = self._settings
-        if own.output is None:
-            return False
-        self._drive = Voltage(
-            drive, factor=own.drive_volts * self._gain, limit=own.limit, ramp=round(own.ramp * self._rate), who=self._name
-        )
-        return True
 
     def start(self) -> None:
         """Start the stream."""

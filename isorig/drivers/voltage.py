@@ -32,15 +32,20 @@ class OutputSettings(Settings, frozen=True):
     limit: float = 1.0
     ramp: float = 0.1
 
-    def check_output(self, used: bool) -> None:
-        """Validate the settings of an output that is used.
+    @property
+    def used(self) -> bool:
+        """Whether there is an output."""
+        raise NotImplementedError
+
+    def check_output(self) -> None:
+        """Validate the settings of the output.
 
         Raises
         ------
         ValueError
             In one sentence.
         """
-        if not math.isfinite(self.drive_volts) or (used and self.drive_volts == 0.0):
+        if not math.isfinite(self.drive_volts) or (self.used and self.drive_volts == 0.0):
             raise ValueError(
                 f"drive_volts is {self.drive_volts:g}; give the output's volts per m/s^2 of the drive in a run of gain 1"
             )
@@ -48,6 +53,46 @@ class OutputSettings(Settings, frozen=True):
             raise ValueError(f"limit is {self.limit:g}; give the largest voltage that the amplifier may get, V")
         if not 0.0 <= self.ramp <= 10.0:
             raise ValueError(f"ramp is {self.ramp:g}; give 0 to 10 s for the soft start and stop")
+
+
+class AnalogOutput:
+    """The drive of an instrument with an analog output, which plays it and does not lock the rig.
+
+    Parameters
+    ----------
+    name
+        The instrument, for messages.
+    settings
+        The settings of the output.
+    """
+
+    def __init__(self, name: str, settings: OutputSettings) -> None:
+        self._name, self._output_settings = name, settings
+        self._rate, self._gain = math.nan, 1.0
+        self._drive: Voltage | None = None
+
+    def set_gain(self, gain: float) -> None:
+        """The gain of the next run; it scales the drive."""
+        self._gain = gain
+
+    def set_configuration(self, name: str) -> bool:
+        """The operator locks and unlocks the rig."""
+        return False
+
+    def load_drive(self, drive: Values) -> bool:
+        """Load the drive; False without an output.
+
+        Raises
+        ------
+        SettingError
+            The drive exceeds the limit.
+        """
+        own = self._output_settings
+        if not own.used:
+            return False
+        ramp = round(own.ramp * self._rate)
+        self._drive = Voltage(drive, factor=own.drive_volts * self._gain, limit=own.limit, ramp=ramp, who=self._name)
+        return True
 
 
 class Voltage:

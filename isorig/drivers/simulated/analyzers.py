@@ -8,6 +8,7 @@ import numpy as np
 
 from isorig.drivers.block import FloatArray
 from isorig.drivers.kinds import DrivenRig
+from isorig.drivers.simulated.commanded import Commanded
 
 #: x and values of a trace.
 Curve = tuple[FloatArray, FloatArray]
@@ -23,29 +24,7 @@ def displayed(rig: DrivenRig) -> tuple[Curve, Curve]:
     return rig.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
 
 
-class _Lines:
-    """Answers commands that end in LF; an unknown command causes an error of the instrument's kind."""
-
-    def __init__(self) -> None:
-        self._waiting = b""
-        self.heard: list[str] = []
-        self.unplugged = False
-
-    def step(self, data: bytes) -> bytes:
-        self._waiting += data
-        answers = b""
-        while b"\n" in self._waiting:
-            line, _, self._waiting = self._waiting.partition(b"\n")
-            command = line.decode("ascii", "replace").strip()
-            self.heard.append(command)
-            answers += self.answer(command)
-        return answers
-
-    def answer(self, command: str) -> bytes:
-        raise NotImplementedError
-
-
-class SimulatedSr785(_Lines):
+class SimulatedSr785(Commanded):
     """Two displays with given curves; a measurement takes `polls` status queries."""
 
     def __init__(self, displays: Mapping[int, Curve], *, polls: int = 2, overload: bool = False, order: str = "<") -> None:
@@ -93,7 +72,7 @@ class SimulatedSr785(_Lines):
         return b"%.9g\n" % chosen[int(words[1])]
 
 
-class Simulated35670a(_Lines):
+class Simulated35670a(Commanded):
     """Traces by feed; a measurement takes `polls` status queries."""
 
     def __init__(self, feeds: Mapping[str, Curve], *, polls: int = 2) -> None:
