@@ -79,7 +79,7 @@ class FramedInstrument:
         self._counted: int | None = None
         try:
             self._ask("STOP")
-            words = self._told("ID?")
+            words = self._exchange("ID?")
             (protocol,) = parse(words[:1], (text(40),), who=port, command="ID")
             if protocol != PROTOCOL:
                 raise ProtocolError(
@@ -131,13 +131,13 @@ class FramedInstrument:
 
     def set_configuration(self, name: str) -> bool:
         """Lock or unlock the rig; False if the operator has to do it."""
-        words = self._told(f"CONF {name}")
+        words = self._exchange(f"CONF {name}")
         (answer,) = parse((" ".join(words),), (one_of(name, "manual"),), who=self._name, command="CONF")
         return bool(answer != "manual")
 
     def load_drive(self, drive: Values) -> bool:
         """Load the drive at gain 1 (m/s^2 of the head), one value per tick; False if the instrument has no drive output."""
-        words = self._told(f"DRIVE {len(drive)}", drive=drive)
+        words = self._exchange(f"DRIVE {len(drive)}", drive=drive)
         (answer,) = parse(words, (one_of(str(len(drive)), "none"),), who=self._name, command="DRIVE")
         return bool(answer != "none")
 
@@ -240,9 +240,9 @@ class FramedInstrument:
     def _ask(self, command: str, *, patience: float | None = None, tries: int = TRIES) -> tuple[Any, ...]:
         # The parsed values of the answer.
         word = _word(command)
-        return parse(self._told(command, patience=patience, tries=tries), ANSWERS[word], who=self._name, command=word)
+        return parse(self._exchange(command, patience=patience, tries=tries), ANSWERS[word], who=self._name, command=word)
 
-    def _told(
+    def _exchange(
         self, command: str, *, drive: Values | None = None, patience: float | None = None, tries: int = TRIES
     ) -> list[str]:  # fmt: skip
         # The words of a command's answer after the first. Commands may be received twice, so each is repeated until answered.

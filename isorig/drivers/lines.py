@@ -321,7 +321,7 @@ class LinesInstrument:
             self._pending |= Status.CLOCKED
         self._link.expect_nothing()
         self._link.send(self._settings.read)
-        self._take(self._link.line(), time.monotonic())
+        self._accept(self._link.line(), time.monotonic())
         return True
 
     def _receive(self) -> bool:
@@ -336,10 +336,10 @@ class LinesInstrument:
             if self._partial:
                 self._partial = False
             else:
-                self._take(line, now)
+                self._accept(line, now)
         return bool(data)
 
-    def _take(self, raw: bytes, now: float) -> None:
+    def _accept(self, raw: bytes, now: float) -> None:
         text = raw.decode("ascii", "replace").strip()
         if not text or (self._settings.comment and text.startswith(self._settings.comment)):
             return

@@ -1,8 +1,8 @@
 """Xsens MTi-600 on CAN: an accelerometer on the bus, with any adapter that python-can supports (slcan over a serial port).
 
-Each sample is a group of frames that starts with its counter. Frames are stored as received and decoded in batches; `mti600.dbc`
-describes the same messages. Values are big-endian. A frame has a checksum on the bus, but none between a serial adapter and the
-host: a byte damaged there is detected only if it invalidates a frame's form, its length or the counter.
+Each sample is a group of frames that starts with its counter. Frames are stored as received and decoded in batches. Values are
+big-endian. A frame has a checksum on the bus, but none between a serial adapter and the host: a byte damaged there is detected
+only if it invalidates a frame's form, its length or the counter.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
@@ -40,7 +39,6 @@ from isorig.drivers.waits import WAITS, Waits
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
 
-DBC = Path(__file__).with_name("mti600.dbc")
 BITRATE = 250_000
 #: The error message that reports messages dropped inside the instrument; any other one is a fault.
 DROPPED = b"\x01"
@@ -165,7 +163,7 @@ class MtiInstrument:
                 if not messages and time.monotonic() >= end:
                     break
                 for message in messages:
-                    groups += self._take(message)
+                    groups += self._accept(message)
             before = len(self._frames)
             block = self._block()
             # A block received before is discarded; the data after it may be new.
@@ -231,7 +229,7 @@ class MtiInstrument:
             return []
         return [] if message is None else [message]
 
-    def _take(self, message: can.Message) -> bool:
+    def _accept(self, message: can.Message) -> bool:
         # Store a frame of this instrument; returns whether a group starts.
         identifier, payload = message.arbitration_id, bytes(message.data)
         if message.is_extended_id or identifier not in LENGTHS:
@@ -255,25 +253,25 @@ class MtiInstrument:
         identifiers = np.array([identifier for identifier, _ in whole], np.int64)
         data = np.frombuffer(b"".join(payload.ljust(8, b"\0") for _, payload in whole), np.uint8).reshape(-1, 8)
         following = int.from_bytes(self._frames[end][1][:2], "big") if end < len(self._frames) else None
-        found = decode(identifiers, data, following=following)
-        if not len(found.counter):
+        groups = decode(identifiers, data, following=following)
+        if not len(groups.counter):
             self._frames = self._frames[end:]
             return None
-        straight = int(np.argmax(np.append(np.diff(found.counter) % WRAP != 1, True))) + 1
+        straight = int(np.argmax(np.append(np.diff(groups.counter) % WRAP != 1, True))) + 1
         begins = [k for k, (identifier, _) in enumerate(whole) if identifier == GROUP_COUNTER]
-        if straight < len(found.counter):
-            wanted = int(found.counter[straight])
+        if straight < len(groups.counter):
+            wanted = int(groups.counter[straight])
             cut = next(k for k in begins if int.from_bytes(whole[k][1][:2], "big") == wanted)
             self._frames = self._frames[cut:]
         else:
             self._frames = self._frames[end:]
-        return self._straight(found, straight)
+        return self._as_block(groups, straight)
 
-    def _straight(self, found: DecodedGroups, count: int) -> Block | None:
-        acceleration = found.acceleration[:count]
+    def _as_block(self, groups: DecodedGroups, count: int) -> Block | None:
+        acceleration = groups.acceleration[:count]
         now = time.monotonic()
         reading = BlockHeader(
-            counter=int(found.counter[0]), rows=count, host=now, clock=self._clock(found.seconds[:count]),
+            counter=int(groups.counter[0]), rows=count, host=now, clock=self._clock(groups.seconds[:count]),
             mark=crc32(acceleration.tobytes()),
         )  # fmt: skip
         place = self._order.place(reading)
@@ -281,7 +279,7 @@ class MtiInstrument:
             return None
         status = self._status | place.status
         self._status = Status.GOOD
-        if found.clipped[:count].any():
+        if groups.clipped[:count].any():
             status |= Status.OVERLOAD
         return Block(first_tick=place.tick, samples=acceleration, host_time=now, device_time=place.seconds, status=status)
 

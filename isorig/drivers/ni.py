@@ -190,7 +190,7 @@ class NiInstrument(AnalogOutput):
                 break
             if time.monotonic() >= end:
                 break
-            time.sleep(self._waits.look)
+            time.sleep(self._waits.fetch)
         return self._ready.popleft() if self._ready else None
 
     def stop(self) -> int | None:

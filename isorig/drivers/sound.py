@@ -207,7 +207,7 @@ class SoundInstrument(AnalogOutput):
             if self._finished.is_set() or time.monotonic() - self._latest > self._waits.sound:
                 self._running = False
                 raise ConnectionLostError(f"{self._name} sends no samples any more; reconnect it and resume")
-            time.sleep(self._waits.look)
+            time.sleep(self._waits.fetch)
         return self._ready.popleft() if self._ready else None
 
     def stop(self) -> int | None:
@@ -218,7 +218,7 @@ class SoundInstrument(AnalogOutput):
         self._stopping = True
         end = time.monotonic() + self._settings.ramp + STOPPING
         while self._drive is not None and not self._silent.is_set() and time.monotonic() < end and self._stream.active:
-            time.sleep(self._waits.look)
+            time.sleep(self._waits.fetch)
         with suppress(self._sound.PortAudioError):
             self._stream.stop()
         was, self._running = self._running, False

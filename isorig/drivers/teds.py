@@ -54,7 +54,7 @@ class _Bits:
     def __init__(self, data: bytes) -> None:
         self._left, self._count = int.from_bytes(data, "little"), 8 * len(data)
 
-    def take(self, count: int) -> int:
+    def read(self, count: int) -> int:
         if count > self._count:
             raise ProtocolError("the sensor's memory ends within its data sheet; read it again, or give its values by hand")
         value = self._left & ((1 << count) - 1)
@@ -64,7 +64,7 @@ class _Bits:
 
     def relative(self, count: int, start: float, tolerance: float) -> float:
         """A value with constant relative resolution: start (1 + 2 tolerance)^n (IEEE 1451.4, ConRelRes)."""
-        return start * math.pow(1.0 + 2.0 * tolerance, self.take(count))
+        return start * math.pow(1.0 + 2.0 * tolerance, self.read(count))
 
 
 def decode(data: bytes) -> Teds:
@@ -83,30 +83,30 @@ def decode(data: bytes) -> Teds:
     if len(data) > LARGEST or 8 * len(data) < BASIC or not any(data) or set(data) == {0xFF}:
         raise ProtocolError(f"the sensor's memory of {len(data)} bytes holds no data sheet; give the sensor's values by hand")
     bits = _Bits(data)
-    manufacturer, model, letter, version, serial = (bits.take(count) for count in (14, 15, 5, 6, 24))
+    manufacturer, model, letter, version, serial = (bits.read(count) for count in (14, 15, 5, 6, 24))
     basic = Teds(
         manufacturer=manufacturer, model=model, version=f"{chr(ord('@') + letter) if 1 <= letter <= 26 else ''}{version}",
         serial_number=serial,
     )  # fmt: skip
-    if 8 * len(data) < BASIC + 12 or bits.take(2) != 0 or bits.take(8) != TEMPLATE:
+    if 8 * len(data) < BASIC + 12 or bits.read(2) != 0 or bits.read(8) != TEMPLATE:
         return basic
-    basic = replace(basic, quantity="force" if bits.take(1) else "acceleration")
-    if basic.quantity == "force" or bits.take(1):
+    basic = replace(basic, quantity="force" if bits.read(1) else "acceleration")
+    if basic.quantity == "force" or bits.read(1):
         return basic
     sensitivity = bits.relative(16, 5e-7, 0.00015)
     # Lower corner frequency, direction, weight, polarity.
     for count in (8, 2, 6, 1):
-        bits.take(count)
-    if bits.take(1):
+        bits.read(count)
+    if bits.read(1):
         # Transfer function: upper corner, resonance, its quality, slope, temperature coefficient.
         for count in (7, 9, 9, 7, 6):
-            bits.take(count)
+            bits.read(count)
     # Reference frequency and temperature.
     for count in (8, 5):
-        bits.take(count)
-    day = bits.take(16)
-    bits.take(15)
-    period = bits.take(12)
+        bits.read(count)
+    day = bits.read(16)
+    bits.read(15)
+    period = bits.read(12)
     calibrated = None if day in (0, (1 << 16) - 1) else EPOCH + timedelta(days=day)
     due = None if calibrated is None or period in (0, (1 << 12) - 1) else calibrated + timedelta(days=period)
     return replace(basic, sensitivity=sensitivity, calibrated=calibrated, due=due)

@@ -21,7 +21,7 @@ class Waits:
         Between the start command of a framed instrument, which may have to load its drive, and its answer.
     adapter
         After the port of a serial CAN adapter is opened: many restart then.
-    poll, look
+    poll, fetch
         Between two questions whether an analyzer has finished; between two searches of a library's buffer for samples.
     sound_start, sound
         Until a sound interface delivers samples regularly; without a sample, after which it is gone.
@@ -33,7 +33,7 @@ class Waits:
     start: float = 60.0
     adapter: float = 2.0
     poll: float = 0.2
-    look: float = 0.005
+    fetch: float = 0.005
     sound_start: float = 6.0
     sound: float = 2.0
 

@@ -235,7 +235,7 @@ def test_no_bytes_make_anything_but_numbers_or_a_refusal(data: list[bytes], fiel
     try:
         for raw in data:
             for line in raw.split(b"\n"):
-                instrument._take(line, 0.0)
+                instrument._accept(line, 0.0)
     except DriverError as refusal:
         assert "\n" not in str(refusal)  # noqa: PT017
     for block in instrument._ready:

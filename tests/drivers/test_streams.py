@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import can
 import cantools
@@ -17,7 +18,7 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.mti600 import DBC, MtiInstrument, decode
+from isorig.drivers.mti600 import MtiInstrument, decode
 from isorig.drivers.mti600_messages import PER_COUNT
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.served import served
@@ -155,7 +156,7 @@ def test_the_batch_decoder_agrees_with_cantools(seed: int, count: int, counter: 
     random = np.random.default_rng(seed)
     samples = random.integers(-(2**15), 2**15, (count, 3), dtype=np.int16)
     frames = [frame for group in groups(samples, rate=100.0, counter=counter) for frame in group]
-    database = cantools.database.load_file(DBC)
+    database = cantools.database.load_file(Path(__file__).with_name("mti600.dbc"))
     told = [(identifier, database.decode_message(identifier, data)) for identifier, data in frames]
     found = decode(
         np.array([identifier for identifier, _ in frames]),
