@@ -7,14 +7,16 @@ ignored.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import h5py
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +44,67 @@ VALUE_MOST = 1e100
 RUNS_MOST, CHANNELS_MOST, SPECTRA_MOST = 2000, 256, 1000
 #: Optional attributes of a channel that describe its sensor.
 SENSOR = ("sensor", "place", "direction", "serial_number", "calibrated")
+#: Allowed values of attributes, with their unit, as a message states them; all others are text.
+ALLOWED = {
+    "sample_rate": (" Hz", "positive and finite"), "gain": ("", "a number"), "use": ("", '"fit" or "holdout"'),
+    "started": ("", "ISO 8601 with an offset from UTC, e.g. +00:00"), "band": ("", "[low, high] in Hz with low < high"),
+    "period": ("", "a whole number of samples above 1"), "usable_to": (" Hz", "above zero and at most half the sample rate"),
+    "quantity": ("", f"one of {', '.join(get_args(Quantity))}"), "unit": ("", f"one of {', '.join(sorted(UNITS))}, in SI"),
+    "scale": ("", "a number other than zero"), "offset": ("", "a number"), "range": ("", "positive"),
+    "averages": ("", "a number"),
+}  # fmt: skip
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class RunAttributes(msgspec.Struct, frozen=True, kw_only=True):
+    """The attributes of a run."""
+
+    configuration: str
+    sample_rate: Positive
+    gain: float
+    excitation: str = "other"
+    use: Literal["fit", "holdout"] = "fit"
+    started: datetime | None = None
+    band: tuple[float, float] | None = None
+    period: Annotated[float, msgspec.Meta(ge=2, multiple_of=1)] | None = None
+    repeat_of: str | None = None
+    usable_to: Positive | None = None
+
+    def __post_init__(self) -> None:
+        if self.started is not None and self.started.tzinfo is None:
+            raise ValueError("started")
+        if self.band is not None and not 0.0 <= self.band[0] < self.band[1]:
+            raise ValueError("band")
+        if self.usable_to is not None and self.usable_to > self.sample_rate / 2.0:
+            raise ValueError("usable_to")
+
+
+class ChannelAttributes(msgspec.Struct, frozen=True, kw_only=True):
+    """The attributes of a channel, without those of its sensor."""
+
+    quantity: Quantity = "acceleration"
+    unit: str = "m/s^2"
+    scale: float = 1.0
+    offset: float = 0.0
+    range: Positive | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit not in UNITS:
+            raise ValueError("unit")
+        if self.scale == 0.0:
+            raise ValueError("scale")
+
+
+class SpectrumAttributes(msgspec.Struct, frozen=True, kw_only=True):
+    """The attributes of a spectrum."""
+
+    response: str
+    kind: str = "transfer_function"
+    reference: str = ""
+    unit: str = "1"
+    averages: float = 1.0
+    window: str = ""
 
 
 class Stored:
@@ -137,7 +200,7 @@ def _loaded(run: Run) -> Run:
 
 def _campaign(file: h5py.File, path: Path) -> Campaign:
     where = str(path)
-    found = _text(file.attrs.get("format"), f"{where}: the attribute format")
+    found = _plain(file.attrs.get("format"), f"{where}: the attribute format")
     if found != FORMAT:
         raise RecordingError(f"{where} has format {found!r}, not {FORMAT!r}; give a recording, or import the file first")
     version = file.attrs.get("format_version")
@@ -161,7 +224,9 @@ def _known(file: h5py.File, where: str) -> tuple[Mapping[str, float], str | None
     description = None
     for key, value in file["rig"].attrs.items():
         if key == "description":
-            description = _text(value, f"{where}: rig attribute 'description'", lines=True)
+            description = _plain(value, f"{where}: rig attribute 'description'", lines=True)
+            if not isinstance(description, str):
+                raise RecordingError(f"{where}: rig attribute 'description' is {description!r}, not text; write it again")
         elif isinstance(value, int | float | np.number):
             if not math.isfinite(float(value)) or (key.endswith("_mass") and float(value) <= 0.0):
                 raise RecordingError(f"{where}: rig attribute {key!r} is {value}; give a finite value, a mass above zero")
@@ -178,13 +243,7 @@ def _run(group: Any, name: str, where: str) -> Run:
     unprintable = next((key for key in (name, *group) if not key.isprintable()), None)
     if unprintable is not None:
         raise RecordingError(f"{where} contains {unprintable!r}, a name that cannot be displayed; rename it")
-    attrs = group.attrs
-    for key in ("configuration", "sample_rate", "gain"):
-        if key not in attrs:
-            raise RecordingError(f"{here} lacks the attribute {key!r}; every run needs it, so add it")
-    rate = _number(attrs["sample_rate"], f"{here}: sample_rate")
-    if rate <= 0.0:
-        raise RecordingError(f"{here} has sample_rate {rate:g} Hz; it must be positive and finite, so correct it")
+    about = _attributes(group, RunAttributes, here)
     channels = _channels(group, here)
     lengths = {key: len(channel) for key, channel in channels.items()}
     if len(set(lengths.values())) > 1:
@@ -192,16 +251,11 @@ def _run(group: Any, name: str, where: str) -> Run:
         raise RecordingError(f"{here} has channels of unequal length ({text}); cut them to one length")
     if min(lengths.values()) == 0:
         raise RecordingError(f"{here} has no samples; measure it again or remove it")
-    use = _text(attrs.get("use", "fit"), f"{here}: use")
-    if use not in ("fit", "holdout"):
-        raise RecordingError(f'{here} has use {use!r}; it is "fit" or "holdout", so correct it')
     return Run(
-        id=name, configuration=_text(attrs["configuration"], f"{here}: configuration"), sample_rate=rate,
-        gain=_number(attrs["gain"], f"{here}: gain"), channels=channels,
-        excitation=_text(attrs.get("excitation", "other"), f"{here}: excitation"), started=_started(attrs, here),
-        band=_band(attrs, here), period=_period(attrs, here), use="holdout" if use == "holdout" else "fit",
-        repeat_of=_text(attrs["repeat_of"], f"{here}: repeat_of") if "repeat_of" in attrs else None,
-        gaps=_gaps(group, here, min(lengths.values())), usable_to=_usable_to(attrs, here, rate), spectra=_spectra(group, here),
+        id=name, configuration=about.configuration, sample_rate=about.sample_rate, gain=about.gain, channels=channels,
+        excitation=about.excitation, started=about.started, band=about.band, use=about.use, repeat_of=about.repeat_of,
+        period=None if about.period is None else int(about.period), gaps=_gaps(group, here, min(lengths.values())),
+        usable_to=about.usable_to, spectra=_spectra(group, here),
     )  # fmt: skip
 
 
@@ -227,90 +281,49 @@ def _channel(dataset: h5py.Dataset, name: str, where: str) -> Channel:
         raise RecordingError(f"{here} has {dataset.ndim} dimensions; a channel has one, so store it flat")
     if dataset.dtype.kind not in "iuf":
         raise RecordingError(f"{here} contains {dataset.dtype} values; a channel contains numbers, so convert it")
-    usual = ("gain", "1") if name == GAIN else ("acceleration", "m/s^2")
-    quantity = _text(dataset.attrs.get("quantity", usual[0]), f"{here}: quantity")
-    if quantity not in get_args(Quantity):
-        raise RecordingError(f"{here} has quantity {quantity!r}; allowed are {', '.join(get_args(Quantity))}, so correct it")
-    unit = _text(dataset.attrs.get("unit", usual[1]), f"{here}: unit")
-    if unit not in UNITS:
-        raise RecordingError(f"{here} has unit {unit!r}; allowed are {', '.join(sorted(UNITS))}, so convert it to SI")
-    scale = _number(dataset.attrs.get("scale", 1.0), f"{here}: scale")
-    if scale == 0.0:
-        raise RecordingError(f"{here} has scale 0, which makes every value the same; give the sensor's scale")
-    full = None if "range" not in dataset.attrs else _number(dataset.attrs["range"], f"{here}: range")
-    if full is not None and full <= 0.0:
-        raise RecordingError(f"{here} has range {full:g}; a full scale is positive, so correct it")
-    offset = _number(dataset.attrs.get("offset", 0.0), f"{here}: offset")
+    usual = {"quantity": "gain", "unit": "1"} if name == GAIN else {}
+    about = _attributes(dataset, ChannelAttributes, here, usual)
     return Channel(
-        name=name, samples=Stored(dataset, here, scale=scale, offset=offset), quantity=quantity,  # type: ignore[arg-type]
-        unit=unit, scale=scale, offset=offset, full_scale=full,
-        about={key: _text(dataset.attrs[key], f"{here}: {key}") for key in SENSOR if key in dataset.attrs},
+        name=name, samples=Stored(dataset, here, scale=about.scale, offset=about.offset), quantity=about.quantity,
+        unit=about.unit, scale=about.scale, offset=about.offset, full_scale=about.range,
+        about={key: str(_plain(dataset.attrs[key], f"{here}: {key}")) for key in SENSOR if key in dataset.attrs},
     )  # fmt: skip
 
 
-def _number(value: Any, what: str) -> float:
-    if isinstance(value, bool | str | bytes) or np.ndim(value) != 0 or not isinstance(value, int | float | np.number):
-        raise RecordingError(f"{what} is {value!r}, not a number; correct it")
-    number = float(value)
-    if not math.isfinite(number):
-        raise RecordingError(f"{what} is {number}; it must be finite, so correct it")
-    return number
+def _attributes(item: Any, kind: type[T], here: str, usual: Mapping[str, str] | None = None) -> T:
+    # The attributes of an object, checked by their types; `usual` are those that it need not have.
+    given = {key: _plain(value, f"{here}: {key}") for key, value in item.attrs.items() if key in kind.__struct_fields__}
+    if isinstance(started := given.get("started"), str):
+        with suppress(ValueError):
+            given["started"] = datetime.fromisoformat(started)
+    try:
+        return msgspec.convert({**(usual or {}), **given}, kind)
+    except msgspec.ValidationError as error:
+        # The type names the attribute as a path or field, a check that follows it as its whole text.
+        found = re.search(r"\$\.(\w+)|field `(\w+)`|^(\w+)$", str(error))
+        key = next(filter(None, found.groups())) if found else ""
+        if key not in given:
+            raise RecordingError(f"{here} lacks the attribute {key!r}, which is needed; add it") from None
+        unit, allowed = ALLOWED.get(key, ("", "text"))
+        value = f"{given[key]:g}" if isinstance(given[key], float) else str(given[key]) if key == "started" else repr(given[key])
+        raise RecordingError(f"{here} has {key} {value}{unit}; it is {allowed}, so correct it") from None
 
 
-def _text(value: Any, what: str, *, lines: bool = False) -> str:
+def _plain(value: Any, what: str, *, lines: bool = False) -> Any:
+    # An attribute as a plain value: text that can be displayed, and numbers that are finite.
     if isinstance(value, bytes):
         try:
             value = value.decode()
         except UnicodeDecodeError:
             raise RecordingError(f"{what} is not UTF-8 text; write it again") from None
-    if not isinstance(value, str):
-        raise RecordingError(f"{what} is {'missing' if value is None else repr(value)}, not text; write it again")
-    if not (lines or value.isprintable()):
+    if isinstance(value, str) and not (lines or value.isprintable()):
         # It would reach the terminal as it is.
         raise RecordingError(f"{what} is {reason(ValueError(repr(value)))}, which cannot be displayed; write it again")
+    if isinstance(value, np.ndarray | np.generic):
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise RecordingError(f"{what} is {value}; it must be finite, so correct it")
+        return value.tolist()
     return value
-
-
-def _started(attrs: Any, where: str) -> datetime | None:
-    if "started" not in attrs:
-        return None
-    text = _text(attrs["started"], f"{where}: started")
-    try:
-        started = datetime.fromisoformat(text)
-    except ValueError:
-        raise RecordingError(f"{where} has started {text!r}; it is ISO 8601 with an offset, so correct it") from None
-    if started.tzinfo is None:
-        raise RecordingError(f"{where} has started {text!r} without an offset from UTC; add one, e.g. +00:00")
-    return started
-
-
-def _band(attrs: Any, where: str) -> tuple[float, float] | None:
-    if "band" not in attrs:
-        return None
-    values = np.asarray(attrs["band"])
-    if values.shape != (2,) or values.dtype.kind not in "iuf" or not (0.0 <= values[0] < values[1] < math.inf):
-        raise RecordingError(f"{where} has band {attrs['band']!r}; it is [low, high] in Hz with low < high, so correct it")
-    return float(values[0]), float(values[1])
-
-
-def _usable_to(attrs: Any, where: str, rate: float) -> float | None:
-    if "usable_to" not in attrs:
-        return None
-    highest = _number(attrs["usable_to"], f"{where}: usable_to")
-    if not 0.0 < highest <= rate / 2.0:
-        raise RecordingError(
-            f"{where} has usable_to {highest:g} Hz; it is above zero and at most half the sample rate, so correct it"
-        )
-    return highest
-
-
-def _period(attrs: Any, where: str) -> int | None:
-    if "period" not in attrs:
-        return None
-    period = _number(attrs["period"], f"{where}: period")
-    if period < 2 or period != round(period):
-        raise RecordingError(f"{where} has period {period:g}; it is a whole number of samples above 1, so correct it")
-    return int(period)
 
 
 def _gaps(group: h5py.Group, where: str, stored: int) -> tuple[Gap, ...]:
@@ -323,18 +336,12 @@ def _gaps(group: h5py.Group, where: str, stored: int) -> tuple[Gap, ...]:
         raise RecordingError(f"{where} has {table.size} gaps but {stored} samples; a gap is between two samples, so correct it")
     rows = table[:]
     gaps = tuple(Gap(first_tick=int(row["first_tick"]), count=int(row["count"])) for row in rows)
-    for gap in gaps:
-        if gap.first_tick < 0 or gap.count < 1:
-            raise RecordingError(
-                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap starts at tick 0 or later "
-                "and has at least one, so correct it"
-            )
     lost = end = 0
     for gap in sorted(gaps, key=lambda gap: gap.first_tick):
-        if not end <= gap.first_tick <= stored + lost or gap.count > LOST_MOST:
+        if not end <= gap.first_tick <= stored + lost or not 0 < gap.count <= LOST_MOST:
             raise RecordingError(
-                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}, beyond the end at {stored + lost} ticks or "
-                "inside another gap; correct the table"
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap has at least one, starts at tick 0 to "
+                f"{stored + lost} and not inside another gap, so correct the table"
             )
         lost, end = lost + gap.count, gap.first_tick + gap.count
     return gaps
@@ -362,16 +369,11 @@ def _spectrum(group: Any, name: str, here: str) -> Spectrum:
         raise RecordingError(f"{here} contains values that are not finite; measure it again or remove it")
     if (np.diff(frequency) <= 0.0).any():
         raise RecordingError(f"{here} has frequencies that are not ascending; sort them")
-    attrs = group.attrs
+    about = _attributes(group, SpectrumAttributes, here)
     return Spectrum(
-        name=name, kind=_text(attrs.get("kind", "transfer_function"), f"{here}: kind"),
-        response=_text(attrs.get("response"), f"{here}: response"),
-        reference=_text(attrs.get("reference", ""), f"{here}: reference"),
-        frequency=frequency.astype(np.float64),
+        name=name, kind=about.kind, response=about.response, reference=about.reference, unit=about.unit, window=about.window,
+        averages=int(about.averages), frequency=frequency.astype(np.float64),
         values=values.astype(np.complex128) if values.dtype.kind == "c" else values.astype(np.float64),
-        unit=_text(attrs.get("unit", "1"), f"{here}: unit"),
-        averages=int(_number(attrs.get("averages", 1), f"{here}: averages")),
-        window=_text(attrs.get("window", ""), f"{here}: window"),
     )  # fmt: skip
 
 
