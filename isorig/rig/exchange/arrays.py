@@ -16,7 +16,6 @@ from isorig.rig.exchange.table import ForeignTable
 from isorig.rig.exchange.tree import NAMES, table_of
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 from isorig.rig.files.inputs import content_of
-from isorig.rig.files.output import reason
 
 #: Maximum bytes of a JSON file: in memory it takes about ten times as many.
 JSON_MOST = 256 << 20
@@ -26,13 +25,7 @@ DEEP = 16
 
 def read_json(path: Path) -> ForeignTable:
     """Arrays of a JSON file: of an object by its keys, of a list of objects by their keys or names; null is a lost sample."""
-    try:
-        content = msgspec.json.decode(content_of(path, JSON_MOST))
-    except msgspec.DecodeError as error:
-        raise RecordingError(f"{path} is not complete JSON ({error}); write it again or copy it again from its source") from None
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise RecordingError(f"{path} is not readable JSON ({reason(error)}); write it as arrays by name") from None
-    found = table_of(path, _flattened("", content, 0))
+    found = table_of(path, _flattened("", msgspec.json.decode(content_of(path, JSON_MOST)), 0))
     columns, remarks = completed(found.columns)
     return ForeignTable(
         path=path, columns=columns, numbers=found.numbers, spectra=found.spectra, remarks=(*found.remarks, *remarks)
@@ -41,38 +34,22 @@ def read_json(path: Path) -> ForeignTable:
 
 def read_npy(path: Path) -> ForeignTable:
     """The array of a .npy file; the fields of a structured array by their names."""
-    try:
-        with path.open("rb") as file:
-            values = np.lib.format.read_array(file, allow_pickle=False)
-    except OSError:
-        raise
-    except Exception as error:
-        # The header is parsed as an expression of Python: a damaged one raises many kinds of errors, such as TokenError.
-        raise RecordingError(
-            f"{path} cannot be read as a .npy file ({reason(error)}); save plain numbers with numpy.save"
-        ) from None
+    with path.open("rb") as file:
+        values = np.lib.format.read_array(file, allow_pickle=False)
     return table_of(path, _fields("data", values))
 
 
 def read_npz(path: Path) -> ForeignTable:
     """The arrays of a .npz file by their names."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            declared = sum(item.file_size for item in archive.infolist())
-        if declared > EXPANSION * path.stat().st_size + SPARE:
-            raise RecordingError(
-                f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it "
-                "without compression"
-            )
-        with np.load(path, allow_pickle=False) as archived:
-            stored = {name: archived[name] for name in archived.files}
-    except RecordingError:
-        raise
-    except Exception as error:
-        # zipfile, zlib and numpy raise many kinds of errors on damaged bytes.
+    with zipfile.ZipFile(path) as archive:
+        declared = sum(item.file_size for item in archive.infolist())
+    if declared > EXPANSION * path.stat().st_size + SPARE:
         raise RecordingError(
-            f"{path} cannot be read as a .npz file ({reason(error)}); save plain arrays of numbers with numpy.savez"
-        ) from None
+            f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it "
+            "without compression"
+        )
+    with np.load(path, allow_pickle=False) as archived:
+        stored = {name: archived[name] for name in archived.files}
     # A member that is no array is returned as its bytes.
     remarks = [f"{name!r} is not an array and is left out" for name, values in stored.items() if isinstance(values, bytes)]
     arrays = {name: values for name, values in stored.items() if not isinstance(values, bytes)}

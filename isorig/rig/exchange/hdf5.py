@@ -13,7 +13,6 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.table import ForeignTable
 from isorig.rig.exchange.tree import OWN, UNIT_WORDS, table_of
 from isorig.rig.files.hdf import opened
-from isorig.rig.files.output import reason
 from isorig.rig.files.recording import FORMAT
 
 
@@ -26,16 +25,11 @@ def read_hdf5(path: Path) -> ForeignTable:
         It is a recording already, or damaged.
     """
     items: list[tuple[str, Any]] = []
-    try:
-        with opened(path) as file:
-            if file.attrs.get("format") in (FORMAT, FORMAT.encode()):
-                raise RecordingError(f"{path} is a recording already; use it directly, or list it with rig check")
-            items += _attributes("", file)
-            file.visititems(lambda name, item: items.extend(_items(name, item)))
-    except RecordingError:
-        raise
-    except (OSError, RuntimeError, MemoryError, TypeError, ValueError, KeyError) as error:
-        raise RecordingError(f"{path} is damaged ({reason(error)}); copy it again from its source") from None
+    with opened(path) as file:
+        if file.attrs.get("format") in (FORMAT, FORMAT.encode()):
+            raise RecordingError(f"{path} is a recording already; use it directly, or list it with rig check")
+        items += _attributes("", file)
+        file.visititems(lambda name, item: items.extend(_items(name, item)))
     return table_of(path, items, dot="/")
 
 

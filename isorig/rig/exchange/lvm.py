@@ -15,7 +15,6 @@ from isorig.rig.exchange.missing import completed
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.text import FILE_MOST, decoded
 from isorig.rig.files.inputs import content_of
-from isorig.rig.files.output import reason
 from isorig.rig.files.recording import VALUE_MOST
 
 #: Names of the time column, and of the comment column.
@@ -28,21 +27,15 @@ def read_lvm(path: Path) -> ForeignTable:
 
     text = decoded(content_of(path, FILE_MOST))
     _whole(text, path)
-    try:
-        # Its other function looks for a pickled copy next to the file.
-        content = lvm_read.read_str(text)
-        segments = [content[k] for k in range(content["Segments"])]
-        columns: dict[str, Column] = {}
-        remarks: list[str] = []
-        for k, segment in enumerate(segments, 1):
-            found, said = completed(dict(_channels(segment, f"{path}, segment {k}", remarks)))
-            columns |= {(f"{k}/{name}" if len(segments) > 1 else name): column for name, column in found.items()}
-            remarks += said
-    except RecordingError:
-        raise
-    except Exception as error:
-        # The package raises many kinds of errors on unexpected headers.
-        raise RecordingError(f"{path} cannot be read as LVM ({reason(error)}); save it again from LabVIEW, or as CSV") from None
+    # Its other function looks for a pickled copy next to the file.
+    content = lvm_read.read_str(text)
+    segments = [content[k] for k in range(content["Segments"])]
+    columns: dict[str, Column] = {}
+    remarks: list[str] = []
+    for k, segment in enumerate(segments, 1):
+        found, said = completed(dict(_channels(segment, f"{path}, segment {k}", remarks)))
+        columns |= {(f"{k}/{name}" if len(segments) > 1 else name): column for name, column in found.items()}
+        remarks += said
     return ForeignTable(path=path, columns=columns, remarks=tuple(remarks))
 
 

@@ -17,7 +17,6 @@ from isorig.rig.exchange.table import ForeignTable
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.files.hdf import SIGNATURE, opened, survived
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE
-from isorig.rig.files.output import reason
 
 #: Header bytes of a version 5 file, and the type of a compressed variable.
 HEAD, COMPRESSED = 128, 15
@@ -43,19 +42,11 @@ def _is_version73(path: Path) -> bool:
 
 def _version5(path: Path, remarks: list[str]) -> Iterator[tuple[str, Any]]:
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
     _bounded(path)
     # scipy's reader crashes on some damaged files.
     survived(path)
-    try:
-        content = loadmat(path, simplify_cells=True)
-    except (MatReadError, ValueError, TypeError, NotImplementedError, IndexError, EOFError, OSError, MemoryError) as error:
-        raise RecordingError(f"{path} cannot be read as a MATLAB file ({reason(error)}); save it again with save -v7") from None
-    except Exception as error:
-        # scipy's parser and zlib raise many kinds of errors on damaged bytes.
-        raise RecordingError(f"{path} is a damaged MATLAB file ({reason(error)}); copy it again from its source") from None
-    for name, value in content.items():
+    for name, value in loadmat(path, simplify_cells=True).items():
         if name == "None" or type(value).__name__ == "MatlabOpaque":
             remarks.append("an object of a MATLAB class (timeseries, table ...) is left out; save its values as plain arrays")
         elif not name.startswith("__"):
@@ -99,15 +90,10 @@ def _flattened(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, Any
 
 def _version73(path: Path) -> Iterator[tuple[str, Any]]:
     found: list[tuple[str, Any]] = []
-    try:
-        with opened(path) as file:
-            for name in file:
-                if not name.startswith("#"):
-                    _visit(file, name, file[name], found, 0)
-    except RecordingError:
-        raise
-    except (OSError, RuntimeError, MemoryError, TypeError, ValueError, KeyError) as error:
-        raise RecordingError(f"{path} is damaged ({reason(error)}); copy it again from its source") from None
+    with opened(path) as file:
+        for name in file:
+            if not name.startswith("#"):
+                _visit(file, name, file[name], found, 0)
     yield from found
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
-from isorig.rig.files.output import reason
 
 
 class _Said:
@@ -56,9 +55,6 @@ def read_tdms(path: Path) -> ForeignTable:
         if said.lines:
             # It reads the available part of a truncated file; the missing amount is unknown.
             raise ValueError(said.lines[0])
-    except Exception as error:
-        # The package raises bare exceptions, KeyError and struct.error on damaged files.
-        raise RecordingError(f"{path} cannot be read as TDMS ({reason(error)}); copy it again from its source") from None
     finally:
         console.removeFilter(said.keep)
     if not columns:
@@ -76,18 +72,14 @@ def read_wav(path: Path) -> ForeignTable:
     """Channels as channel[0], channel[1] ...; integers are converter counts of any width."""
     from scipy.io import wavfile
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", wavfile.WavFileWarning)
-            # A file that ends before its samples do is truncated; the package only warns.
-            warnings.filterwarnings("error", message="Reached EOF prematurely", category=wavfile.WavFileWarning)
-            channels, bits = _header(path)
-            if not 1 <= channels <= COLUMNS_MOST:
-                raise ValueError(f"its header states {channels} channels; 1 to {COLUMNS_MOST} are read")
-            rate, values = wavfile.read(path)
-    except Exception as error:
-        # scipy raises ValueError, struct.error or UnboundLocalError on damaged files.
-        raise RecordingError(f"{path} cannot be read as WAV ({reason(error)}); copy it again from its source") from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)
+        # A file that ends before its samples do is truncated; the package only warns.
+        warnings.filterwarnings("error", message="Reached EOF prematurely", category=wavfile.WavFileWarning)
+        channels, bits = _header(path)
+        if not 1 <= channels <= COLUMNS_MOST:
+            raise ValueError(f"its header states {channels} channels; 1 to {COLUMNS_MOST} are read")
+        rate, values = wavfile.read(path)
     if values.dtype.kind == "i" and 0 < bits < 8 * values.dtype.itemsize:
         # 24-bit samples are in the upper three of four bytes.
         values = values >> (8 * values.dtype.itemsize - bits)

@@ -16,7 +16,6 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import even_rate, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import known_unit
-from isorig.rig.files.output import reason
 from isorig.rig.files.recording import VALUE_MOST
 
 #: Function types of dataset 58 over frequency, and their names in the recording format.
@@ -101,17 +100,11 @@ def read_uff(path: Path) -> ForeignTable:
 def _sets(path: Path) -> list[dict[str, Any]]:
     import pyuff
 
-    try:
-        # The package prints its progress.
-        with contextlib.redirect_stdout(io.StringIO()):
-            file = pyuff.UFF(str(path))
-            places = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (58, 164)]
-            return [file.read_sets(k) for k in places]
-    except Exception as error:
-        # The package raises bare exceptions for anything unexpected.
-        raise RecordingError(
-            f"{path} cannot be read as a universal file ({reason(error)}); export it again as dataset 58"
-        ) from None
+    # The package prints its progress.
+    with contextlib.redirect_stdout(io.StringIO()):
+        file = pyuff.UFF(str(path))
+        places = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (58, 164)]
+        return [file.read_sets(k) for k in places]
 
 
 def _system(item: Mapping[str, Any]) -> _System:

@@ -340,8 +340,8 @@ def _gaps(group: h5py.Group, where: str, stored: int) -> tuple[Gap, ...]:
     for gap in sorted(gaps, key=lambda gap: gap.first_tick):
         if not end <= gap.first_tick <= stored + lost or not 0 < gap.count <= LOST_MOST:
             raise RecordingError(
-                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}; a gap has at least one, starts at tick 0 to "
-                f"{stored + lost} and not inside another gap, so correct the table"
+                f"{where} has a gap of {gap.count} ticks from tick {gap.first_tick}: it is empty, inside another gap or beyond "
+                f"the end at {stored + lost} ticks; correct the table"
             )
         lost, end = lost + gap.count, gap.first_tick + gap.count
     return gaps

@@ -476,7 +476,7 @@ def test_json(tmp_path: Path, kind: str) -> None:
 
 def test_json_that_is_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.json").write_text(json.dumps(JSON["rate"])[:-40])
-    assert "not complete JSON" in refused_draft(capsys, tmp_path / "a.json")
+    assert "cannot be read as JSON (Input data was truncated)" in refused_draft(capsys, tmp_path / "a.json")
 
 
 def test_numpy_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
