@@ -24,7 +24,7 @@ from isorig.rig.wire_bonder.session import SESSION
 
 DOCS = Path(__file__).parents[2] / "docs"
 OTHER = DOCS / "study" / "other-rigs.csv"
-EQUATIONS = DOCS / "study" / "equations.csv"
+EQUATIONS, FOREIGN = DOCS / "study" / "equations.csv", DOCS / "study" / "foreign.csv"
 UNLIKE = DOCS / "study" / "unlike-bonders.csv"
 INVESTIGATIONS, ELSEWHERE, PLANNED, EVERY_RUN = (
     DOCS / "study" / f"{name}.csv" for name in ("investigations", "investigations-other-rigs", "standard-plan", "every-run")
@@ -361,6 +361,34 @@ Wrong: {wrong or "none"}.
 """
 
 
+def foreign_section(table: pd.DataFrame) -> str:
+    """Whole diagnoses of foreign rigs, counted by `foreign/diagnosed.py`."""
+    rows = []
+    for group, own in table.groupby("group"):
+        count = own["outcome"].value_counts()
+        others = (str(count.get(name, 0)) for name in ("disturbance", "one of two", "no name", "wrong"))
+        rows.append((str(group), rate(int(count.get("right", 0)), len(own)), *others))
+    wrong = "; ".join(
+        f"{one.named} for {one.hidden or 'a sound rig'} (seed {one.seed}, {one.family})"
+        for one in table[table["outcome"] == "wrong"].itertuples()
+    )
+    return f"""
+## Rigs of another program
+
+{len(table)} campaigns ({seeds_of(table)}) of wire bonders, chains, carts with encoders, stages, torsion drives, shaken bases and
+partly measured chains, simulated by another program behind converters with sharp filters, with descriptions up to a quarter off
+and a cause of the catalogue, a form outside it, two causes or none. An answer is right if it names the place and kind of every
+cause and nothing else; a sound rig must be adequate. A disturbance that is in the rig, named instead, counts apart. A diagnosis
+takes {table["processor_s"].median():.0f} s of processor in the median, {table["processor_s"].max():.0f} s at most. Every campaign
+has a line in `docs/study/foreign.csv`, written by
+`python tests/blind/foreign/diagnosed.py --seeds {table["seed"].min()}-{table["seed"].max()} --csv docs/study/foreign.csv`.
+
+{markdown(rows, ("hidden", "right", "only a disturbance", "one of two", "no name", "wrong name"))}
+
+Wrong: {wrong or "none"}.
+"""
+
+
 def main() -> None:
     earlier = pd.read_csv(EARLIER, keep_default_na=False)
     table = pd.read_csv(TABLE, keep_default_na=False) if TABLE.exists() else earlier.iloc[:0]
@@ -404,6 +432,8 @@ vibration and nonlinear sensors, and a third of them with rest before the drive.
 """
     if INVESTIGATIONS.exists():
         section += investigation_section(*(pd.read_csv(path, keep_default_na=False) for path in (INVESTIGATIONS, PLANNED)))
+    if FOREIGN.exists():
+        section += foreign_section(pd.read_csv(FOREIGN, keep_default_na=False))
     section += equations_section() + sensitivity_section()
     count = f"{len(table)} campaigns{seeds}" if len(table) else "For this version no campaigns"
     drawn = f"{count} of the wire bonder's long session were drawn blind"

@@ -1,7 +1,7 @@
 """The counts of investigations on a table made by hand."""
 
 import pandas as pd
-from tally import STANDARD, further_runs, investigations, pairs_parted, shapeless
+from tally import STANDARD, foreign_section, further_runs, investigations, pairs_parted, shapeless
 
 COLUMNS = ("kind", "size", "seed", "way", "named", "right", "open", "first_open", "further", "seconds", "ended")
 FOUND = pd.DataFrame(
@@ -54,3 +54,15 @@ def test_pairs_that_the_standard_plan_left() -> None:
     said = pairs_parted(FOUND, PLAN)
     assert "indistinguishable causes in 2 of 2 envelopes; investigations distinguished 1 of these and reported for 1" in said
     assert "2 of 3 investigations had several possible causes: 1 ended with one, 1 with the" in said
+
+
+def test_foreign_rigs_are_counted_by_group_and_every_wrong_name_is_told() -> None:
+    columns = ("seed", "family", "group", "outcome", "hidden", "verdict", "named", "processor_s")
+    rows = [
+        (1, "chain", "one cause, full size, clean", "right", "iwan at l0", "explained", "memory at l0", 9.0),
+        (2, "stage", "one cause, full size, clean", "wrong", "iwan at rail", "explained", "backlash at rail", 12.0),
+        (3, "base", "no cause, clean", "right", "", "adequate", "", 4.0),
+    ]
+    page = foreign_section(pd.DataFrame(rows, columns=columns))
+    assert "| one cause, full size, clean | 1 of 2: 50.0 % (9.5 to 90.5 %) | 0 | 0 | 0 | 1 |" in page
+    assert "Wrong: backlash at rail for iwan at rail (seed 2, stage)." in page

@@ -41,6 +41,7 @@ from isorig.analysis.fitting.ladder import (
     TELLING,
     Rung,
     Running,
+    Start,
     Starts,
     bare_cost,
     finished,
@@ -62,6 +63,8 @@ from isorig.analysis.model.rig_model import RigModel
 
 #: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
 FINALISTS, CURVES, PAIRS = 4, 3, 2
+#: How often the values of each cause of a pair are computed again with the other one in place.
+ALTERNATIONS = 2
 #: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
 #: must remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
@@ -158,32 +161,37 @@ class Job:
         """Whether one removes as much as no other single cause can then."""
         return any(share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.contributes for entry in entries)
 
+    def explains(self, entry: Entry) -> bool:
+        """Whether it makes the model adequate, or removes as much of the baseline's error as an explanation does."""
+        enough = self.left >= 1.0 and share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.explained
+        return enough or adequate(entry.score, self.floors)
+
     def nearly(self, entry: Entry) -> bool:
         """Whether it leaves so little that the rest is due to no other kind or place."""
         return share_removed(self.now.error, entry.score.error, self.floors) > 1.0 - POLICY.settled
 
     def entries(self, ranked: Running) -> list[Entry]:
-        """Fits of candidates, judged on held-out data."""
-        entries: list[Entry] = []
-        for candidate, rough in ranked:
-            lost = bool(entries) and rough.cost > BEHIND * ranked[0][1].cost
-            if lost and len(entries) > 1:
-                break
-            # One with a much larger error is no contender: its rough fit serves to show by how much. One that predicts the
-            # held-out data to the noise needs no more data.
-            entry = Entry(candidate=candidate, fit=rough, score=score(rough.model, self.fine))
+        """Fits of candidates as they are, judged on held-out data: those that are no contenders only show by how much."""
+        near = [pair for k, pair in enumerate(ranked) if k < 2 or pair[1].cost <= BEHIND * ranked[0][1].cost]
+        return [Entry(candidate=candidate, fit=rough, score=score(rough.model, self.fine)) for candidate, rough in near]
+
+    def finished(self, entries: Sequence[Entry]) -> list[Entry]:
+        """The same with the contenders fitted to all fit data; one that predicts the held-out data to the noise needs no more."""
+        done: list[Entry] = []
+        for rough in entries:
+            entry, lost = rough, bool(done) and rough.fit.cost > BEHIND * entries[0].fit.cost
             try:
-                if not (lost or adequate(entry.score, self.floors)):
-                    done = unrolled(rough, self.trials) if candidate.shape else finished(rough, self.trials)
-                    entry = replace(entry, fit=done, score=score(done.model, self.fine))
+                if not (lost or adequate(rough.score, self.floors)):
+                    better = (unrolled if rough.candidate.shape else finished)(rough.fit, self.trials)
+                    entry = replace(rough, fit=better, score=score(better.model, self.fine))
             except FitError:  # it fits the first seconds only
                 continue
             except OutOfTimeError:
-                if entries:
+                if done:
                     break
-            entries.append(entry)
-            self.progress(f"{candidate.cause} ({candidate.location}): held-out error {entry.score.figure:.3g}")
-        return entries
+            done.append(entry)
+            self.progress(f"{entry.candidate.cause} ({entry.candidate.location}): held-out error {entry.score.figure:.3g}")
+        return done
 
     def better(self, entries: Sequence[Entry]) -> list[Entry]:
         """Of several fits of one candidate the best."""
@@ -222,6 +230,10 @@ class Source(Protocol):
         """Whether the best form stands without a comparison with free shapes."""
         ...
 
+    def allows(self, entry: Entry) -> bool:
+        """Whether a form that leaves a visible error may be named."""
+        ...
+
     def shown(self, cause: str, place: str) -> bool:
         """Whether the equations of motion show this cause and place, and no other."""
         ...
@@ -230,16 +242,22 @@ class Source(Protocol):
 def next_step(job: Job) -> Found | None:
     """The best cause for the remaining error of the current model; None if no candidate could be fitted.
 
-    Catalogued forms are fitted first, then pairs of them. If neither makes the model adequate, free shapes are fitted to
-    determine place and kind; a form is then named only if it comes close to the free shape.
+    Catalogued forms are fitted to the first seconds, and pairs of them where the equations show another cause. If neither makes
+    the model adequate, free shapes are fitted to determine place and kind; a form is then named only if it comes close to them.
     """
     job.progress("looking for the equations of motion that do not hold")
     source: Source | None = None
     forms: list[Entry] = []
+    whole = job.left >= POLICY.rest and not job.forms_only
     for each in sources(job):
-        more = job.entries(each.forms[:FINALISTS])
+        rough = job.entries(each.forms[:FINALISTS])
+        if whole and job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in rough):
+            both = _together(job, each.pairs(), rough)
+            if both is not None:
+                return both
+        more = job.finished(rough)
         source = each if more or source is None else source
-        forms = job.better([*forms, *more])
+        forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
         if not each.doubtful(forms):
             break
     if source is None:
@@ -250,13 +268,9 @@ def next_step(job: Job) -> Found | None:
     alone = any(adequate(entry.score, job.floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     shapes: list[Entry] = []
     try:
-        if job.left >= POLICY.rest and not (job.forms_only or alone or (job.helps(forms) and source.suffices(forms))):
-            if nearly is None and job.steps > 1:
-                both = _together(job, source.pairs(), forms)
-                if both is not None:
-                    return both
+        if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
             job.progress("no form makes the model adequate; fitting free shapes")
-            shapes = job.entries(contenders(source.shapes(forms), source.forms, nearly))
+            shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
             if shapes or nearly is None:
                 return _kind_and_form(job, source.known, forms, shapes)
     except OutOfTimeError:
@@ -331,23 +345,57 @@ class Suspected:
         job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
         if not self.found.leaves_another(job.current, job.evidence):
             return found
-        job.progress("no form makes the model adequate; fitting pairs of forms")
         for first, free, model in unlike(self._started)[:PAIRS]:
-            own = {f.path for f in first.free}
-            then = suspects(equations_of(job.campaign, model), further=True)
-            if then is None:
+            starts = self._after(first, model)
+            if not starts:
                 continue
-            extended = replace(job.current, model=model, free=free)
-            evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
-            candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
-            starts = [start for start in _started(candidates, then, extended) if own <= {f.path for f in start[1]}]
-            run = verified(starts, job.rungs[-1], job.progress) if starts else []
+            job.progress(f"an equation does not hold with {first.cause} ({first.location}); fitting another cause with it")
+            nearest = min(starts, key=lambda start: misfit(start[2], job.rungs[-1].problem))
+            if first.location != nearest[0].location:
+                starts = [*starts, *self._settled(first, nearest)]
+            run = verified(starts, job.rungs[-1], job.progress)
             alone = verified([(first, free, model)], job.rungs[-1], job.progress)
             if alone and job.stays(run):
                 found.append((first, alone[0][1], *run[0]))
                 if run[0][1].cost <= AGREES:
                     break
         return sorted(found, key=lambda pair: pair[3].cost)[:PAIRS]
+
+    def _after(self, first: Candidate, model: RigModel) -> Starts:
+        # Starting points of a second cause by the equations with the first one in place, if these do not hold.
+        job = self.job
+        then = suspects(equations_of(job.campaign, model), further=True)
+        if then is None or not then.broken:
+            return []
+        extended = replace(job.current, model=model, free=first.parameters(job.current.model, job.current.free))
+        evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
+        candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
+        own = {f.path for f in first.free}
+        return [start for start in _started(candidates, then, extended) if own <= {f.path for f in start[1]}]
+
+    def _settled(self, first: Candidate, then: Start) -> Starts:
+        # The starting point of a pair with each cause's values from the equations with the other one in place: the equations gave
+        # those of the first as if there were no second. None where they already agree with the data.
+        job, second = self.job, then[0]
+        for _ in range(ALTERNATIONS):
+            if misfit(then[2], job.rungs[-1].problem) < TELLING:
+                break
+            for known, sought in ((second, first), (first, second)):
+                alone = self._alone(known.key, then[2])
+                again = next((start for start in (alone and self._after(*alone)) or () if start[0].key == sought.key), None)
+                if again is None:
+                    return []
+                then = again
+        return [then]
+
+    def _alone(self, key: tuple[str, str], pair: RigModel) -> tuple[Candidate, RigModel] | None:
+        # One cause of a pair alone with its values.
+        current = self.job.current
+        for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence) if c.key == key):
+            with suppress(ModelError):
+                paths = [free.path for free in candidate.parameters(current.model, current.free)]
+                return candidate, candidate.starts[0].replace(values_at(pair, paths))
+        return None
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
@@ -358,6 +406,12 @@ class Suspected:
         """Whether the best form leaves as little of a link's recorded force as any curve there."""
         best = min(forms, key=lambda entry: excess(entry.score.error, self.job.floors))
         return self.found.stands(best.candidate, self.job.current, self.job.evidence)
+
+    def allows(self, entry: Entry) -> bool:
+        """Whether the equations blame its kind and place as much as any other, or, for a first cause, none clearly."""
+        if not self.found.broken:
+            return self.job.left >= 1.0
+        return self.found.blamed(entry.candidate.cause, entry.candidate.location)
 
     def shown(self, cause: str, place: str) -> bool:
         """Whether the equations of motion show this cause and place, and no other."""
@@ -428,6 +482,10 @@ class Screened:
         """Only free shapes tell."""
         return False
 
+    def allows(self, entry: Entry) -> bool:
+        """The equations show nothing else."""
+        return True
+
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""
         return False
@@ -448,10 +506,11 @@ def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
 
 
 def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> Starts:
-    # Starting points of suspected candidates, from the equations; those of the best explanation first.
+    # Starting points of suspected candidates, from the equations; those of the best explanation first, and of these those that
+    # leave least of a link's recorded force.
     return [
         (candidate, candidate.parameters(current.model, current.free), model)
-        for candidate in sorted(candidates, key=lambda c: -found.score_of(c.cause, c.location))
+        for candidate in sorted(candidates, key=lambda c: (-found.score_of(c.cause, c.location), found.left(c, current.free)))
         for model in found.started(candidate, current.free)
     ]
 
@@ -521,7 +580,7 @@ def _kind_and_form(
                 starts += [(candidate, free, start) for start in candidate.starts]
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
-        forms = job.better([*forms, *job.entries(more)])
+        forms = job.better([*forms, *job.finished(job.entries(more))])
         named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     stand = any(adequate(entry.score, job.floors) for entry in forms)
     return best_form(forms, job.now, job.floors) if stand else named
@@ -541,7 +600,9 @@ def _together(
             job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
             if adequate(entry.score, job.floors) or job.nearly(entry):
                 done.append((first, alone, entry))
-    if not done:
+    # The second one alone may be all.
+    seconds = {last.candidate.key for _, _, last in done}
+    if not done or any(adequate(e.score, job.floors) for e in job.finished([e for e in forms if e.candidate.key in seconds])):
         return None
     done = [pair for pair in done if adequate(pair[2].score, job.floors)] or done
     first, alone, last = min(done, key=lambda pair: (pair[0].rank + pair[2].candidate.rank, len(pair[2].fit.free)))

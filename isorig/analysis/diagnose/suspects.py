@@ -42,13 +42,11 @@ STARTS, SAME = 2, 1.3
 SHOWN, APART = 0.3, 0.3
 #: Share of the best score from which an explanation's free shapes are fitted.
 NEARLY = 0.8
-#: Score from which one explanation suffices: it leaves a tenth of the excess residuals.
-SUFFICES = 1.0
 #: Share of what the best candidate removes from the misfit of a link's recorded force that another one must remove to be
 #: simulated. Chosen: the right form removed nearly all in every sealed campaign, wrong ones of another shape less than a third.
 COMPARABLE = 0.5
-#: Share of the mean square force that a curve may leave to be the only cause, as `SUFFICES`.
-LITTLE = 0.1
+#: Share of a link's rms force that a curve may leave there to be the only cause. Chosen: as errors of the sensors do.
+LITTLE = 0.3
 #: Share of the mean square force that the best candidate must remove for such a comparison: else noise decides it.
 TELLS = 0.5
 #: Share of the mean square force that the free shape removes which a form may leave and stand for the shape; and the ratio of
@@ -117,20 +115,30 @@ class Suspects:
         others = (e.score for e in self.ranking.explanations if not self._is(e, kind, place))
         return mine >= SHOWN and mine > max(others, default=0.0) + APART
 
-    def leaves_another(self, current: Fit, evidence: Evidence) -> bool:
-        """Whether the best explanation is one of several: it shows, but leaves more than a tenth of what it should explain.
+    @property
+    def broken(self) -> bool:
+        """Whether an equation does not hold for certain."""
+        return self.ranking.worst >= BROKEN
 
-        At a link that is the force which a curve leaves there, or an equation without that link that does not hold; where the
-        equations give no force, it is the residuals.
+    def blamed(self, cause: str, place: str) -> bool:
+        """Whether no explanation of another kind or place is clearly better."""
+        return self.score_of(cause, place) >= NEARLY * self.chosen[0].score
+
+    def left(self, candidate: Candidate, current: Sequence[Free]) -> float:
+        """The rms force in N that a candidate leaves of its link's recorded force; 0 where the equations do not tell."""
+        return self._begun(candidate, current).left or 0.0
+
+    def leaves_another(self, current: Fit, evidence: Evidence) -> bool:
+        """Whether the best explanation is one of several: it shows, but leaves an equation broken.
+
+        Those with its link count by the force that a curve leaves there, where the equations give it.
         """
         best = self.chosen[0]
-        if best.score < SHOWN:
-            return False
         left, bare = self._of_curve(best, current, evidence), self._bare(best, current)
-        if left is None or bare is None:
-            return best.score < SUFFICES
-        beside = [b.name for b in self.equations.balances if not any(best.place in e.names for e, _ in b.crossing)]
-        return left**2 > LITTLE * bare**2 or any(best.residuals.get(name, 0.0) >= BROKEN for name in beside)
+        told = left is not None and bare is not None
+        with_link = {b.name for b in self.equations.balances if told and any(best.place in e.names for e, _ in b.crossing)}
+        others = any(value >= BROKEN for name, value in best.residuals.items() if name not in with_link)
+        return best.score >= SHOWN and (others or (left is not None and bare is not None and left > LITTLE * bare))
 
     def _of_curve(self, explanation: Explanation, current: Fit, evidence: Evidence) -> float | None:
         # The rms force in N that a curve leaves at an explanation's place; None if the equations do not tell.
@@ -176,23 +184,19 @@ class Suspects:
     def _comparable(
         self, candidates: Sequence[Candidate], current: Fit, curves: Mapping[Explanation, float] | None = None
     ) -> list[Candidate]:
-        # Those that explain a link's recorded force as well as the others and as the curves there, which leave these rms forces,
-        # as far as this can be told without a simulation.
+        # Those that explain a link's recorded force as well as any other one of any kind and as the curves there, which leave
+        # these rms forces, as far as this can be told without a simulation.
         begun = {id(candidate): self._begun(candidate, current.free) for candidate in candidates}
-        chosen = list(candidates)
-        for explanation in self.chosen:
-            mine = {key: one.left for key, one in begun.items() if one.explanation is explanation and one.left is not None}
-            bare = self._bare(explanation, current) if mine else None
-            if bare is None:
-                continue
-            removed = {key: bare**2 - (left or 0.0) ** 2 for key, left in mine.items()}
-            best = max(removed.values())
-            if curves is not None and explanation in curves:
-                best = max(best, bare**2 - curves[explanation] ** 2)
-            if best < TELLS * bare**2:
-                continue
-            chosen = [c for c in chosen if removed.get(id(c), best) >= COMPARABLE * best]
-        return chosen
+        left = {key: (one.explanation, one.left) for key, one in begun.items() if one.explanation and one.left is not None}
+        bare = {e: found for e, _ in left.values() if (found := self._bare(e, current))}
+        removed = {key: (e.place, 1.0 - (rest / bare[e]) ** 2) for key, (e, rest) in left.items() if e in bare}
+        best: dict[str, float] = {}
+        for place, share in (
+            *removed.values(), *((e.place, 1.0 - (rest / bare[e]) ** 2) for e, rest in (curves or {}).items() if e in bare)
+        ):  # fmt: skip
+            best[place] = max(best.get(place, 0.0), share)
+        least = {place: COMPARABLE * share if share >= TELLS else -np.inf for place, share in best.items()}
+        return [c for c in candidates if id(c) not in removed or removed[id(c)][1] >= least[removed[id(c)][0]]]
 
     def _bare(self, explanation: Explanation, current: Fit) -> float | None:
         # The rms force that the model leaves without a cause there, N.
@@ -296,12 +300,13 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
     equations
         The equations for the rig with the causes found so far.
     further
-        Whether causes were found already: then a suspect must repair an equation that they leave broken.
+        Whether causes were found already: then a suspect must repair an equation that they leave broken, if they leave one.
     """
     if not equations.residuals():
         return None
     ranked = ranking(equations)
-    listed = [item for item in ranked.explanations if not further or repairs(ranked.residuals, item.residuals)]
+    proved = further and max(ranked.residuals.values()) >= BROKEN
+    listed = [item for item in ranked.explanations if not proved or repairs(ranked.residuals, item.residuals)]
     chosen = suspected(listed)
     if not chosen:
         return None

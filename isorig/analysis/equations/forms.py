@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element
 from isorig.analysis.equations.columns import SHAPES, Shape
 from isorig.analysis.equations.filters import resonator
@@ -18,7 +18,7 @@ from isorig.analysis.equations.sliding import Sliding, SlidingFit
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free
-from isorig.analysis.laws.base import NO_LINK
+from isorig.analysis.laws.base import NO_LINK, Law
 from isorig.analysis.model.rig_model import RigModel
 
 #: Largest ratio of a parameter from the equations to its given value, and its inverse: others are artefacts of a wrong equation.
@@ -33,6 +33,15 @@ EVALUATIONS, DIFFERENCE = 60, 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
+class RecordedMotion:
+    """An element's deflection in m and velocity in m/s in a whole run, shape (samples,), and the indices of samples in use."""
+
+    deflection: FloatArray
+    velocity: FloatArray
+    used: IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
 class ElementForce:
     """The recorded force of an element and its motion, at samples of all runs; arrays of shape (n,).
 
@@ -44,6 +53,10 @@ class ElementForce:
         N.
     left
         What the regression with the free shape leaves of it, N.
+    motions
+        The whole runs, for laws with memory; their samples in use are those of the other arrays, in this order.
+    rate
+        Sample rate of the motions, Hz.
     """
 
     deflection: FloatArray
@@ -51,6 +64,8 @@ class ElementForce:
     time: FloatArray
     force: FloatArray
     left: FloatArray
+    motions: tuple[RecordedMotion, ...]
+    rate: float
 
 
 def shape_of(explanation: Explanation) -> Shape | None:
@@ -86,10 +101,11 @@ def _sliding_force(
     first = 3 + law_columns(element)
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]
     size *= _scale(dict(zip(unknown, fitted.values[first:].tolist(), strict=False)))
-    d, v, t, f, left = [], [], [], [], []
+    d, v, t, f, left, places = [], [], [], [], [], []
     for block in (sliding.active[k] for k in fitted.sound):
         place = block.first + block.used
         run = block.run
+        places.append(np.stack([np.full(len(place), run.run), place]))
         matrix, _ = sliding.evaluated(block, columns)
         others = slice(first, first + run.fixed.shape[1])
         d.append((run.deflection + run.slow)[place])
@@ -98,16 +114,23 @@ def _sliding_force(
         f.append((run.force[place] - matrix[:, others] @ fitted.values[others]) / size)
         left.append((run.force[place] - matrix @ fitted.values) / size)
     sliding.restore(state)
-    return _thinned(*(np.concatenate(part) for part in (d, v, t, f, left)))
+    samples = _thinned(np.concatenate(d))
+    runs, at = np.concatenate(places, axis=1)[:, samples]
+    return ElementForce(
+        deflection=np.concatenate(d)[samples], velocity=np.concatenate(v)[samples], time=np.concatenate(t)[samples],
+        force=np.concatenate(f)[samples], left=np.concatenate(left)[samples], rate=sliding.rate,
+        motions=tuple(
+            RecordedMotion(deflection=run.deflection, velocity=run.velocity, used=at[runs == run.run]) for run in sliding.runs
+        ),
+    )  # fmt: skip
 
 
-def _thinned(d: FloatArray, v: FloatArray, t: FloatArray, f: FloatArray, left: FloatArray) -> ElementForce:
-    # Half of the samples evenly in time, half where the deflection is large: rare events decide.
+def _thinned(d: FloatArray) -> IntArray:
+    # Indices of half of the samples evenly in time, half where the deflection is large: rare events decide.
     even = np.linspace(0, len(d) - 1, min(MOST_SAMPLES // 2, len(d))).astype(int)
     order = np.argsort(d)
     across = order[np.searchsorted(d[order], np.linspace(d.min(), d.max(), MOST_SAMPLES // 2)).clip(0, len(d) - 1)]
-    chosen = np.unique(np.concatenate([even, across]))
-    return ElementForce(deflection=d[chosen], velocity=v[chosen], time=t[chosen], force=f[chosen], left=left[chosen])
+    return np.unique(np.concatenate([even, across]))
 
 
 def fitted_form(
@@ -132,7 +155,7 @@ def fitted_form(
     Returns
     -------
     tuple
-        None if the form's force depends on its history, or if no parameter belongs to the element.
+        None if the form's force does not follow from the motion, or if no parameter belongs to the element.
     """
     from scipy.optimize import least_squares
 
@@ -191,20 +214,20 @@ def fitted_form(
 
 def _predicted(model: RigModel, element: Element, force: ElementForce, offset: float = 0.0) -> FloatArray | None:
     d, v, t = force.deflection + offset, force.velocity, force.time
-    still = np.zeros((1, len(d)))
     total = np.zeros(len(d))
     link = next((link for link in model.links if link.name in element.names), None)
     contact = next((contact for contact in model.contacts if contact.name in element.names), None)
     if link is not None:
         total = link.stiffness * d + link.damping * v
-        for law in link.laws:
-            if law.remembers:
-                return None
-            total = total + law.force(d, v, t, still, model.constants_of(link))
-    if contact is not None:
-        if contact.law.remembers:
+    laws = [(law, model.constants_of(link)) for law in link.laws] if link is not None else []
+    for law, constants in laws + ([(contact.law, NO_LINK)] if contact is not None else []):
+        if not law.remembers:
+            total = total + law.force(d, v, t, np.zeros((1, len(d))), constants)
+        elif type(law).along is Law.along:  # only by steps much finer than the samples
             return None
-        total = total + contact.law.force(d, v, t, still, NO_LINK)
+        else:
+            along = [law.along(run.deflection, run.velocity, force.rate, constants)[run.used] for run in force.motions]
+            total = total + np.concatenate(along)
     return total
 
 

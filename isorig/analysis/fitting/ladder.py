@@ -307,7 +307,8 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
     return worst(score(again.model, twins.judged), floors)
 
 
-Starts = list[tuple[Candidate, tuple[Free, ...], RigModel]]
+Start = tuple[Candidate, tuple[Free, ...], RigModel]
+Starts = list[Start]
 
 
 def followed(

@@ -40,13 +40,8 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
         return np.array([self.bristle_stiffness * (v - abs(v) * memory[0] / self.friction_force)])
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        # Within a step of one direction the law is linear in the distance: it decays towards the level of that direction.
-        level = self.friction_force * np.sign(v)
-        kept = np.exp(-self.bristle_stiffness * np.abs(v) / (self.friction_force * rate))
-        force, out = 0.0, np.empty(len(v))
-        for k in range(len(v)):
-            force = level[k] + (force - level[k]) * kept[k]
-            out[k] = force
+        out = np.empty(len(v))
+        slid_along(np.array([self.friction_force, self.bristle_stiffness]), np.ascontiguousarray(v) / rate, out)
         return out
 
 
@@ -55,6 +50,15 @@ def slid(f: float, p: FloatArray, x: float) -> float:
     """Force after a distance x (m) in one direction: df/dx = k (1 - f sign(v) / Fc) in closed form."""
     s = 1.0 if x >= 0.0 else -1.0
     return s * p[0] + (f - s * p[0]) * np.exp(-p[1] * abs(x) / p[0])
+
+
+@kernel
+def slid_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
+    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
+    force = 0.0
+    for k in range(len(distance)):
+        force = slid(force, p, distance[k])
+        out[k] = force
 
 
 @kernel

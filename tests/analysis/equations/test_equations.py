@@ -173,6 +173,23 @@ def test_a_form_is_fitted_to_the_recorded_force() -> None:
     assert found[0][path] == pytest.approx(3e6 * scale, rel=0.1)
 
 
+def test_a_form_with_memory_is_fitted_to_the_recorded_force() -> None:
+    law = laws.ElastoSlip(spring_stiffness=2000.0, slip_force=1.5)
+    campaign, given = played(with_law(stage(), "rail", law), seed=SEED + 15), guessed(stage(), SEED + 15)
+    equations = equations_of(campaign, given)
+    best = ranking(equations).explanations[0]
+    assert (best.kind, best.place, best.what) == ("memory", "rail", "slip")
+    force, path = element_force(equations, best), "links.rail.laws.0"
+    assert force is not None
+    start = with_law(given, "rail", laws.ElastoSlip(spring_stiffness=500.0, slip_force=0.5))
+    free = [Free(path=f"{path}.{name}", low=1e-3, high=1e6) for name in ("spring_stiffness", "slip_force")]
+    free += [Free(path=f"links.rail.{name}") for name in ("stiffness", "damping")]
+    found = fitted_form(start, free, equations.elements()[0], force)
+    assert found is not None
+    values = [found[0][f"{path}.{name}"] for name in ("spring_stiffness", "slip_force")]
+    assert values == pytest.approx([2000.0, 1.5], rel=0.1)
+
+
 def wavy(rig: RigModel, link: str, force: float, pitch: float) -> RigModel:
     at = np.linspace(-2.5 * pitch, 2.5 * pitch, 65)
     values = force * np.sin(2.0 * np.pi * at / pitch)

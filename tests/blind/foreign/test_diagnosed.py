@@ -1,0 +1,53 @@
+"""The counts of whole diagnoses of foreign campaigns: what is right, and a table that continues where it ended."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from diagnosed import COLUMNS, Line, append, group_of, judged, lines_of, table
+
+HARDENING = {"effect": "fifth power", "cause": None, "kinds": ["spring_shape"], "place": "l0"}
+GAIN = {"effect": "sensor_gain", "cause": "sensor_gain", "kinds": ["sensor"], "place": "a1"}
+
+
+@pytest.mark.parametrize(
+    ("effects", "steps", "verdict", "outcome"),
+    [
+        ([], [], "adequate", "right"),
+        ([], [], "unexplained", "no name"),
+        ([], [[("friction_shape", "rail")]], "explained", "disturbance"),
+        ([], [[("sensor", "a1")]], "explained", "wrong"),
+        ([HARDENING], [[("spring_shape", "l0")]], "explained", "right"),
+        ([HARDENING], [[("memory", "l0"), ("spring_shape", "l0")]], "explained", "right"),
+        ([HARDENING], [[("spring_shape", "l1")]], "explained", "wrong"),
+        ([HARDENING], [[("friction_shape", "rail")]], "partly explained", "disturbance"),
+        ([HARDENING], [], "unexplained", "no name"),
+        ([HARDENING, GAIN], [[("spring_shape", "l0")], [("sensor", "a1")]], "explained", "right"),
+        ([HARDENING, GAIN], [[("sensor", "a1")]], "partly explained", "one of two"),
+        ([HARDENING, GAIN], [[("sensor", "a1")], [("added_motion", "m0")]], "explained", "wrong"),
+    ],
+)
+def test_what_is_right(
+    effects: list[dict[str, object]], steps: list[list[tuple[str, str]]], verdict: str, outcome: str
+) -> None:  # fmt: skip
+    truth: dict[str, object] = {"effects": effects, "disturbances": [["friction_shape", "rail"]]}
+    assert judged(truth, steps, verdict) == outcome
+
+
+def test_lines_are_read_again_and_counted_by_group(tmp_path: Path) -> None:
+    truth: dict[str, object] = {"severity": 1 / 3, "soiled": True, "effects": [HARDENING]}
+    lines = [
+        Line(
+            seed=seed, family="chain", group=group_of(truth), outcome=outcome, hidden="fifth power at l0", verdict="explained",
+            named="end_stop at l0", processor_s=9.5,
+        )
+        for seed, outcome in ((1, "right"), (2, "wrong"), (3, "right"))
+    ]  # fmt: skip
+    for line in lines:
+        append(tmp_path / "study.csv", COLUMNS, vars(line))
+    assert lines_of(tmp_path / "study.csv") == lines
+    group, *counts = table(lines).splitlines()[1].rsplit(maxsplit=5)
+    assert (group.strip(), counts) == ("one cause, a third, 2 % of disturbances", ["2", "0", "0", "0", "1"])
