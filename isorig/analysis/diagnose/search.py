@@ -24,7 +24,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, found_step
-from isorig.analysis.diagnose.suspects import ALWAYS, Suspects, equations_of, suspects
+from isorig.analysis.diagnose.suspects import ALWAYS, STANDS_ALIKE, Suspects, equations_of, suspects
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
@@ -63,8 +63,6 @@ from isorig.analysis.model.rig_model import RigModel
 
 #: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
 FINALISTS, CURVES, PAIRS = 4, 3, 2
-#: How often the values of each cause of a pair are computed again with the other one in place.
-ALTERNATIONS = 2
 #: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
 #: must remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
@@ -345,56 +343,46 @@ class Suspected:
         job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
         if not self.found.leaves_another(job.current, job.evidence):
             return found
-        for first, free, model in unlike(self._started)[:PAIRS]:
-            starts = self._after(first, model)
+        for begun in unlike(self._started)[:PAIRS]:
+            starts = self._after(begun)
             if not starts:
                 continue
-            job.progress(f"an equation does not hold with {first.cause} ({first.location}); fitting another cause with it")
-            nearest = min(starts, key=lambda start: misfit(start[2], job.rungs[-1].problem))
-            if first.location != nearest[0].location:
-                starts = [*starts, *self._settled(first, nearest)]
-            run = verified(starts, job.rungs[-1], job.progress)
-            alone = verified([(first, free, model)], job.rungs[-1], job.progress)
+            job.progress(f"an equation does not hold with {begun[0].cause} ({begun[0].location}); fitting another cause with it")
+            other = self._alone(starts, begun[0].location)
+            back = [start for start in self._after(other) if start[0].key == begun[0].key] if other else []
+            run = verified([*starts, *back], job.rungs[-1], job.progress)
+            first = other if run and other and run[0][0].key == begun[0].key else begun
+            alone = verified([first], job.rungs[-1], job.progress)
             if alone and job.stays(run):
-                found.append((first, alone[0][1], *run[0]))
+                found.append((first[0], alone[0][1], *run[0]))
                 if run[0][1].cost <= AGREES:
                     break
         return sorted(found, key=lambda pair: pair[3].cost)[:PAIRS]
 
-    def _after(self, first: Candidate, model: RigModel) -> Starts:
+    def _after(self, begun: Start) -> Starts:
         # Starting points of a second cause by the equations with the first one in place, if these do not hold.
-        job = self.job
+        job, (first, free, model) = self.job, begun
         then = suspects(equations_of(job.campaign, model), further=True)
         if then is None or not then.broken:
             return []
-        extended = replace(job.current, model=model, free=first.parameters(job.current.model, job.current.free))
+        extended = replace(job.current, model=model, free=free)
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
         candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
         own = {f.path for f in first.free}
         return [start for start in _started(candidates, then, extended) if own <= {f.path for f in start[1]}]
 
-    def _settled(self, first: Candidate, then: Start) -> Starts:
-        # The starting point of a pair with each cause's values from the equations with the other one in place: the equations gave
-        # those of the first as if there were no second. None where they already agree with the data.
-        job, second = self.job, then[0]
-        for _ in range(ALTERNATIONS):
-            if misfit(then[2], job.rungs[-1].problem) < TELLING:
-                break
-            for known, sought in ((second, first), (first, second)):
-                alone = self._alone(known.key, then[2])
-                again = next((start for start in (alone and self._after(*alone)) or () if start[0].key == sought.key), None)
-                if again is None:
-                    return []
-                then = again
-        return [then]
-
-    def _alone(self, key: tuple[str, str], pair: RigModel) -> tuple[Candidate, RigModel] | None:
-        # One cause of a pair alone with its values.
-        current = self.job.current
-        for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence) if c.key == key):
-            with suppress(ModelError):
-                paths = [free.path for free in candidate.parameters(current.model, current.free)]
-                return candidate, candidate.starts[0].replace(values_at(pair, paths))
+    def _alone(self, starts: Starts, place: str) -> Start | None:
+        # The second cause alone, at another place than the first: the equations gave the values of the first as if there were no
+        # second, so they are to be computed again with that in place.
+        current, rung = self.job.current, self.job.rungs[-1]
+        elsewhere = [start for start in starts if start[0].location != place]
+        nearest = min(elsewhere, key=lambda start: misfit(start[2], rung.problem), default=None)
+        if nearest is None or misfit(nearest[2], rung.problem) < TELLING:
+            return None
+        for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence)):
+            if candidate.key == nearest[0].key:
+                free = candidate.parameters(current.model, current.free)
+                return candidate, free, candidate.starts[0].replace(values_at(nearest[2], [f.path for f in free]))
         return None
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
@@ -506,11 +494,18 @@ def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
 
 
 def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> Starts:
-    # Starting points of suspected candidates, from the equations; those of the best explanation first, and of these those that
-    # leave least of a link's recorded force.
+    # Starting points of suspected candidates, from the equations; those of the best explanation first, and of these the simplest
+    # of those that leave least of a link's recorded force.
+    left = {id(c): (found.score_of(c.cause, c.location), found.left(c, current.free)) for c in candidates}
+    least = {score: min(rest for other, rest in left.values() if other == score) for score, _ in left.values()}
+
+    def order(candidate: Candidate) -> tuple[float, bool, int, int]:
+        score, rest = left[id(candidate)]
+        return -score, rest > STANDS_ALIKE * least[score], candidate.rank, len(candidate.free)
+
     return [
         (candidate, candidate.parameters(current.model, current.free), model)
-        for candidate in sorted(candidates, key=lambda c: (-found.score_of(c.cause, c.location), found.left(c, current.free)))
+        for candidate in sorted(candidates, key=order)
         for model in found.started(candidate, current.free)
     ]
 
