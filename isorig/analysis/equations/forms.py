@@ -169,21 +169,22 @@ def fitted_form(
     high = np.array([f.encode(f.high) for f in own])
 
     def residual(coordinates: FloatArray) -> FloatArray:
+        values = {f.path: f.decode(float(c)) for f, c in zip(own, coordinates, strict=False)}
         try:
-            trial = model.replace({f.path: f.decode(float(c)) for f, c in zip(own, coordinates, strict=False)})
+            trial = model.replace(values)
         except ModelError:
             return np.full(len(force.force) + held_points, 1e3)
         predicted = _predicted(trial, element, force, swing * float(coordinates[-1]))
         assert predicted is not None
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.
-        held = [
-            (trial.get(f.path) - sum(weight * trial.get(path) for path, weight in f.follows)) / f.give for f in own if f.follows
-        ]
+        values = {**beside, **values}
+        held = [(values[f.path] - sum(weight * values[path] for path, weight in f.follows)) / f.give for f in own if f.follows]
         return np.concatenate([left - left.mean(), HELD * np.array(held)])
 
     swing = float(np.abs(force.deflection).max())
     held_points = sum(bool(f.follows) for f in own)
+    beside = {path: model.get(path) for f in own for path, _ in f.follows}
     start = np.clip(np.array([f.encode(model.get(f.path)) for f in own]), low + 1e-9, high - 1e-9)
     start, low, high = np.append(start, 0.0), np.append(low, -1.0), np.append(high, 1.0)
     # The force is linear in the points of a curve.

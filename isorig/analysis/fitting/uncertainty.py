@@ -239,10 +239,10 @@ class Known:
 
 def _by_chance(trials: Sequence[Trial]) -> float:
     # The variance between a few runs is itself uncertain: of independent noise it follows a chi-square distribution.
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     degrees = max(sum(trial.fitted > 0 for trial in trials) - 1, 1)
-    return float(chi2.ppf(1.0 - CHANCE, degrees) / degrees)
+    return float(chdtri(degrees, CHANCE) / degrees)
 
 
 def _held(done: Fit) -> FloatArray:

@@ -354,14 +354,18 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
             A path is no parameter, or a value contradicts physics.
         """
         tree: dict[str, Any] = {}
-        for path, value in values.items():
-            self.get(path)
-            *way, last = path.split(".")
-            node = tree
-            for step in way:
-                node = node.setdefault(step, {})
-            node[last] = float(value)
-        return cast("RigModel", _with_values(self, tree))
+        try:
+            for path, value in values.items():
+                *way, last = path.split(".")
+                node = tree
+                for step in way:
+                    node = node.setdefault(step, {})
+                node[last] = float(value)
+            return cast("RigModel", _with_values(self, tree))
+        except (LookupError, AttributeError, TypeError, ValueError):
+            for path in values:
+                self.get(path)  # says which path is no parameter
+            raise
 
 
 def to_tree(model: RigModel) -> dict[str, Any]:
@@ -410,6 +414,8 @@ def _step(item: Any, step: str, path: str) -> Any:
 def _with_values(item: Any, tree: float | Mapping[str, Any]) -> Any:
     # A part of a rig with other values at existing places; all those of a part at once, since they may depend on each other.
     if isinstance(tree, float):
+        if isinstance(item, bool) or not isinstance(item, int | float):
+            raise LookupError
         return tree
     if isinstance(item, tuple):
         names = [getattr(part, "name", getattr(part, "channel", str(k))) for k, part in enumerate(item)]

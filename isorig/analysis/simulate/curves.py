@@ -29,20 +29,24 @@ def _chosen(kernels: Sequence[Callable[..., Any]], first: int, either: Callable[
     return cast("Callable[..., Any]", either(first + middle, low, high))
 
 
-def _resisting(law: Callable[..., float]) -> Callable[..., float]:
+def _resisting(law: Callable[..., float]) -> Callable[..., tuple[float, float]]:
     @inlined
-    def resisting(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-        return law(p, gate, d, v, t)
+    def resisting(
+        code: int, p: FloatArray, gate: float, dm: float, vm: float, tm: float, d1: float, v1: float, t1: float
+    ) -> tuple[float, float]:
+        return law(p, gate, dm, vm, tm), law(p, gate, d1, v1, t1)
 
     return resisting
 
 
-def _either_resisting(border: int, low: Callable[..., float], high: Callable[..., float]) -> Callable[..., float]:
+def _either_resisting(border: int, low: Callable[..., Any], high: Callable[..., Any]) -> Callable[..., tuple[float, float]]:
     @inlined
-    def resisting(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    def resisting(
+        code: int, p: FloatArray, gate: float, dm: float, vm: float, tm: float, d1: float, v1: float, t1: float
+    ) -> tuple[float, float]:
         if code < border:
-            return low(code, p, gate, d, v, t)
-        return high(code, p, gate, d, v, t)
+            return low(code, p, gate, dm, vm, tm, d1, v1, t1)
+        return high(code, p, gate, dm, vm, tm, d1, v1, t1)
 
     return resisting
 
@@ -97,9 +101,11 @@ _carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.ca
 
 
 @kernel
-def plain(code: int, p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    """Resistance of a law without memory at elongation d (m), speed v (m/s) and time t (s)."""
-    return _plain(code, p, gate, d, v, t)
+def plain(
+    code: int, p: FloatArray, gate: float, dm: float, vm: float, tm: float, d1: float, v1: float, t1: float
+) -> tuple[float, float]:
+    """Resistance of a law without memory at two elongations (m), speeds (m/s) and times (s): selecting it takes as long as it."""
+    return _plain(code, p, gate, dm, vm, tm, d1, v1, t1)
 
 
 @kernel
@@ -118,7 +124,7 @@ def carried(
 def resist(code: int, p: FloatArray, gate: float, inner: FloatArray, c: int, d: float, v: float, t: float) -> float:
     """Resistance of curved element c with the state variables inner[c]."""
     if code < MEMORY:
-        return plain(code, p, gate, d, v, t)
+        return plain(code, p, gate, d, v, t, d, v, t)[0]
     return _recall(code, p, gate, inner[c], d, v, t)
 
 
@@ -129,7 +135,7 @@ def advance(
 ) -> tuple[float, float]:  # fmt: skip
     """Resistance at the middle and the end of `h` seconds from t on; the state variables at the end are stored in after[c]."""
     if code < MEMORY:
-        return plain(code, p, gate, dm, vm, t + 0.5 * h), plain(code, p, gate, d1, v1, t + h)
+        return plain(code, p, gate, dm, vm, t + 0.5 * h, d1, v1, t + h)
     return carried(code, p, gate, inner, half, after, c, d0, v0, dm, vm, d1, v1, h, t)
 
 

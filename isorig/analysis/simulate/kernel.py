@@ -33,13 +33,16 @@ LEAST = 0.1
 CAUTION, WEAR = 4.0, 1.02
 
 
-@kernel
+@inlined
 def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int, base: FloatArray, out: FloatArray) -> None:
-    """Add columns `first` up to `last` times y to base, eight rows at a time, so that the sums stay in vector registers."""
+    """Add columns `first` up to `last` times y to base, eight rows at a time, so that the sums stay in vector registers.
+
+    The indices are unsigned, so that none is checked for being negative.
+    """
     for b in range(blocks):
         a0, a1, a2, a3 = base[b, 0], base[b, 1], base[b, 2], base[b, 3]
         a4, a5, a6, a7 = base[b, 4], base[b, 5], base[b, 6], base[b, 7]
-        for j in range(first, last):
+        for j in range(np.uint64(first), np.uint64(last)):
             x = y[j]
             a0 += columns[b, j, 0] * x
             a1 += columns[b, j, 1] * x

@@ -16,6 +16,10 @@ from isorig.analysis.jit import fast_kernel
 TAPS = 20
 #: Share of the sample rate up to which the filter of the simulation's samples is flat, and the width in which `within` falls off.
 FLAT, FALL = 0.42, 0.06
+#: Attenuation of that filter above it, dB.
+ATTENUATION = 80.0
+#: Number of values that are filtered at a time.
+PART = 1024
 #: Number of samples kept after the end of a shortened drive.
 AFTER = 256
 #: Linear interpolation between values attenuates a spectrum by sinc^2; this filter compensates it to fourth order in the step.
@@ -27,23 +31,41 @@ SLOPE = np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12.0
 PLAIN = np.array([0.5, 0.0, -0.5])
 
 
+def _windowed(half: int, share: float, beta: float) -> FloatArray:
+    """Low-pass of 2 half + 1 taps by the Kaiser window; it falls to one half at `share` of half the sample rate."""
+    taps = np.sinc(share * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
+    return np.asarray(taps / taps.sum())
+
+
 @lru_cache(maxsize=16)
 def _lowpass(factor: int, half: int) -> FloatArray:
-    from scipy.signal import firwin
+    return _windowed(half * factor, 1.0 / factor, 10.0) if factor > 1 else np.ones(1)
 
-    return firwin(2 * half * factor + 1, 1.0 / factor, window=("kaiser", 10.0)) if factor > 1 else np.ones(1)
+
+@fast_kernel
+def convolve(taps: FloatArray, x: FloatArray, lead: int, out: FloatArray) -> None:
+    """Fill out[k] with the sum of taps[q] x[k + lead - q], zero beyond the ends of x; in parts that stay in the cache."""
+    for first in range(0, len(out), PART):
+        last = min(first + PART, len(out))
+        out[first:last] = 0.0
+        for q in range(len(taps)):
+            low, high = max(first, q - lead), min(last, len(x) + q - lead)
+            part, seen = out[low : max(low, high)], x[low + lead - q :]
+            for k in range(len(part)):
+                part[k] += taps[q] * seen[k]
 
 
 def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -> FloatArray:
     """Band-limited interpolation by an integer factor, shape (n * factor,); by default compensated for linear interpolation."""
-    from scipy.signal import upfirdn
-
     if factor == 1:
         return x
     h = np.convolve(_lowpass(factor, TAPS) * factor, joined)
-    y = upfirdn(h, x, up=factor)
-    lead = TAPS * factor + len(joined) // 2
-    return y[lead : lead + len(x) * factor]
+    x, lead = np.ascontiguousarray(x), TAPS * factor + len(joined) // 2
+    out = np.empty((factor, len(x)))
+    for phase in range(factor):
+        before, first = divmod(lead + phase, factor)
+        convolve(h[first::factor].copy(), x, before, out[phase])
+    return out.T.ravel()
 
 
 def as_held(x: FloatArray, factor: int) -> FloatArray:
@@ -182,20 +204,19 @@ def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: b
 
 @lru_cache(maxsize=16)
 def _passing(share: float) -> FloatArray:
-    from scipy.signal import firwin, kaiserord
-
-    taps, beta = kaiserord(80.0, 2.0 * FALL)
-    return np.asarray(firwin(taps | 1, 2.0 * share + FALL, window=("kaiser", beta)))
+    # Kaiser's formulas for the width of the fall and the attenuation above it.
+    half = int(np.ceil((ATTENUATION - 7.95) / (2.285 * np.pi * 2.0 * FALL) / 2.0))
+    return _windowed(half, 2.0 * share + FALL, 0.1102 * (ATTENUATION - 8.7))
 
 
 def within(x: FloatArray, highest: float, rate: float) -> FloatArray:
     """Signals without their content above a frequency in Hz, shape (..., n): linear phase, no delay, zero beyond the ends."""
-    from scipy.signal import oaconvolve
-
     taps = _passing(highest / rate)
-    reach = len(taps) // 2
-    n = x.shape[-1]
-    return np.asarray(oaconvolve(x, taps.reshape((1,) * (x.ndim - 1) + (-1,)), axes=-1)[..., reach : reach + n])
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    out = np.empty_like(x)
+    for signal, filtered in zip(x.reshape(-1, x.shape[-1]), out.reshape(-1, x.shape[-1]), strict=True):
+        convolve(taps, signal, len(taps) // 2, filtered)
+    return out
 
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:

@@ -103,7 +103,9 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
 
     Every second one is dashed, so that coinciding curves remain visible.
     """
-    figure = Figure(figsize=(9.0, 7.5), layout="constrained")
+    # Fixed margins: a layout that fits them draws the figure twice.
+    figure = Figure(figsize=(9.0, 7.5))
+    figure.subplots_adjust(left=0.1, right=0.98, top=0.98, bottom=0.07, hspace=0.08)
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
     for k, (name, frf) in enumerate(frfs.items()):
         kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])

@@ -9,7 +9,6 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.parameters.joint_fit import is_wire_bonder
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.model.prediction import predicted
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
@@ -43,6 +42,8 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
 
 def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
     """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
+    from isorig.analysis.parameters.joint_fit import is_wire_bonder
+
     if "locked" not in model.configurations or not is_wire_bonder(model):
         return None, ""
     try:
@@ -56,7 +57,7 @@ def frf_section(campaign: Campaign, simulated: Campaign, drives: Sequence[str], 
 
     The curves of the configuration `usual` are solid, others dashed.
     """
-    measured, other = (transfer_functions(each, reference=drives) for each in (campaign, simulated))
+    measured, other = transfer_functions(campaign, reference=drives), transfer_functions(simulated, reference=drives, found=())
     names = dict.fromkeys((item.frf.response, item.frf.reference) for item in measured)
     first = measured[0].frf
     references = " and ".join(dict.fromkeys(item.frf.reference for item in measured))
