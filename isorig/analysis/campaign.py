@@ -99,8 +99,10 @@ class Channel:
 
     def read(self, start: int = 0, stop: int | None = None) -> FloatArray:
         """Physical values from `start` to `stop` (the end if None), shape (stop - start,)."""
-        raw = np.asarray(self.samples[start:stop], dtype=np.float64)
-        return raw * self.scale + self.offset
+        values = np.asarray(self.samples[start:stop], dtype=np.float64) * self.scale
+        if self.offset:
+            values += self.offset
+        return values
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -221,7 +221,11 @@ class _Systems:
         self.along = w @ _root(inverse)
         self.grips = np.array([_grip(element) for element in elements])
         self.strides = [prod(len(element.states) for element in elements[k + 1 :]) for k in range(count)]
+        # By the contacts that stick: how they break away, which others they hold, how they share a force.
         self.patterns: dict[tuple[int, ...], FloatArray] = {}
+        self.forced: dict[tuple[int, ...], list[int]] = {}
+        self.shared: dict[tuple[int, ...], FloatArray] = {}
+        self.margins: dict[tuple[int, Exit], FloatArray] = {}
         acceleration = np.zeros((n, self.size))
         acceleration[:, : m + 2] = free[:, : m + 2]
         acceleration[:, self.size - 2 * self.further :: 2] = free[:, m + 2 :]
@@ -237,16 +241,22 @@ class _Systems:
             held = [k for k in range(count) if self.holds[mode, k]]
             if held:
                 # The force that keeps the relative acceleration at zero.
-                force = shared(self.along[held], self.grips[held]) @ w[held] @ moved
+                force = self._shared(held) @ w[held] @ moved
                 given[held] += force
                 moved = moved - inverse @ w[held].T @ force
             settled = [k for k in held if elements[k].states[states[k]].settles]
             if settled:
-                self.settle[mode] -= inverse @ w[settled].T @ shared(self.along[settled], self.grips[settled]) @ w[settled]
+                self.settle[mode] -= inverse @ w[settled].T @ self._shared(settled) @ w[settled]
             self.rate[mode, n:] = moved
         self.w = w
         self.quickest = float(np.abs(np.linalg.eigvals(self._square())).max(initial=0.0))
         self.steepest = max((_steepness(element, inverse) for element in elements), default=0.0)
+
+    def _shared(self, held: list[int]) -> FloatArray:
+        key = tuple(held)
+        if key not in self.shared:
+            self.shared[key] = shared(self.along[held], self.grips[held])
+        return self.shared[key]
 
     def _square(self) -> FloatArray:
         """System matrices of the modes, with the curved forces linearised at their steepest."""
@@ -260,14 +270,17 @@ class _Systems:
         return square
 
     def _margin(self, mode: int, k: int, way: Exit) -> FloatArray:
-        n, m = self.m // 2, self.m
-        row: FloatArray = way.hold * self.resistance[mode, k] + way.a * (self.w[k] @ self.rate[mode, n:])
-        row[:n] += way.d * self.w[k]
-        row[n:m] += way.v * self.w[k]
-        row[m] += way.const
-        if way.curve:
-            row[m + 3 + 3 * self.curved.index(k)] += way.curve
-        return row
+        if (k, way) not in self.margins:
+            # Of all modes at once.
+            n, m = self.m // 2, self.m
+            rows: FloatArray = way.hold * self.resistance[:, k] + way.a * (self.w[k] @ self.rate[:, n:])
+            rows[:, :n] += way.d * self.w[k]
+            rows[:, n:m] += way.v * self.w[k]
+            rows[:, m] += way.const
+            if way.curve:
+                rows[:, m + 3 + 3 * self.curved.index(k)] += way.curve
+            self.margins[k, way] = rows
+        return self.margins[k, way][mode]
 
     def _ways(self, mode: int) -> list[_Way]:
         """Exits of a mode."""
@@ -302,7 +315,11 @@ class _Systems:
 
     def _forced(self, settled: list[int]) -> list[int]:
         # Contacts that cannot slide while these stick.
-        return implied(self.along, settled, [k for k, kind in enumerate(self.kinds) if kind == SETTLING and k not in settled])
+        key = tuple(settled)
+        if key not in self.forced:
+            others = [k for k, kind in enumerate(self.kinds) if kind == SETTLING and k not in settled]
+            self.forced[key] = implied(self.along, settled, others)
+        return self.forced[key]
 
     def _landed(self, mode: int, k: int) -> int:
         settled = [*self._settled(mode), k]

@@ -475,7 +475,7 @@ class _Sums:
         self.transformed = np.empty((BLOCK, length // 2 + 1), dtype=np.complex128)
         self.conjugates = {name: np.empty((BLOCK, lines), dtype=np.complex128) for name in references}
         self.products = np.empty((BLOCK, lines), dtype=np.complex128)
-        self.product, self.squares = np.empty(lines, dtype=np.complex128), np.empty(2 * lines)
+        self.product, self.squares, self.power = np.empty(lines, dtype=np.complex128), np.empty(2 * lines), np.empty(lines)
         # Of the current group; the sums above are those of the groups before it.
         self.grouping = Grouping(group, groups)
         self.group = Sums(0, np.zeros_like(self.auto), {name: np.zeros_like(values) for name, values in self.cross.items()})
@@ -492,7 +492,8 @@ class _Sums:
 
     def _add(self, block: FloatArray) -> None:
         many, auto, cross = block.shape[1], self.group.auto, self.group.cross
-        part, products, product, squares = self.windowed[:many], self.products[:many], self.product, self.squares
+        part, products, product = self.windowed[:many], self.products[:many], self.product
+        squares, power = self.squares, self.power
         # References come first, so that a channel meets all of them when it is processed.
         for row, name in enumerate(self.names):
             np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
@@ -502,8 +503,11 @@ class _Sums:
                 np.conj(lines, out=self.conjugates[name][:many])
             parts = lines.view(np.float64) if lines.flags.c_contiguous else np.ascontiguousarray(lines).view(np.float64)
             np.einsum("sf,sf->f", parts, parts, out=squares)
-            auto[row] += squares[0::2] + squares[1::2]
-            for reference in self.references[: row + 1]:
+            np.add(squares[0::2], squares[1::2], out=power)
+            auto[row] += power
+            if name in cross:
+                cross[name][row] += power
+            for reference in self.references[:row]:
                 np.multiply(self.conjugates[reference][:many], lines, out=products)
                 cross[reference][row] += np.add.reduce(products, axis=0, out=product)
         self.group.segments += many
