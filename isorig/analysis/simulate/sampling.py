@@ -43,16 +43,21 @@ def _lowpass(factor: int, half: int) -> FloatArray:
 
 
 @fast_kernel
-def convolve(taps: FloatArray, x: FloatArray, lead: int, out: FloatArray) -> None:
-    """Fill out[k] with the sum of taps[q] x[k + lead - q], zero beyond the ends of x; in parts that stay in the cache."""
+def convolve(taps: FloatArray, x: FloatArray, out: FloatArray) -> None:
+    """Add to out[k] the sum of taps[q] x[k + len(taps) - 1 - q]; four taps at a time, in parts that stay in the cache."""
+    count = len(taps)
     for first in range(0, len(out), PART):
-        last = min(first + PART, len(out))
-        out[first:last] = 0.0
-        for q in range(len(taps)):
-            low, high = max(first, q - lead), min(last, len(x) + q - lead)
-            part, seen = out[low : max(low, high)], x[low + lead - q :]
+        part = out[first : first + PART]
+        for q in range(0, count - 3, 4):
+            a, b, c, d = taps[q], taps[q + 1], taps[q + 2], taps[q + 3]
+            at = first + count - 4 - q
+            seen, after, then, last = x[at:], x[at + 1 :], x[at + 2 :], x[at + 3 :]
             for k in range(len(part)):
-                part[k] += taps[q] * seen[k]
+                part[k] += a * last[k] + b * then[k] + c * after[k] + d * seen[k]
+        for q in range(count - count % 4, count):
+            a, seen = taps[q], x[first + count - 1 - q :]
+            for k in range(len(part)):
+                part[k] += a * seen[k]
 
 
 def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -> FloatArray:
@@ -60,11 +65,12 @@ def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -
     if factor == 1:
         return x
     h = np.convolve(_lowpass(factor, TAPS) * factor, joined)
-    x, lead = np.ascontiguousarray(x), TAPS * factor + len(joined) // 2
-    out = np.empty((factor, len(x)))
+    lead = TAPS * factor + len(joined) // 2
+    padded, out = np.pad(x, 2 * TAPS + 2), np.zeros((factor, len(x)))
     for phase in range(factor):
         before, first = divmod(lead + phase, factor)
-        convolve(h[first::factor].copy(), x, before, out[phase])
+        taps = h[first::factor].copy()
+        convolve(taps, padded[2 * TAPS + 3 + before - len(taps) :], out[phase])
     return out.T.ravel()
 
 
@@ -163,43 +169,26 @@ def _sampler(factor: int, differentiate: bool) -> FloatArray:
     return np.concatenate([np.zeros(-(len(g) // 2) % factor), g])
 
 
-@fast_kernel
-def fir(taps: FloatArray, x: FloatArray, down: int, lead: int, n: int) -> FloatArray:
-    """Filter and keep every `down`-th value from the `lead`-th on, shape (n,); beyond its end `x` continues linearly."""
-    length, size = len(taps), len(x)
-    slope = x[size - 1] - x[size - 2]
-    flipped = taps[::-1].copy()
-    out = np.zeros(n)
-    for k in range(n):
-        last = (k + lead) * down
-        first = last - length + 1
-        # Slices, because a possibly negative index prevents vectorisation of the sum.
-        inside = x[max(0, first) : last + 1]
-        weights = flipped[max(0, -first) :]
-        acc = 0.0
-        for j in range(len(inside)):
-            acc += weights[j] * inside[j]
-        for at in range(max(size, first), last + 1):
-            acc += flipped[at - first] * (x[size - 1] + slope * (at - size + 1))
-        out[k] = acc
-    return out
-
-
 def sampled(fine: FloatArray, factor: int, n: int, h: float, *, differentiate: bool) -> FloatArray:
     """Low-pass (linear phase, -6 dB at half the sample rate) and decimate; with `differentiate` the derivative.
 
     Accelerations are differentiated from velocities: they jump where friction reverses, and a sampled jump aliases, while
-    velocities are continuous. After the record's end the motion is extrapolated linearly.
+    velocities are continuous. Before the record's start the motion is constant at its first value; after its end it is
+    extrapolated linearly.
     """
     g = _sampler(factor, differentiate)
     lead = TAPS + (1 if differentiate and factor > 1 else 0)
     if factor == 1:
         lead = 1 if differentiate else 0
-    begun = float(fine[0])
-    if begun == 0.0:
-        return fir(g / h if differentiate else g, fine, factor, lead, n)
-    # Before the record's start the motion is constant at its first value.
-    return fir(g / h if differentiate else g, fine - begun, factor, lead, n) + (0.0 if differentiate else begun)
+    begun, before = float(fine[0]), len(g) + factor
+    after = np.arange(1, max(0, (n - 1 + lead) * factor + 1 - len(fine)) + 1)
+    x = np.concatenate([np.zeros(before), fine - begun, fine[-1] - begun + (fine[-1] - fine[-2]) * after])
+    out = np.zeros(n)
+    for phase in range(factor):
+        taps = g[phase::factor] / h if differentiate else g[phase::factor].copy()
+        first = before + (lead - len(taps) + 1) * factor - phase
+        convolve(taps, x[first::factor][: n + len(taps) - 1].copy(), out)
+    return out if differentiate else out + begun
 
 
 @lru_cache(maxsize=16)
@@ -211,11 +200,9 @@ def _passing(share: float) -> FloatArray:
 
 def within(x: FloatArray, highest: float, rate: float) -> FloatArray:
     """Signals without their content above a frequency in Hz, shape (..., n): linear phase, no delay, zero beyond the ends."""
-    taps = _passing(highest / rate)
-    x = np.ascontiguousarray(x, dtype=np.float64)
-    out = np.empty_like(x)
+    taps, out = _passing(highest / rate), np.zeros(x.shape)
     for signal, filtered in zip(x.reshape(-1, x.shape[-1]), out.reshape(-1, x.shape[-1]), strict=True):
-        convolve(taps, signal, len(taps) // 2, filtered)
+        convolve(taps, np.pad(signal, len(taps) // 2), filtered)
     return out
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import ModelError
-from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
