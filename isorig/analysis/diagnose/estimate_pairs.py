@@ -81,8 +81,8 @@ class Group:
         """Measured and simulated spectra of all channels, averaged over the runs."""
         reference = [self.pairs[0].drive]
         return (
-            estimate([p.measured for p in self.pairs], references=reference, resolution=self.resolution),
-            estimate([p.simulated for p in self.pairs], references=reference, resolution=self.resolution),
+            estimate([p.measured for p in self.pairs], references=reference, resolution=self.resolution, jackknife=False),
+            estimate([p.simulated for p in self.pairs], references=reference, resolution=self.resolution, jackknife=False),
         )
 
     @property

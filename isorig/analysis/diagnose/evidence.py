@@ -149,7 +149,7 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             one, other = at[link.a], at[link.b]
             values, stds, phases, fs = [], [], [], []
             for run in runs:
-                frf = estimate([run], references=[other], channels=[one], resolution=1.0).frf(one, other)
+                frf = estimate([run], references=[other], channels=[one], resolution=1.0, jackknife=False).frf(one, other)
                 low, high = run.band or (1.0, run.sample_rate / 2.56)
                 kept = (frf.coherence > RIGID) & (frf.frequency >= low) & (frf.frequency <= high)
                 values.append(np.abs(frf.value[kept]))

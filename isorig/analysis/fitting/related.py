@@ -69,35 +69,41 @@ def related(model: RigModel, trials: Sequence[Trial]) -> bool:
         for sensor in sensors:
             x = motion[sensor.channel] / max(float(np.std(motion[sensor.channel])), 1e-300)
             inputs += [x, np.abs(x), np.sign(x) if sensor.quantity == "velocity" else x**3]
-        return [
-            _chance(rows, signal, values, drive) for rows, signal in zip(left, trial.measured, strict=True) for values in inputs
-        ]
+        n = min(len(rows) for rows in (*left, *inputs))
+        length = 2 * (n // (SEGMENTS + 1))
+        driven = _power(_segments(drive[:n], length))
+        kept = driven >= DRIVEN * driven.max()
+        seen = [_segments(values[:n], length)[:, kept] for values in inputs]
+        averages = effective_averages(HANN.samples(length), len(seen[0]), length // 2)
+        found: list[tuple[float, bool]] = []
+        for rows, signal in zip(left, trial.measured, strict=True):
+            rest, size = _segments(rows[:n], length)[:, kept], _power(_segments(signal[:n], length)[:, kept])
+            found += [_chance(rest, values, float(size.sum()), averages) for values in seen]
+        return found
 
     found = [pair for pairs in side_by_side(one, trials) for pair in pairs]
     return any(large and chance * len(found) < CHANCE for chance, large in found)
 
 
-def _chance(left: FloatArray, signal: FloatArray, values: FloatArray, drive: FloatArray) -> tuple[float, bool]:
+def _chance(left: ComplexArray, values: ComplexArray, size: float, averages: float) -> tuple[float, bool]:
     # Probability that unrelated records are as coherent as these two, the bins weighted by the power of what is left, and
-    # whether the coherent power matters.
+    # whether the coherent power matters beside the signal's.
     from scipy.special import gammaincc
 
-    n = min(len(left), len(values))
-    length = 2 * (n // (SEGMENTS + 1))
-    one, whole, other, driving = (_segments(rows[:n], length) for rows in (left, signal, values, drive))
-    driven = (np.abs(driving) ** 2).sum(axis=0)
-    kept = driven >= DRIVEN * driven.max()
-    cross = np.abs((np.conj(one) * other).sum(axis=0)[kept]) ** 2
-    power, input_power, size = ((np.abs(rows) ** 2).sum(axis=0)[kept] for rows in (one, other, whole))
+    cross = np.abs((np.conj(left) * values).sum(axis=0)) ** 2
+    power, input_power = _power(left), _power(values)
     if power.sum() == 0.0 or input_power.sum() == 0.0:
         return 1.0, False
-    averages = effective_averages(HANN.samples(length), len(one), length // 2)
     coherence = float((power / power.sum()) @ (cross / np.maximum(power * input_power, 1e-300)))
     # Without a relation coherence times averages has an exponential distribution, a weighted sum nearly a gamma distribution.
     shape = 1.0 / (TIED * float(((power / power.sum()) ** 2).sum()))
     share = max(coherence - 1.0 / averages, 0.0) / (1.0 - 1.0 / averages)
-    large = share > SHARE and share * power.sum() > (2.0 * SIMULATION_LIMIT) ** 2 * size.sum()
+    large = share > SHARE and share * power.sum() > (2.0 * SIMULATION_LIMIT) ** 2 * size
     return float(gammaincc(shape, shape * averages * coherence)), bool(large)
+
+
+def _power(segments: ComplexArray) -> FloatArray:
+    return np.asarray((np.abs(segments) ** 2).sum(axis=0))
 
 
 def _segments(values: FloatArray, length: int) -> ComplexArray:

@@ -247,7 +247,9 @@ def _pieces(
         if all(both):
             gains.append((gain, both))
     found = [
-        estimate(runs, references=[reference], channels=[response], resolution=resolution).frf(response, reference)
+        estimate(runs, references=[reference], channels=[response], resolution=resolution, jackknife=False).frf(
+            response, reference
+        )
         for _, both in gains
         for runs in both
     ]

@@ -280,7 +280,7 @@ class _Systems:
             if way.curve:
                 rows[:, m + 3 + 3 * self.curved.index(k)] += way.curve
             self.margins[k, way] = rows
-        return self.margins[k, way][mode]
+        return np.asarray(self.margins[k, way][mode])
 
     def _ways(self, mode: int) -> list[_Way]:
         """Exits of a mode."""

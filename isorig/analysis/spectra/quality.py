@@ -208,7 +208,7 @@ def _spectra_of(run: Run, reference: str, resolution: float = RESOLUTION) -> Spe
     if reference not in run.channels:
         return None
     try:
-        return estimate([run], references=[reference], channels=list(run.sensors), resolution=resolution)
+        return estimate([run], references=[reference], channels=list(run.sensors), resolution=resolution, jackknife=False)
     except DataError:
         return None
 

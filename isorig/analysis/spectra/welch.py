@@ -238,7 +238,7 @@ def _group_changes(
 
 def estimate(
     runs: Sequence[Run], *, references: Sequence[str], channels: Sequence[str] | None = None, resolution: float = 0.25,
-    window: Window = HANN, overlap: float = OVERLAP,
+    window: Window = HANN, overlap: float = OVERLAP, jackknife: bool = True,
 ) -> Spectra:  # fmt: skip
     """Auto and cross spectra, averaged over all runs, with the mean of each segment removed.
 
@@ -254,6 +254,8 @@ def estimate(
         Requested frequency resolution, Hz; the segment is the next even number of samples.
     window, overlap
         Window of the segments, and their relative overlap, 0 to `OVERLAP_MOST`.
+    jackknife
+        Whether groups of segments are kept for the uncertainty of modes; without them it takes less time and memory.
 
     Raises
     ------
@@ -288,7 +290,8 @@ def estimate(
         alike = [(run, *ends) for run in runs if run.sample_rate == rate for ends in stretches(run)]
         hop = _hop(length, overlap)
         count = sum(_segments(stop - start, length, hop) for _, start, stop in alike)
-        sums = _Sums(names, references, length, group=group_size(count, BLOCK), window=window, overlap=overlap)
+        group = group_size(count, BLOCK) if jackknife else count + 1
+        sums = _Sums(names, references, length, group=group, window=window, overlap=overlap)
         for run, start, stop in alike:
             for block in _blocks(run, names, start, stop, length, hop):
                 sums.add(block)
