@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
-from collections.abc import Mapping
-from typing import Any
 
 from isorig.drivers.connected import Connected
 from isorig.drivers.kinds import StreamKind, kinds
@@ -13,6 +10,7 @@ from isorig.drivers.voltage import OutputSettings
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.plan_check import check_plan
 from isorig.rig.errors import PlanError
+from isorig.rig.files.tomlfile import table_text
 
 #: Settings that only an instrument with an output has.
 OUTPUT = ("output", "output_full_scale", *OutputSettings.__struct_fields__)
@@ -55,24 +53,12 @@ def draft_plan(one: Connected, kind: str) -> str:
         channels = dict(list(channels.items())[: last + 1])
         channels = {name: channel | {"input": min(channel["input"], last)} for name, channel in channels.items()}
     shows = instrument.pop("shows", [])
-    tables = [_table("instrument", {"kind": kind, "port": one.port, **instrument})]
-    tables += [_table("instrument.shows", shown, many=True) for shown in shows]
-    tables += [_table(f"channels.{name}", channel) for name, channel in channels.items()]
-    tables.append(_table("runs", {**RUN, **(PLAYED if plays else OTHER)}, many=True))
-    text = HEAD.format(name=one.name or one.port) + "\n" + "\n".join(tables)
+    lines = table_text("instrument", {"kind": kind, "port": one.port, **instrument})
+    for shown in shows:
+        lines += table_text("instrument.shows", shown, many=True)
+    for name, channel in channels.items():
+        lines += table_text(f"channels.{name}", channel)
+    lines += table_text("runs", RUN | (PLAYED if plays else OTHER), many=True)
+    text = HEAD.format(name=one.name or one.port) + "\n" + "\n".join(lines)
     check_plan(plan_of(tomllib.loads(text)), "the proposed plan")
     return text
-
-
-def _table(name: str, values: Mapping[str, Any], *, many: bool = False) -> str:
-    head = f"[[{name}]]" if many else f"[{name}]"
-    return "\n".join([head, *(f"{key} = {_value(value)}" for key, value in values.items())]) + "\n"
-
-
-def _value(value: Any) -> str:
-    # TOML writes text, numbers and lists as JSON does; only tables differ.
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_value(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, list) and value and isinstance(value[0], Mapping):
-        return "[\n" + "".join(f"    {_value(each)},\n" for each in value) + "]"
-    return json.dumps(value, ensure_ascii=False)

@@ -7,7 +7,7 @@ from rich.tree import Tree
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.parameter_units import factor_unit, unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
-from isorig.rig.files.rigtext import plain
+from isorig.rig.files.tomlfile import plain
 
 
 def drawn(model: RigModel) -> Tree:

@@ -1,10 +1,10 @@
-"""TOML files written by people, read with one-sentence error messages."""
+"""TOML files: read with one-sentence error messages, and written for reading and editing."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -64,3 +64,58 @@ def _explained(text: str, keys: Iterable[str]) -> str:
     place = re.search(r" - at (\S+)", text)
     where = place[1].removeprefix("$.") if place else "the file"
     return f"{where} has the key {unknown[1]!r}, which is unknown there{did_you_mean(unknown[1], keys)}"
+
+
+def plain(part: msgspec.Struct) -> dict[str, Any]:
+    """A part as plain values, without keys that have their default; the first key of a law is its name."""
+    kind = part.__struct_config__
+    found: dict[str, Any] = {} if kind.tag is None else {str(kind.tag_field): kind.tag}
+    for field in msgspec.structs.fields(type(part)):
+        value = getattr(part, field.name)
+        default = field.default_factory() if field.default_factory is not msgspec.NODEFAULT else field.default
+        if default is msgspec.NODEFAULT or value != default:
+            found[field.name] = _plain(value)
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, msgspec.Struct):
+        return plain(value)
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value
+
+
+def table_text(name: str, values: Mapping[str, Any], *, many: bool = False) -> list[str]:
+    """The lines of a table, one of `many` with that name, with an empty line at the end; a list of tables has a line for each."""
+    lines = [f"[[{name}]]" if many else f"[{name}]"]
+    for key, value in values.items():
+        if isinstance(value, list) and value and isinstance(value[0], Mapping):
+            lines += [f"{key_text(key)} = [", *(f"    {value_text(each)}," for each in value), "]"]
+        else:
+            lines.append(f"{key_text(key)} = {value_text(value)}")
+    return [*lines, ""]
+
+
+def comments(text: str) -> list[str]:
+    """The lines of a text as comments."""
+    return [f"# {line}".rstrip() for line in text.splitlines()]
+
+
+def key_text(name: str) -> str:
+    """A key, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else value_text(name)
+
+
+def value_text(value: Any) -> str:
+    """A value in one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key_text(key)} = {value_text(item)}" for key, item in value.items()) + " }" if value else "{}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(value_text, value)) + "]"
+    if isinstance(value, float):
+        return repr(value)
+    # Strings, integers and booleans are written alike in JSON and TOML, but for one character.
+    return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f")

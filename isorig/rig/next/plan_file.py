@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import check_plan
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import Rivals
+from isorig.rig.files.tomlfile import comments, plain, table_text
 
 #: Sensitivity of a channel of the virtual rig, V per SI unit, for a plan without its own instrument.
 SENSITIVITY = 0.2
@@ -65,61 +65,37 @@ def write_plan(path: Path, plan: Plan, why: Mapping[str, Sequence[str]], head: S
 
 def plan_text(plan: Plan, why: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> str:
     """A plan as TOML, without values that have their default."""
-    instrument = _stated(plan.instrument)
-    settings = instrument.pop("settings", None) or {}
+    instrument = plain(plan.instrument)
     shows = instrument.pop("shows", ())
-    lines = [*_comments(head), *_table("rig", plan.rig), *_table("instrument", {**instrument, **settings})]
+    lines = [*_comments(head), *table_text("rig", plan.rig), *table_text("instrument", _with_settings(instrument))]
     for each in shows:
-        lines += _table("instrument.shows", each, many=True)
+        lines += table_text("instrument.shows", each, many=True)
     for name, channel in plan.channels.items():
-        lines += _table(f"channels.{name}", _stated(channel))
+        lines += table_text(f"channels.{name}", plain(channel))
     for name, logger in plan.loggers.items():
-        stated = _stated(logger)
-        settings, logged = stated.pop("settings", None) or {}, stated.pop("channels")
-        lines += _table(f"loggers.{name}", {**stated, **settings})
+        stated = plain(logger)
+        logged = stated.pop("channels")
+        lines += table_text(f"loggers.{name}", _with_settings(stated))
         for key, about in logged.items():
-            lines += _table(f"loggers.{name}.channels.{key}", about)
-    limits = _stated(plan.limits)
+            lines += table_text(f"loggers.{name}.channels.{key}", about)
+    limits = plain(plan.limits)
     nested = {key: limits.pop(key) for key in ("stroke", "channels") if key in limits}
-    lines += _table("limits", limits) if limits else []
+    lines += table_text("limits", limits) if limits else []
     for key, values in nested.items():
-        lines += _table(f"limits.{key}", values)
+        lines += table_text(f"limits.{key}", values)
     for run in plan.runs:
-        lines += [*_comments(why.get(run.id, ())), *_table("runs", _stated(run), many=True)]
+        lines += [*_comments(why.get(run.id, ())), *table_text("runs", plain(run), many=True)]
     return "\n".join(lines)
 
 
-def _stated(part: msgspec.Struct) -> dict[str, Any]:
-    fields = msgspec.structs.fields(part)
-    required = {field.name for field in fields if field.required}
-    defaults = {field.name: field.default for field in fields}
-    kept = {name: getattr(part, name) for name in part.__struct_fields__}
-    return {
-        name: msgspec.to_builtins(value)
-        for name, value in kept.items()
-        if value is not None and (name in required or value != defaults[name]) and value not in ({}, ())
-    }
+def _with_settings(stated: dict[str, Any]) -> dict[str, Any]:
+    # The settings of a kind stand between its other keys.
+    settings = stated.pop("settings", {})
+    return {**stated, **settings}
 
 
 def _comments(sentences: Sequence[str]) -> list[str]:
-    return [f"# {line}" for sentence in sentences for line in sentence.splitlines()]
-
-
-def _table(name: str, values: Mapping[str, Any], *, many: bool = False) -> list[str]:
-    head = f"[[{name}]]" if many else f"[{name}]"
-    return [head, *(f"{key} = {_value(value)}" for key, value in values.items() if value is not None), ""]
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key} = {_value(item)}' for key, item in value.items() if item is not None)}}}"
-    if isinstance(value, Sequence):
-        return f"[{', '.join(_value(item) for item in value)}]"
-    return repr(value)
+    return comments("\n".join(sentences))
 
 
 def run_names(count: int, taken: Sequence[str]) -> list[str]:
