@@ -23,7 +23,7 @@ from isorig.rig.model.prediction import predicted as predict
 from isorig.rig.notebook import pages, plots, tables  # noqa: F401
 from isorig.rig.notebook.answers import characterize, diagnose
 from isorig.rig.wire_bonder.description import wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 __all__ = [
     "AnalysisError",
@@ -33,7 +33,7 @@ __all__ = [
     "Rig",
     "RigError",
     "Run",
-    "Take",
+    "VirtualRun",
     "characterize",
     "diagnose",
     "estimate",

@@ -19,10 +19,10 @@ from isorig.names import __all__ as names
 
 ROOT = Path(__file__).resolve().parents[1]
 TAKES = [
-    iso.Take(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0, band=(0.5, 60.0)),
-    iso.Take(id="u7", configuration="unlocked", gain=7.0, seconds=10.0, start=60.0, band=(0.5, 400.0)),
-    iso.Take(id="l70", configuration="locked", gain=70.0, seconds=10.0, start=120.0, band=(0.5, 60.0)),
-    iso.Take(id="l7", configuration="locked", gain=7.0, seconds=10.0, start=180.0, band=(0.5, 400.0)),
+    iso.VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0, band=(0.5, 60.0)),
+    iso.VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=10.0, start=60.0, band=(0.5, 400.0)),
+    iso.VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=10.0, start=120.0, band=(0.5, 60.0)),
+    iso.VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=10.0, start=180.0, band=(0.5, 400.0)),
 ]
 
 

@@ -13,7 +13,7 @@ from isorig.analysis.laws import Stribeck
 from isorig.analysis.model.rig_model import Contact, RigModel
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 from isorig.rig.wire_bonder.stroke import frictionless
 
 #: Gain up to 15 Hz and gain from there to 400 Hz, with the drive's band and the length of a run, s.
@@ -98,7 +98,7 @@ def played(candidate: Candidate | None = None, share: float = 1.0) -> Played:
     return Played(candidate=candidate, measured=both[0], smooth=both[1], share=share)
 
 
-def campaign_takes(per_gain: float, share: float) -> list[Take]:
+def campaign_takes(per_gain: float, share: float) -> list[VirtualRun]:
     """The thesis's runs: both gains, unlocked and locked."""
     return [
         take(c, gain, BANDS[gain], share * seconds, per_gain) for gain, seconds in SECONDS.items() for c in ("unlocked", "locked")
@@ -107,14 +107,14 @@ def campaign_takes(per_gain: float, share: float) -> list[Take]:
 
 def take(
     configuration: str, gain: float, band: tuple[float, float], seconds: float, per_gain: float = HEAD_PER_GAIN
-) -> Take:  # fmt: skip
+) -> VirtualRun:  # fmt: skip
     """A broad-band run."""
-    return Take(
+    return VirtualRun(
         id=f"{configuration[0]}{gain:g}", configuration=configuration, gain=gain, seconds=seconds, start=0.0, band=band,
         per_gain=per_gain,
     )  # fmt: skip
 
 
-def play(rig: RigModel, takes: list[Take]) -> Campaign:
+def play(rig: RigModel, takes: list[VirtualRun]) -> Campaign:
     """A virtual campaign with the page's seed."""
     return virtual_campaign(rig, takes, seed=SEED)

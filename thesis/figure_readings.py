@@ -12,7 +12,7 @@ from isorig.analysis.spectra.welch import estimate
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.figures import set_ups_figure
-from isorig.rig.wire_bonder.four_set_ups import Classic, SetUp, classic
+from isorig.rig.wire_bonder.four_set_ups import FourSetUps, SetUp, classic
 from thesis.campaign import BANDS, LOW, NONE, SECONDS, Played, play, take
 from thesis.published_values import printed
 from thesis.step import Step, judged
@@ -32,12 +32,12 @@ FORCES = (0.0, 1.0, 5.0, 20.0)
 BARE = (5.0, 8.0)
 
 
-def read(campaign: Campaign) -> Classic:
+def read(campaign: Campaign) -> FourSetUps:
     """The thesis's own readings of a campaign."""
     return classic(campaign, baseline_model(campaign))
 
 
-def tables(rough: Classic, smooth: Classic) -> Step:
+def tables(rough: FourSetUps, smooth: FourSetUps) -> Step:
     """What the thesis read off, with friction and without."""
     rows = []
     for item, other in zip(rough.set_ups, smooth.set_ups, strict=True):

@@ -17,7 +17,7 @@ from isorig.analysis.spectra.half_power import peaks
 from isorig.analysis.spectra.welch import Frf, estimate
 from isorig.rig.model.prediction import predicted
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.four_set_ups import Classic, SetUp
+from isorig.rig.wire_bonder.four_set_ups import FourSetUps, SetUp
 from isorig.rig.wire_bonder.stroke import frictionless, histories
 from thesis.campaign import HIGH, LOW, Played
 from thesis.figure_readings import HALF_POWER, read, resolutions
@@ -44,7 +44,7 @@ class Seen:
     """A campaign with its readings: what the figures are taken from."""
 
     played: Played
-    read: Classic
+    read: FourSetUps
     half_power: tuple[float, ...]
 
     def mode(self, name: str) -> SetUp:

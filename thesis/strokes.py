@@ -38,14 +38,14 @@ def lowest(points: int, *, mass: float = 6.5, repeat: int = 10, after: bool = Fa
     """Lowest frequency inside the limit without friction for another head (kg) and number of moves, Hz."""
     moves = (msgspec.structs.replace(PLAN.moves[0], repeat=repeat),)
     plan = msgspec.structs.replace(PLAN, head=HeadPlan(mass=mass), moves=moves, after=after)
-    rigs = [frictionless(rig) for rig in rigs_of(OF_THESIS, plan, draws=0, randomness=0)]
+    rigs = [frictionless(rig) for rig in rigs_of(OF_THESIS, plan, draws=0, seed=0)]
     grid = np.geomspace(*plan.frequencies, points)
     return stroke_study(rigs, grid, plan.drive(), RATE, limit=plan.limit).lowest
 
 
 def strokes(*, points: int = 100, draws: int = 50) -> Step:
     """The worst case and its dependence on the assumptions."""
-    rigs = rigs_of(OF_THESIS, PLAN, draws=draws, randomness=0)
+    rigs = rigs_of(OF_THESIS, PLAN, draws=draws, seed=0)
     found: Designed = designed(PLAN, rigs, points=points, offsets=OFFSETS, rocking_frequency=ROCKING)
     free, rough = found.studies["without friction"], found.studies["with friction"]
     middle = {name: _median(r.frequency, r.ratio) for name, r in found.ratios.items()}

@@ -13,7 +13,7 @@ from isorig.analysis.parameters.joint_fit import Characterization, Entry
 from isorig.rig.model.prediction import predicted
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.figures import surface_figure
-from isorig.rig.wire_bonder.four_set_ups import Classic
+from isorig.rig.wire_bonder.four_set_ups import FourSetUps
 from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import CALIBRATION, Played
 from thesis.figure_readings import HALF_POWER
@@ -83,7 +83,7 @@ def _overlay(f: FloatArray, size: Mapping[str, FloatArray]) -> Figure:
     return figure
 
 
-def surface(rough: Classic, smooth: Classic) -> Step:
+def surface(rough: FourSetUps, smooth: FourSetUps) -> Step:
     """Figure 23."""
     rows: list[Row] = []
     pictures: dict[str, Figure] = {}

@@ -47,6 +47,10 @@ class Input:
     offset: float = 0.0
     counts: bool = False
 
+    def physical(self, raw: Raw) -> FloatArray:
+        """Raw values in the input's unit."""
+        return np.asarray(raw * self.per_count + self.offset, np.float64)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Block:

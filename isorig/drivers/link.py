@@ -14,7 +14,7 @@ RESOURCE = re.compile(r"(GPIB|TCPIP|USB|ASRL|PXI|VXI)[^@]*::[^@]+", re.IGNORECAS
 ADAPTED = re.compile(r"GPIB\d*::(\d{1,2})(::INSTR)?@(.+)", re.IGNORECASE)
 
 
-class Link(Protocol):
+class CommandLink(Protocol):
     """A connection for commands and their answers."""
 
     @property
@@ -114,7 +114,7 @@ class LineLink(Port):
         time.sleep(seconds)
 
 
-def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> Link:
+def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> CommandLink:
     """Open the link that a name in a plan denotes.
 
     Parameters

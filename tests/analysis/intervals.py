@@ -26,22 +26,22 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 TABLE = Path(__file__).parents[2] / "docs" / "study" / "coverage.csv"
 NOISES_TABLE = TABLE.with_name("noise-coverage.csv")
 COLUMNS = ("noise", "seed", "parameter", "truth", "value", "std")
 TAKES = (
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=40.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=80.0),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=20.0, start=120.0, band=(0.5, 400.0)),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=40.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=80.0),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=20.0, start=120.0, band=(0.5, 400.0)),
 )
 #: Campaigns with other noise: one at each of two gains, and one locked.
 SHORT = (
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=8.0, start=20.0, band=(0.5, 400.0)),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=8.0, start=40.0, band=(0.5, 400.0)),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=8.0, start=20.0, band=(0.5, 400.0)),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=8.0, start=40.0, band=(0.5, 400.0)),
 )
 #: Noise of drive and responses, as shares of the rms of each channel in each run or in all runs together; coloured noise is white
 #: noise through a low-pass filter of first order at 3.3 Hz.

@@ -19,7 +19,7 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 
 def test_campaign_a(shared: Path, tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_an_error_above_the_limit_is_a_misfit_whatever_its_relation(share: float
 
 def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:
     model = wire_bonder({**THESIS, "friction_force": 9.0})
-    again = Take(id="again", configuration="unlocked", gain=70.0, seconds=20.0, start=200.0)
+    again = VirtualRun(id="again", configuration="unlocked", gain=70.0, seconds=20.0, start=200.0)
     campaign = virtual_campaign(model, (*TAKES, again), seed=2)
     last = campaign.runs[-1]
     clipped = Channel(name="motor", samples=np.clip(last.read("motor"), -1.0, 1.0))

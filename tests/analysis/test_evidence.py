@@ -16,14 +16,14 @@ from isorig.analysis.fitting.score import BLOCKS, Score, improvement
 from isorig.analysis.fitting.trials import Trial, prepare
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 SOUND = wire_bonder({**THESIS, "friction_force": 10.0})
 TAKES = (
-    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=40.0, start=0.0),
-    Take(id="u35", configuration="unlocked", gain=35.0, seconds=40.0, start=60.0),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=30.0, start=120.0),
-    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=40.0, start=600.0),
+    VirtualRun(id="u70a", configuration="unlocked", gain=70.0, seconds=40.0, start=0.0),
+    VirtualRun(id="u35", configuration="unlocked", gain=35.0, seconds=40.0, start=60.0),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=30.0, start=120.0),
+    VirtualRun(id="u70b", configuration="unlocked", gain=70.0, seconds=40.0, start=600.0),
 )
 
 

@@ -18,14 +18,14 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 RIG = wire_bonder({**THESIS, "friction_force": 9.0})
 TAKES = (
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=0.0),
-    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=20.0, start=30.0),
-    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=20.0, start=60.0),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=90.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=0.0),
+    VirtualRun(id="u70a", configuration="unlocked", gain=70.0, seconds=20.0, start=30.0),
+    VirtualRun(id="u70b", configuration="unlocked", gain=70.0, seconds=20.0, start=60.0),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=90.0),
 )
 CAMPAIGN = virtual_campaign(RIG, TAKES, seed=3)
 

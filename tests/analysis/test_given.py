@@ -13,12 +13,12 @@ from isorig.analysis.fitting.uncertainty import HEAD
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 TAKES = (
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=15.0, start=0.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=8.0, start=40.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=8.0, start=80.0),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=15.0, start=0.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=8.0, start=40.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=8.0, start=80.0),
 )
 
 

@@ -22,14 +22,14 @@ from isorig.analysis.spectra.welch import Frf
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.four_set_ups import classic, error_surface
 from isorig.rig.wire_bonder.peak_offset import loaded_frequencies, peak_offset
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 WIDE = (0.5, 400.0)
 TAKES = (
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=120.0, start=0.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=120.0, start=130.0, band=WIDE),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=120.0, start=260.0),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=120.0, start=390.0, band=WIDE),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=120.0, start=0.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=120.0, start=130.0, band=WIDE),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=120.0, start=260.0),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=120.0, start=390.0, band=WIDE),
 )
 FREE = {**THESIS, "motor_damping": 0.2, "table_damping": 0.08}
 
@@ -175,7 +175,7 @@ def test_an_offset_that_goes_with_the_gain_supports_both() -> None:
     # Weak friction: a hard drive overcomes it, a soft one does not.
     model = wire_bonder({**FREE, "friction_force": 1.0})
     takes = [
-        Take(id=f"{c}{gain:g}", configuration=c, gain=gain, seconds=90.0, start=100.0 * k, band=(50.0, 400.0))
+        VirtualRun(id=f"{c}{gain:g}", configuration=c, gain=gain, seconds=90.0, start=100.0 * k, band=(50.0, 400.0))
         for k, (c, gain) in enumerate((c, g) for g in (70.0, 0.7) for c in ("unlocked", "locked"))
     ]
     found = peak_offset(virtual_campaign(model, takes, seed=3, noise=1e-5), model)

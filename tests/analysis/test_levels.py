@@ -17,7 +17,7 @@ from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.levels import BEGIN, HEAD_PER_GAIN
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.isolation import compared_isolation
-from isorig.rig.wire_bonder.session import Take, head_of
+from isorig.rig.wire_bonder.session import VirtualRun, head_of
 
 RATE = 256.0
 
@@ -77,7 +77,9 @@ def swept() -> Campaign:
     rig, seconds, rate = wire_bonder(), 60.0, 512.0
     runs = []
     for k, configuration in enumerate(("unlocked", "locked")):
-        take = Take(id=configuration, configuration=configuration, gain=70.0, seconds=seconds, start=100.0 * k, band=(0.5, 20.0))
+        take = VirtualRun(
+            id=configuration, configuration=configuration, gain=70.0, seconds=seconds, start=100.0 * k, band=(0.5, 20.0)
+        )
         head = head_of(take, rate, 5)
         gain = np.repeat([70.0, 7.0], len(head) // 2)
         head = head * gain / 70.0

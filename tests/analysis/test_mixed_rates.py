@@ -14,13 +14,13 @@ from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.wire_bonder.description import wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 TAKES = (
-    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0),
-    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=20.0, start=40.0),
-    Take(id="u70c", configuration="unlocked", gain=70.0, seconds=20.0, start=80.0),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=160.0),
+    VirtualRun(id="u70a", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0),
+    VirtualRun(id="u70b", configuration="unlocked", gain=70.0, seconds=20.0, start=40.0),
+    VirtualRun(id="u70c", configuration="unlocked", gain=70.0, seconds=20.0, start=80.0),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=160.0),
 )
 
 
@@ -35,7 +35,7 @@ def oscillator(rate: float, seed: int, seconds: float = 60.0) -> Run:
     return Run(id=f"r{rate:g}", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels, excitation="random")
 
 
-def mixed(takes: Sequence[Take], slow: set[str], rate: float) -> Campaign:
+def mixed(takes: Sequence[VirtualRun], slow: set[str], rate: float) -> Campaign:
     fast = virtual_campaign(wire_bonder(), [take for take in takes if take.id not in slow], seed=1)
     rest = virtual_campaign(wire_bonder(), [take for take in takes if take.id in slow], seed=2, sample_rate=rate)
     return replace(fast, runs=fast.runs + rest.runs)

@@ -12,9 +12,9 @@ from isorig.analysis.fitting.plausible import DECADE, NEAR, doubts, unit_factor
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.wire_bonder.description import FREE, FRICTION, THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
-TAKES = (Take(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0),)
+TAKES = (VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=10.0, start=0.0),)
 
 
 def chain() -> RigModel:

@@ -14,15 +14,15 @@ from scipy import signal
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
 from isorig.analysis.spectra.quality import faults, sound, without
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 TAKES = (
-    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),
-    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=25.0, start=40.0),
-    Take(id="u70c", configuration="unlocked", gain=70.0, seconds=25.0, start=80.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=120.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=160.0),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=20.0, start=200.0, band=(0.5, 400.0)),
+    VirtualRun(id="u70a", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),
+    VirtualRun(id="u70b", configuration="unlocked", gain=70.0, seconds=25.0, start=40.0),
+    VirtualRun(id="u70c", configuration="unlocked", gain=70.0, seconds=25.0, start=80.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=20.0, start=120.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=160.0),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=20.0, start=200.0, band=(0.5, 400.0)),
 )
 Change = Callable[[FloatArray], FloatArray]
 

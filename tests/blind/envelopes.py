@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.rig.wire_bonder.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, drawn_rig, played
-from isorig.rig.wire_bonder.session import LATER, SESSION, Take
+from isorig.rig.wire_bonder.session import LATER, SESSION, VirtualRun
 
 __all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
 
@@ -35,7 +35,7 @@ class Envelope:
     later: Campaign
 
 
-def draw_envelope(kind: str, size: float, seed: int, takes: Sequence[Take] = SESSION) -> Envelope:
+def draw_envelope(kind: str, size: float, seed: int, takes: Sequence[VirtualRun] = SESSION) -> Envelope:
     """Draw the rig, the effect's place and its numbers by the seed, and play the session and the one after it."""
     draw = drawing(seed, kind)
     hidden = drawn_effect(kind, drawn_rig(draw), size, draw)

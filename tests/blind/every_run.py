@@ -26,11 +26,11 @@ from study_table import Job, append, done
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.rivals import read_rivals
-from isorig.rig.next.course import RECORDING
+from isorig.rig.next.investigation import RECORDING
 from isorig.rig.next.plan_file import with_runs
 from isorig.rig.next.proposal import propose, situation
 from isorig.rig.next.runs import planned
-from isorig.rig.next.stages import Course, diagnosis_folder
+from isorig.rig.next.stages import Investigation, diagnosis_folder
 
 ANSWERS = study.TABLE.with_name("every-run.csv")
 COLUMNS = ("kind", "size", "seed", "open", "candidates", "single", "which")
@@ -43,7 +43,7 @@ def single_after(job: Job, seconds: float) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rig = sealed(*job)
-        course, _ = investigated(rig, folder, Course(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
+        course, _ = investigated(rig, folder, Investigation(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
         stage = next(stage for stage in reversed(course.stages) if stage.verdict)
         plans: dict[str, RunPlan] = {run.id: run for run in course.runs}
         now = situation([read_rivals(folder / diagnosis_folder(stage))], rig.limits, plans)

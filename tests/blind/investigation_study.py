@@ -38,10 +38,10 @@ from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import REFUSALS
 from isorig.rig.files.output import write_json
 from isorig.rig.files.recording import read, write
-from isorig.rig.next.course import RECORDING, STATE, Terms, investigate, read_course
+from isorig.rig.next.investigation import RECORDING, STATE, Terms, investigate, read_investigation
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation, propose
 from isorig.rig.next.runs import candidate, prospect
-from isorig.rig.next.stages import Course, Stage, diagnosis_folder
+from isorig.rig.next.stages import Investigation, InvestigationStage, diagnosis_folder
 
 TABLE, PLANNED = (study.TABLE.with_name(f"{name}.csv") for name in ("investigations", "standard-plan"))
 COLUMNS = (
@@ -130,12 +130,12 @@ class Timed:
         return found
 
 
-def answer(course: Course) -> Stage | None:
+def answer(course: Investigation) -> InvestigationStage | None:
     """The last stage that was diagnosed."""
     return next((stage for stage in reversed(course.stages) if stage.verdict), None)
 
 
-def right(rig: SealedRig, kind: str, stage: Stage | None) -> bool:
+def right(rig: SealedRig, kind: str, stage: InvestigationStage | None) -> bool:
     """Whether a stage's answer is right."""
     if stage is None:
         return False
@@ -146,12 +146,12 @@ def right(rig: SealedRig, kind: str, stage: Stage | None) -> bool:
     return is_right(kind, rig.hidden.truth, rig.hidden.outside, stage.verdict, list(stage.named), alike)
 
 
-def further(course: Course) -> int:
+def further(course: Investigation) -> int:
     """Driven runs after the first stage."""
     return sum(run.plan.excitation != "free" for stage in course.stages[1:] for run in stage.runs)
 
 
-def row(job: Job, way: str, rig: SealedRig, course: Course, choice: Timed) -> dict[str, object]:
+def row(job: Job, way: str, rig: SealedRig, course: Investigation, choice: Timed) -> dict[str, object]:
     """A line of the table."""
     stage = answer(course)
     return {
@@ -165,7 +165,9 @@ def row(job: Job, way: str, rig: SealedRig, course: Course, choice: Timed) -> di
     }  # fmt: skip
 
 
-def investigated(rig: SealedRig, folder: Path, begun: Course, choose: Callable[..., Proposal], runs: int) -> tuple[Course, Timed]:
+def investigated(
+    rig: SealedRig, folder: Path, begun: Investigation, choose: Callable[..., Proposal], runs: int
+) -> tuple[Investigation, Timed]:
     """A whole investigation of a sealed rig; one that is refused ends with the refusal."""
     choice = Timed(choose)
     terms = Terms(
@@ -175,10 +177,10 @@ def investigated(rig: SealedRig, folder: Path, begun: Course, choose: Callable[.
     try:
         return investigate(rig.plan, folder, begun, terms), choice
     except REFUSALS as refusal:
-        return msgspec.structs.replace(read_course(folder) or begun, ended=f"refused: {refusal}"), choice
+        return msgspec.structs.replace(read_investigation(folder) or begun, ended=f"refused: {refusal}"), choice
 
 
-def first_stage(course: Course, source: Path, folder: Path) -> Course:
+def first_stage(course: Investigation, source: Path, folder: Path) -> Investigation:
     """An investigation set back to its first stage, in a folder of its own."""
     stage = course.stages[0]
     names = {run.plan.id for run in stage.runs}
@@ -199,7 +201,7 @@ def rows(rigs: Rigs, job: Job, alone: bool) -> Iterator[dict[str, object]]:
         place = Path(name) / "proposed"
         place.mkdir()
         rig = rigs.draw(kind, size, seed)
-        course, choice = investigated(rig, place, Course(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
+        course, choice = investigated(rig, place, Investigation(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
         yield row(job, "proposed", rig, course, choice)
         found = answer(course)
         if alone or not rig.hidden.truth or found is None or further(course) == 0:
@@ -222,7 +224,7 @@ def standard(job: Job) -> dict[str, object]:
         return study.scored(envelope, job[1], job[2], folder)
 
 
-def groups(stage: Stage | None) -> str:
+def groups(stage: InvestigationStage | None) -> str:
     """The indistinguishable causes of a stage, as in the table."""
     return " | ".join(_places(group) for group in stage.open) if stage else ""
 

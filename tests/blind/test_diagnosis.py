@@ -13,7 +13,7 @@ from envelopes import Envelope, draw_envelope
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
-from isorig.rig.wire_bonder.session import SESSION, Take
+from isorig.rig.wire_bonder.session import SESSION, VirtualRun
 
 #: Kind, size and seed; what is hidden where is drawn. Twenty seconds of five runs do for these.
 DRAWN = (("none", 1.0, 16), ("asymmetric_friction", 0.33, 12))
@@ -48,7 +48,7 @@ def judge(envelope: Envelope, findings: dict) -> None:
     ids=["two verdicts in short runs", "two verdicts", "more"],
 )
 def test_folder_of_envelopes(
-    drawn: tuple[tuple[str, float, int], ...], takes: tuple[Take, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drawn: tuple[tuple[str, float, int], ...], takes: tuple[VirtualRun, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recordings, out = tmp_path / "recordings", tmp_path / "out"
     recordings.mkdir()

@@ -12,7 +12,7 @@ from isorig.analysis.fitting.trials import prepare
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
-from isorig.rig.next.course import described_rig
+from isorig.rig.next.investigation import described_rig
 from isorig.rig.next.plan_file import with_runs
 
 REST = RunPlan(id="next-1", configuration="unlocked", excitation="free", gain=100.0, seconds=5.0)

@@ -11,19 +11,19 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, hide, played
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 #: Nothing drives the heatblock's resonance at 165 Hz.
 NARROW = (
-    Take(id="g20", configuration="unlocked", gain=20.0, seconds=20.0, start=0.0),
-    Take(id="g35", configuration="unlocked", gain=35.0, seconds=20.0, start=30.0),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=60.0),
+    VirtualRun(id="g20", configuration="unlocked", gain=20.0, seconds=20.0, start=0.0),
+    VirtualRun(id="g35", configuration="unlocked", gain=35.0, seconds=20.0, start=30.0),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=60.0),
 )
 WIDE = (
     *NARROW,
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=30.0, start=90.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=30.0, start=130.0, band=(0.5, 400.0)),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=30.0, start=170.0, band=(0.5, 400.0)),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=30.0, start=90.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=30.0, start=130.0, band=(0.5, 400.0)),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=30.0, start=170.0, band=(0.5, 400.0)),
 )
 
 

@@ -18,7 +18,7 @@ from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.wire_bonder.effects import amplitudes_of
-from isorig.rig.wire_bonder.session import Take, known_of, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, known_of, virtual_campaign
 
 PLAN = Path(__file__).parents[2] / "docs" / "plans" / "two-gains.toml"
 SEEDS = range(1, 7)
@@ -36,7 +36,7 @@ def drawn(kind: str, seed: int) -> tuple[Campaign, FrictionLaw]:
         law = Stribeck(friction_force=sliding, static_force=static, stribeck_velocity=speed * float(draw.uniform(0.01, 0.12)))
     rig = msgspec.structs.replace(rig, contacts=(Contact(name="isolation", a="motor", b="table", law=law),), free=())
     takes = [
-        Take(
+        VirtualRun(
             id=run.id, configuration=run.configuration, gain=run.gain, seconds=run.seconds, start=100.0 * k,
             excitation=run.excitation, band=run.band or (0.5, 20.0), use=run.use,
         )

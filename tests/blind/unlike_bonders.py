@@ -22,25 +22,25 @@ from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.rig.virtual import effects
 from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_rig
-from isorig.rig.wire_bonder.session import Take, head_of, known_of
+from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of
 
 Draw = np.random.Generator
 
 SESSION = (
-    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=60.0, start=0.0),
-    Take(id="u70r", configuration="unlocked", gain=70.0, seconds=60.0, start=80.0),
-    Take(id="u35", configuration="unlocked", gain=35.0, seconds=60.0, start=160.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=40.0, start=240.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=40.0, start=300.0),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=40.0, start=360.0, band=(0.5, 400.0)),
-    Take(id="umove", configuration="unlocked", gain=70.0, seconds=20.0, start=420.0, excitation="moves"),
+    VirtualRun(id="u70a", configuration="unlocked", gain=70.0, seconds=60.0, start=0.0),
+    VirtualRun(id="u70r", configuration="unlocked", gain=70.0, seconds=60.0, start=80.0),
+    VirtualRun(id="u35", configuration="unlocked", gain=35.0, seconds=60.0, start=160.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=40.0, start=240.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=40.0, start=300.0),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=40.0, start=360.0, band=(0.5, 400.0)),
+    VirtualRun(id="umove", configuration="unlocked", gain=70.0, seconds=20.0, start=420.0, excitation="moves"),
 )
 REPEATS = {"u70r": "u70a"}
 LATER = (
-    Take(id="x70", configuration="unlocked", gain=70.0, seconds=30.0, start=480.0),
-    Take(id="x7", configuration="unlocked", gain=7.0, seconds=30.0, start=530.0, band=(0.5, 400.0)),
-    Take(id="xmove", configuration="unlocked", gain=70.0, seconds=15.0, start=580.0, excitation="moves"),
-    Take(id="xlock", configuration="locked", gain=70.0, seconds=30.0, start=620.0, band=(0.5, 60.0)),
+    VirtualRun(id="x70", configuration="unlocked", gain=70.0, seconds=30.0, start=480.0),
+    VirtualRun(id="x7", configuration="unlocked", gain=7.0, seconds=30.0, start=530.0, band=(0.5, 400.0)),
+    VirtualRun(id="xmove", configuration="unlocked", gain=70.0, seconds=15.0, start=580.0, excitation="moves"),
+    VirtualRun(id="xlock", configuration="locked", gain=70.0, seconds=30.0, start=620.0, band=(0.5, 60.0)),
 )
 RATE = 1024.0
 
@@ -116,7 +116,7 @@ def _soiled(hidden: Hidden, scale: Amplitudes, soil: float, draw: Draw) -> Hidde
     return replace(hidden, model=msgspec.structs.replace(model, sensors=tuple(sensors)))
 
 
-def _played(hidden: Hidden, takes: tuple[Take, ...], seed: int, *, soil: float, rest: float, noise: float) -> Campaign:
+def _played(hidden: Hidden, takes: tuple[VirtualRun, ...], seed: int, *, soil: float, rest: float, noise: float) -> Campaign:
     from scipy.signal import butter, sosfilt
 
     runs: dict[str, Run] = {}

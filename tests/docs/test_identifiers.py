@@ -8,7 +8,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2] / "isorig"
 #: Rooms whose class names nothing else in the package has. A cause may have the name of its law: it is that law at a place.
-ROOMS = ("analysis/trends", "analysis/diagnose/causes", "rig/fleet", "rig/virtual", "rig/files")
+ROOMS = (
+    "analysis/trends", "analysis/diagnose/causes", "drivers", "rig/acquire", "rig/files", "rig/fleet", "rig/next", "rig/virtual",
+    "rig/wire_bonder",
+)  # fmt: skip
 
 
 def public_classes() -> dict[str, list[str]]:

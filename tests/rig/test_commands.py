@@ -11,13 +11,13 @@ from scipy import signal
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
 from isorig.rig.wire_bonder.description import wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 SHORT = (
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=24.0, start=0.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=16.0, start=40.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=16.0, start=80.0),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=16.0, start=120.0, band=(0.5, 400.0)),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=24.0, start=0.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=16.0, start=40.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=16.0, start=80.0),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=16.0, start=120.0, band=(0.5, 400.0)),
 )
 SHARED = Path(__file__).parents[2].parent / "shared" / "campaigns"
 

@@ -13,7 +13,7 @@ from isorig.rig.cli import main
 from isorig.rig.diagnose.many import diagnose_files, shared_out
 from isorig.rig.files.recording import write
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 
 def test_work_on_this_computer_opens_no_port(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_empty_folder(tmp_path: Path, capsys) -> None:
 
 def test_a_computer_that_sleeps_ends_nothing(tmp_path: Path) -> None:
     """A process that stood still for longer than a worker may be silent goes on."""
-    take = Take(id="u70", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0)
+    take = VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0)
     recordings, out = tmp_path / "recordings", tmp_path / "out"
     recordings.mkdir()
     for k in range(2):

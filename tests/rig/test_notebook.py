@@ -33,7 +33,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> iso.Campaign:
 
 def test_a_campaign_has_its_rig(campaign: iso.Campaign) -> None:
     assert campaign.rig == read_rig("two-carts").model
-    take = iso.Take(id="a", configuration="unlocked", gain=70.0, seconds=2.0, start=0.0)
+    take = iso.VirtualRun(id="a", configuration="unlocked", gain=70.0, seconds=2.0, start=0.0)
     bonder = iso.virtual_campaign(iso.wire_bonder(), [take])
     assert bonder.rig.name == "wire bonder"
     assert bonder.rig.get("bodies.motor.mass") == bonder.known["motor_mass"]

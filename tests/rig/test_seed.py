@@ -15,17 +15,17 @@ from isorig.rig.files.parameter_table import drive_levels, read_parameters
 from isorig.rig.files.recording import read, write
 from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.parameters import OF_THESIS, read_seed
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.parameters import OF_THESIS, read_rig_values
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 #: A rig that is not the thesis's, so that a value of the thesis's shows where it does not belong.
 OTHER = {**THESIS, "head_mass": 5.0, "table_mass": 110.0, "motor_frequency": 4.4, "friction_force": 9.0}
 TAKES = (
-    Take(id="u70", configuration="unlocked", gain=70.0, seconds=24.0, start=0.0, per_gain=1.5 * HEAD_PER_GAIN),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=16.0, start=40.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=16.0, start=80.0, per_gain=1.5 * HEAD_PER_GAIN),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=16.0, start=120.0, band=(0.5, 400.0)),
-    Take(id="um", configuration="unlocked", gain=70.0, seconds=6.0, start=160.0, excitation="moves"),
+    VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=24.0, start=0.0, per_gain=1.5 * HEAD_PER_GAIN),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=16.0, start=40.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=16.0, start=80.0, per_gain=1.5 * HEAD_PER_GAIN),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=16.0, start=120.0, band=(0.5, 400.0)),
+    VirtualRun(id="um", configuration="unlocked", gain=70.0, seconds=6.0, start=160.0, excitation="moves"),
 )
 MOVES = Path(__file__).parents[2] / "fixtures_data" / "moves.toml"
 
@@ -44,11 +44,11 @@ def table(folder: Path) -> Path:
 
 
 def test_the_joint_fit_seeds_the_rig_that_was_measured(table: Path) -> None:
-    seed = read_seed(table)
+    seed = read_rig_values(table)
     assert seed.assumed == ()
     for name, value in OTHER.items():
         assert seed.values[name] == pytest.approx(value, rel=0.01), name
-    assert read_seed(None) is OF_THESIS
+    assert read_rig_values(None) is OF_THESIS
     drawn = list(seed.drawn(40, 1))
     spread = np.std([rig.body("table").mass for rig in drawn])
     assert spread == pytest.approx(seed.stds["table_mass"], rel=0.4)
@@ -62,13 +62,13 @@ def test_the_drive_was_measured_not_assumed(table: Path, folder: Path) -> None:
     assert by_kind[70.0, "moves"].value == pytest.approx(70.0 * MOVE_PER_GAIN, rel=0.05)
     assert by_kind[70.0, "moves"].measure == "peak"
     assert drive_levels(read(folder / "campaign.h5"), "head") == file.levels
-    seed = read_seed(table)
+    seed = read_rig_values(table)
     assert seed.level(35.0, "random") == pytest.approx(0.5 * 1.5 * 3.8, rel=0.02)
     assert seed.level(35.0, "sweep") is None
 
 
 def test_half_power_counts_friction_as_damping_and_says_what_stands_in(table: Path) -> None:
-    joint, half = read_seed(table), read_seed(table, "half-power")
+    joint, half = read_rig_values(table), read_rig_values(table, "half-power")
     assert half.values["motor_damping"] > 1.3 * joint.values["motor_damping"]
     assert half.values["heatblock_frequency"] == pytest.approx(THESIS["heatblock_frequency"], rel=0.01)
     refused = [note for note in half.remarks if "Half-power is not applicable" in note]
@@ -129,7 +129,7 @@ def test_what_the_table_lacks_is_said(tmp_path: Path, capsys: pytest.CaptureFixt
     path = tmp_path / "parameters.json"
     row = {"value": 16.4, "std": 0.1}
     path.write_text(json.dumps({"format": "rig-parameters", "parameters": {"motor_mass": row}}))
-    seed = read_seed(path)
+    seed = read_rig_values(path)
     assert "head_mass" in seed.assumed
     assert "motor_mass" not in seed.assumed
     assert main(["simulate", "--parameters", str(path), "--seconds", "2", "-o", str(tmp_path / "x.h5")]) == 0
@@ -164,6 +164,6 @@ def test_without_a_head_mass_the_table_has_it_fitted(folder: Path, tmp_path: Pat
     path = tmp_path / "unweighed.h5"
     write(path, replace(campaign, known=known))
     assert main(["characterize", str(path), "-o", str(tmp_path / "p")]) == 0
-    seed = read_seed(tmp_path / "p" / "parameters.json")
+    seed = read_rig_values(tmp_path / "p" / "parameters.json")
     assert seed.values["head_mass"] == pytest.approx(OTHER["head_mass"], rel=2e-3)
     assert seed.stds["head_mass"] > 0.0

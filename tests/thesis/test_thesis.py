@@ -17,7 +17,7 @@ from isorig.analysis.parameters.joint_fit import characterize
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, three_mass, two_mass
-from isorig.rig.wire_bonder.session import Take
+from isorig.rig.wire_bonder.session import VirtualRun
 from thesis.campaign import HIGH, LOW, Candidate, Played, candidates, play, played, stribeck_rig
 from thesis.early import FOUR, LEVELS, early, stays, too_small
 from thesis.figure_readings import RESOLUTIONS, apparent, read, resolutions
@@ -256,7 +256,7 @@ def test_the_plan_distinguishes_coulomb_from_stribeck() -> None:
     explained = {}
     for candidate in (candidates()[1], next(c for c in candidates() if c.name.startswith("Stribeck"))):
         takes = [
-            Take(
+            VirtualRun(
                 id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.3 * run.seconds, start=100.0 * k,
                 excitation=run.excitation, band=run.band or (0.5, 20.0), use=run.use, per_gain=candidate.per_gain,
             )

@@ -8,7 +8,7 @@ from collections import deque
 from isorig.drivers.block import Block
 
 
-class Waiting:
+class BlockQueue:
     """One thread puts items, another takes all of them.
 
     Parameters
@@ -35,7 +35,7 @@ class Waiting:
                     self._changed.notify_all()
             return room
 
-    def take(self, gather: float) -> list[Block] | None:
+    def get_all(self, gather: float) -> list[Block] | None:
         """All blocks that arrived within `gather` seconds, earlier if the queue is half full; None at the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._blocks or self._ended)

@@ -11,7 +11,7 @@ from isorig.drivers.instrument import Counting, Holding, Rejoining, Stream
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 
 
-class Incoming:
+class BlockStream:
     """Reads one run.
 
     Parameters

@@ -11,20 +11,15 @@ from isorig.drivers.kinds import RecordsKind, StreamKind
 from isorig.drivers.shows import Shows
 from isorig.drivers.waits import WAITS, Waits
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.simulated_instruments import virtual_port
-from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.acquire.simulated_instruments import reached_port
 
 
 @contextmanager
 def opened(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Stream]:
-    """The plan's streaming instrument; the port "virtual" is a simulated one of its kind, connected to the thesis's rig."""
+    """The plan's streaming instrument; for the port "virtual" see `reached_port`."""
     kind = plan.instrument.about
     assert isinstance(kind, StreamKind)  # checked by the session
-    if port == "virtual":
-        with virtual_port(kind.name, wire_bonder()) as simulated, opened(plan, simulated, waits) as instrument:
-            yield instrument
-        return
-    with closing(kind.open(port, plan.instrument.settings, waits)) as instrument:
+    with reached_port(kind.name, port) as end, closing(kind.open(end, plan.instrument.settings, waits)) as instrument:
         try:
             yield instrument
         finally:
@@ -35,15 +30,9 @@ def opened(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Stream]:
 
 @contextmanager
 def opened_analyzer(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Records]:
-    """The plan's analyzer; for the port "virtual" see `opened`."""
+    """The plan's analyzer; for the port "virtual" see `reached_port`."""
     kind = plan.instrument.about
     assert isinstance(kind, RecordsKind)  # checked by the session
-    if port == "virtual":
-        with virtual_port(kind.name, wire_bonder()) as simulated, opened_analyzer(plan, simulated, waits) as instrument:
-            yield instrument
-        return
-    shows = [
-        Shows(trace=s.trace, kind="time" if s.kind == "time" else "spectrum", unit=s.unit) for s in plan.instrument.shows
-    ]  # fmt: skip
-    with closing(kind.open(port, shows, waits)) as instrument:
+    shows = [Shows(trace=s.trace, kind="time" if s.kind == "time" else "spectrum", unit=s.unit) for s in plan.instrument.shows]
+    with reached_port(kind.name, port) as end, closing(kind.open(end, shows, waits)) as instrument:
         yield instrument

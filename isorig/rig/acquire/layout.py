@@ -94,7 +94,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
         return sum(channel.stored.itemsize for channel in self.channels.values())
 
 
-class Begin(msgspec.Struct, frozen=True, kw_only=True):
+class RunBegin(msgspec.Struct, frozen=True, kw_only=True):
     """Start of a run, with a copy of the layout: one of the two suffices to read the file."""
 
     started_ns: int
@@ -103,7 +103,7 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
     layout: Layout
 
 
-class End(msgspec.Struct, frozen=True, kw_only=True):
+class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     """End of a run: whether it was complete, and the ticks that the instrument counted."""
 
     whole: bool

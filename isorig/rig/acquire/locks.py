@@ -56,6 +56,8 @@ def output_locked(output: Path) -> Iterator[None]:
 def port_locked(port: str) -> Iterator[None]:
     """Lock a port for this session; different names of one device, and of one address, are the same port.
 
+    The port "virtual" is never in use: every session has its own simulated instrument.
+
     Raises
     ------
     PlanError
@@ -63,7 +65,7 @@ def port_locked(port: str) -> Iterator[None]:
     """
     with ExitStack() as stack:
         try:
-            for name in sorted(identities(port)):
+            for name in sorted(identities(port)) if port != "virtual" else ():
                 stack.enter_context(_locked(PORTS / f"rig-port-{hashlib.sha256(name.encode()).hexdigest()[:20]}.lock"))
         except OSError as error:
             raise PlanError(f"the port {port} cannot be locked in {PORTS} ({reason(error)}); make that folder writable") from None

@@ -12,10 +12,10 @@ import numpy as np
 from isorig.drivers.block import Block
 from isorig.drivers.errors import DriverError, InstrumentError
 from isorig.drivers.instrument import Stream, in_real_time
-from isorig.rig.acquire.along import Along
-from isorig.rig.acquire.block_stream import Incoming
+from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.live_coherence import RunningCoherence
+from isorig.rig.acquire.loggers import RunLoggers
 from isorig.rig.acquire.pace import DECIDED, REFUSED, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFileWriter
@@ -81,7 +81,7 @@ class BlockSummary:
         """Whether an update is due."""
         return time.monotonic() - self._at > LOOK
 
-    def take(self, name: str, tally: Tally) -> LiveState:
+    def state(self, name: str, tally: Tally) -> LiveState:
         """The state since the last update."""
         values = {}
         if any(len(block.samples) for block in self._blocks):
@@ -170,12 +170,13 @@ def measure_run(
     rate = plan.instrument.sample_rate
     drive = drive_of(*plan.original(run, repeat), rate)
     load(instrument, run, drive, plan.limits)
-    writer = RunWriter(file, name, columns_of(plan), sample_rate=rate, period=drive.period, waits=waits)
+    columns = {channel: about.input for channel, about in plan.channels.items()}
+    writer = RunWriter(file, name, columns, sample_rate=rate, period=drive.period, waits=waits)
     summary = BlockSummary(plan, run, instrument)
-    incoming = Incoming(instrument, run.ticks(rate), rate, waits=waits, stopped=lambda: stopped() or answered())
+    incoming = BlockStream(instrument, run.ticks(rate), rate, waits=waits, stopped=lambda: stopped() or answered())
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
-    along = Along(plan, loggers or {}, writer.log)
+    along = RunLoggers(plan, loggers or {}, writer.log)
     counted, whole = None, False
 
     def keep(block: Block) -> None:
@@ -186,7 +187,7 @@ def measure_run(
         if pace is not None:
             pace.add(block)
         if summary.due():
-            watch(summary.take(name, writer.tally))
+            watch(summary.state(name, writer.tally))
 
     try:
         along.start()
@@ -205,10 +206,5 @@ def measure_run(
     finally:
         remarks.end(instrument, incoming.returned, along.stop())
         tally = writer.finish(counted, whole=whole, enough=answered())
-    watch(summary.take(name, tally))
+    watch(summary.state(name, tally))
     return tally
-
-
-def columns_of(plan: Plan) -> Mapping[str, int]:
-    """The input of each channel."""
-    return {name: about.input for name, about in plan.channels.items()}

@@ -15,7 +15,7 @@ from isorig.analysis.campaign import FloatArray, Run
 from isorig.drivers.alignment import WIRE
 from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Records, Stream, in_real_time
-from isorig.rig.acquire.block_stream import Incoming
+from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.pace import DECIDED, REFUSED, ClockDrift, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
@@ -87,14 +87,14 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     return found
 
 
-def look_at_analyzer(instrument: Records) -> list[str]:
+def check_analyzer(instrument: Records) -> list[str]:
     """The reasons against starting a measurement with an analyzer."""
     if instrument.status() & Status.OVERLOAD:
         return ["the analyzer reports an overload; choose a larger range or a lower gain"]
     return []
 
 
-def look_at_record(measured: Run, plan: Plan) -> list[str]:
+def check_record(measured: Run, plan: Plan) -> list[str]:
     """The reasons against keeping a record."""
     if abs(measured.sample_rate / plan.instrument.sample_rate - 1.0) <= OWN:
         return []
@@ -104,7 +104,7 @@ def look_at_record(measured: Run, plan: Plan) -> list[str]:
     ]
 
 
-def refuse(run: str, found: list[str]) -> None:
+def refuse(run: str, reasons: list[str]) -> None:
     """Raise the findings as one sentence.
 
     Raises
@@ -112,8 +112,8 @@ def refuse(run: str, found: list[str]) -> None:
     PlanError
         There are findings.
     """
-    if found:
-        raise PlanError(f"run {run!r} was not started: {'; '.join(found)}; --force starts it anyway")
+    if reasons:
+        raise PlanError(f"run {run!r} was not started: {'; '.join(reasons)}; --force starts it anyway")
 
 
 class _Watched:
@@ -160,7 +160,7 @@ class _Watched:
 
 
 def _blocks(instrument: Stream, ticks: int, rate: float, watched: _Watched | None) -> Iterable[Block]:
-    incoming = Incoming(
+    incoming = BlockStream(
         instrument, ticks if watched is None else ENDLESS, rate, waits=IMPATIENT,
         stopped=lambda: watched is not None and watched.known(ticks),
     )  # fmt: skip

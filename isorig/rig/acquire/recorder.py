@@ -21,9 +21,9 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.drivers.block import Block, Input, Status
-from isorig.rig.acquire.block_queue import Waiting
+from isorig.rig.acquire.block_queue import BlockQueue
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
-from isorig.rig.acquire.layout import TIMING, Begin, BlockKind, End, Layout, layout_of, pack, pack_log
+from isorig.rig.acquire.layout import TIMING, BlockKind, Layout, RunBegin, RunEnd, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError
@@ -111,7 +111,7 @@ class WorkingFileWriter:
         run = next(k for k, planned in enumerate(self.layout.runs) if planned.id == run_id)
         take, self._takes = self._takes, self._takes + 1
         started = self._opened_ns + time.monotonic_ns() - self._ticking_ns
-        begin = Begin(started_ns=started, period=period, sample_rate=sample_rate, layout=self.layout)
+        begin = RunBegin(started_ns=started, period=period, sample_rate=sample_rate, layout=self.layout)
         self.journal.append(BlockKind.BEGIN, run, take, msgspec.json.encode(begin))
         self.journal.sync()
         return run, take
@@ -175,7 +175,7 @@ class RunWriter:
     ) -> None:
         self._file, self._patience = file, waits.disk
         self._columns = [columns[name] for name in file.layout.channels]
-        self._waiting = Waiting(int(waits.queue * sample_rate) + 1)
+        self._waiting = BlockQueue(int(waits.queue * sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
@@ -220,7 +220,7 @@ class RunWriter:
         self._thread.join()
         if self.error is None:
             self._account(self._next if counted is None else max(counted, self._next))
-            end = End(whole=whole and (enough or self._next >= self._planned), counted=self._next)
+            end = RunEnd(whole=whole and (enough or self._next >= self._planned), counted=self._next)
             try:
                 self._store_logs()
                 self._file.journal.append(BlockKind.END, self._run, self._take, msgspec.json.encode(end))
@@ -239,17 +239,17 @@ class RunWriter:
         )
 
     def _work(self) -> None:
-        while (blocks := self._waiting.take(GATHER)) is not None:
+        while (blocks := self._waiting.get_all(GATHER)) is not None:
             if self.error is not None:
                 continue
             try:
                 self._store(blocks)
                 self._store_logs()
-                self._look()
+                self._check_disk()
             except OSError as error:
                 self.error = error
 
-    def _look(self) -> None:
+    def _check_disk(self) -> None:
         # Other programs may remove the file, or fill the disk.
         self._in_place()
         folder = self._file.journal.path.parent

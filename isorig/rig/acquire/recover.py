@@ -20,12 +20,12 @@ from isorig.rig.acquire.journal import JournalBlock, Reader
 from isorig.rig.acquire.layout import (
     SAMPLES,
     TIMING,
-    Begin,
     BlockKind,
     BlockShape,
-    End,
     Layout,
     LogLayout,
+    RunBegin,
+    RunEnd,
     RunLayout,
     log_of,
     shape_of,
@@ -137,13 +137,13 @@ class Recovered:
         return f"{self.id}: incomplete, {self.stored} of {self.planned} samples saved{lost}."
 
 
-class _Take:
+class _StartedRun:
     """A started run: index of its blocks, and sums over their status."""
 
     def __init__(self, run: int, rate: float) -> None:
         self.run, self.pace = run, Pace(rate)
-        self.begin: tuple[int, Begin] | None = None
-        self.end: tuple[int, End] | None = None
+        self.begin: tuple[int, RunBegin] | None = None
+        self.end: tuple[int, RunEnd] | None = None
         self.overloads = self.stored = 0
         self.next = 0
         self.logs: dict[str, list[NDArray[np.float64]]] = {}
@@ -157,17 +157,17 @@ class _Take:
         """Its blocks, in the order of their ticks."""
         return self._entries[: self._count]
 
-    def add(self, shape: BlockShape, found: JournalBlock) -> None:
+    def add(self, shape: BlockShape, block: JournalBlock) -> None:
         """Add a block of samples to the index; one that goes back in time is omitted."""
         if shape.first_tick < self.next:
             return
-        timing = timing_of(shape, found.content)
+        timing = timing_of(shape, block.content)
         gains = timing["gain"][np.isfinite(timing["gain"])]
         if self._count == len(self._entries):
             self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
         low, high = (gains.min(), gains.max()) if len(gains) else (np.nan, np.nan)
         self._entries[self._count] = (
-            found.number, found.place, shape.first_tick, shape.rows, shape.blocks, low, high,
+            block.number, block.place, shape.first_tick, shape.rows, shape.blocks, low, high,
         )  # fmt: skip
         self._count += 1
         self.next = shape.first_tick + shape.rows
@@ -189,12 +189,12 @@ class WorkingFileReader:
 
     def __init__(self, path: Path) -> None:
         self._reader = Reader(path)
-        self._takes: dict[int, _Take] = {}
+        self._takes: dict[int, _StartedRun] = {}
         self._layout: Layout | None = None
         try:
             # The first block contains the layout; if it is damaged, the start of a run has a copy.
-            for found in self._reader.blocks():
-                if (layout := _layout(found)) is not None:
+            for block in self._reader.blocks():
+                if (layout := _layout(block)) is not None:
                     self._layout = layout
                     break
             self._reader.rewind()
@@ -231,25 +231,25 @@ class WorkingFileReader:
             The file is not a working file.
         """
         layout = self._whole
-        for found in self._reader.blocks():
-            if found.kind == BlockKind.LAYOUT:
+        for block in self._reader.blocks():
+            if block.kind == BlockKind.LAYOUT:
                 continue
-            if found.take not in self._takes:
-                self._takes[found.take] = _Take(found.run, layout.sample_rate)
-            take = self._takes[found.take]
-            if take.run != found.run:
+            if block.take not in self._takes:
+                self._takes[block.take] = _StartedRun(block.run, layout.sample_rate)
+            take = self._takes[block.take]
+            if take.run != block.run:
                 # Blocks of one take are of one run; what names another one is not filed, and counts as damaged.
                 continue
-            if found.kind == BlockKind.BEGIN and (begin := _begin(found)) is not None:
-                take.begin = found.number, begin
+            if block.kind == BlockKind.BEGIN and (begin := _begin(block)) is not None:
+                take.begin = block.number, begin
                 take.pace = Pace(begin.sample_rate)
-            elif found.kind == BlockKind.END and (end := _decoded(found, End)) is not None:
-                take.end = found.number, end
-            elif found.kind == BlockKind.LOG and (logged := log_of(layout, found.content)) is not None:
+            elif block.kind == BlockKind.END and (end := _decoded(block, RunEnd)) is not None:
+                take.end = block.number, end
+            elif block.kind == BlockKind.LOG and (logged := log_of(layout, block.content)) is not None:
                 take.logs.setdefault(logged[0], []).append(logged[1])
-                take.logged.append(found.number)
-            elif found.kind == BlockKind.SAMPLES and (shape := shape_of(layout, found.content)) is not None:
-                take.add(shape, found)
+                take.logged.append(block.number)
+            elif block.kind == BlockKind.SAMPLES and (shape := shape_of(layout, block.content)) is not None:
+                take.add(shape, block)
 
     def runs(self) -> list[Recovered]:
         """Every planned run as far as it was measured, in the plan's order."""
@@ -264,7 +264,7 @@ class WorkingFileReader:
         """Close the file."""
         self._reader.close()
 
-    def _rate(self, take: _Take) -> float:
+    def _rate(self, take: _StartedRun) -> float:
         return self._whole.sample_rate if take.begin is None else take.begin[1].sample_rate
 
     def _recovered(self, k: int) -> Recovered:
@@ -290,7 +290,7 @@ class WorkingFileReader:
             logs=self._logs(best), log_layouts=self._whole.logs,
         )  # fmt: skip
 
-    def _logs(self, take: _Take) -> dict[str, NDArray[Any]]:
+    def _logs(self, take: _StartedRun) -> dict[str, NDArray[Any]]:
         if not take.stored:
             return {}
         # A simulated instrument that is faster than real time has sent its first samples at its beginning.
@@ -306,7 +306,7 @@ class WorkingFileReader:
                 tables[name][field_name] = rows[:, k] - (began if k == 0 else 0.0)
         return tables
 
-    def _measured(self, planned: RunLayout, take: _Take, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:
+    def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:
         channels = {}
         entries = take.entries.copy()
         offset = SAMPLES.size + TIMING.itemsize * entries["blocks"]
@@ -335,7 +335,7 @@ class WorkingFileReader:
             usable_to=None if self._whole.usable_to is None else min(self._whole.usable_to, rate / 2.0),
         )  # fmt: skip
 
-    def _timing(self, take: _Take) -> Saved:
+    def _timing(self, take: _StartedRun) -> Saved:
         entries = take.entries.copy()
         return self._saved(entries["blocks"], entries["place"] + SAMPLES.size, TIMING)
 
@@ -378,11 +378,11 @@ class _Gains:
         return timing["gain"].astype(np.float64), np.diff(edges, prepend=0, append=entry["rows"]).clip(0)
 
 
-def _finished(take: _Take) -> bool:
+def _finished(take: _StartedRun) -> bool:
     return take.end is not None and take.end[1].whole
 
 
-def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
+def _gaps(take: _StartedRun) -> tuple[tuple[Gap, ...], int]:
     # Ticks in no block, and how many may have been stored: the numbers of the adjacent blocks are not consecutive.
     entries = take.entries
     if not len(entries):
@@ -399,28 +399,28 @@ def _gaps(take: _Take) -> tuple[tuple[Gap, ...], int]:
     return gaps, int(counts[torn].sum())
 
 
-def _layout(found: JournalBlock) -> Layout | None:
+def _layout(block: JournalBlock) -> Layout | None:
     layout = None
-    if found.kind == BlockKind.LAYOUT:
-        layout = _decoded(found, Layout)
-    elif found.kind == BlockKind.BEGIN:
-        begin = _begin(found)
+    if block.kind == BlockKind.LAYOUT:
+        layout = _decoded(block, Layout)
+    elif block.kind == BlockKind.BEGIN:
+        begin = _begin(block)
         layout = None if begin is None else begin.layout
     if layout is None or not layout.channels or not 0.0 < layout.sample_rate < math.inf:
         return None
     return layout
 
 
-def _begin(found: JournalBlock) -> Begin | None:
-    begin = _decoded(found, Begin)
+def _begin(block: JournalBlock) -> RunBegin | None:
+    begin = _decoded(block, RunBegin)
     if begin is None or not (0.0 < begin.sample_rate < math.inf and 0 <= begin.started_ns < 1 << 62):
         return None
     return begin
 
 
-def _decoded(found: JournalBlock, kind: type[T]) -> T | None:
+def _decoded(block: JournalBlock, kind: type[T]) -> T | None:
     try:
-        return msgspec.json.decode(found.content, type=kind)
+        return msgspec.json.decode(block.content, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError):
         return None
 

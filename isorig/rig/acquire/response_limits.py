@@ -87,7 +87,7 @@ class Guard:
         """
         for name, channel, source, most in self._watched:
             raw = block.samples[:, channel.input]
-            reached = np.abs((raw * source.per_count + source.offset) / channel.sensitivity).max(initial=0.0)
+            reached = np.abs(source.physical(raw) / channel.sensitivity).max(initial=0.0)
             if reached > most:
                 raise InstrumentError(
                     f"{name} reached {reached:.3g} {channel.unit} and limits.channels allows {most:.3g}, so the run was ended, "

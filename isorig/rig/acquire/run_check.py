@@ -14,6 +14,7 @@ from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.welch import Spectra, estimate
 from isorig.rig.acquire.incoherence import incoherence
 from isorig.rig.acquire.pace import REPORTED
+from isorig.rig.acquire.preflight import END
 from isorig.rig.acquire.recover import Recovered
 
 #: Below this median coherence within the band, a response contains more than the effect of the drive.
@@ -56,13 +57,13 @@ class Verdict:
 
 
 def check_run(
-    found: Recovered, *, rig: RigModel, against: Sequence[str] = (), remarks: Sequence[str] = (), others: Sequence[Run] = ()
+    recovered: Recovered, *, rig: RigModel, against: Sequence[str] = (), remarks: Sequence[str] = (), others: Sequence[Run] = ()
 ) -> Verdict:  # fmt: skip
     """Check a run after its measurement.
 
     Parameters
     ----------
-    found
+    recovered
         The run.
     rig
         Its rig.
@@ -71,7 +72,7 @@ def check_run(
     others
         Other runs of the session: repeats and other levels decide whether a low coherence is noise or a nonlinearity.
     """
-    run, drive = found.run, rig.drive.channel
+    run, drive = recovered.run, rig.drive.channel
     if run is None:
         return Verdict(
             good=False, coherence={}, detections=(), sliding=None,
@@ -79,7 +80,7 @@ def check_run(
         )  # fmt: skip
     spectra, detections, sliding = _spectra(run, drive), _detections(run, drive), _sliding(run, rig)
     coherence = {} if spectra is None else _coherence(run, spectra, drive)
-    against = [*_on_the_way(found), *_clock(found), *against, *_channels(run), *_gain(run, found.planned_gain)]
+    against = [*_losses(recovered), *against, *_channels(run), *_gain(run, recovered.planned_gain)]
     remarks = [*remarks]
     for name, value in coherence.items():
         if value < COHERENT and spectra is not None:
@@ -94,19 +95,16 @@ def check_run(
     )  # fmt: skip
 
 
-def _on_the_way(found: Recovered) -> Iterator[str]:
-    if found.lost:
-        yield f"{found.lost} samples were lost in transmission; repeat the run if the whole run is to be simulated."
-    if not found.finished:
-        yield f"It ended at {found.stored + found.lost} of {found.planned} samples; check the instrument and repeat the run."
-    if found.overloads:
-        yield f"The instrument reported {found.overloads} overloads; choose a larger range or a lower gain and repeat the run."
-
-
-def _clock(found: Recovered) -> Iterator[str]:
-    if found.drift is not None and found.drift.beyond(REPORTED):
+def _losses(run: Recovered) -> Iterator[str]:
+    if run.lost:
+        yield f"{run.lost} samples were lost in transmission; repeat the run if the whole run is to be simulated."
+    if not run.finished:
+        yield f"It ended at {run.stored + run.lost} of {run.planned} samples; check the instrument and repeat the run."
+    if run.overloads:
+        yield f"The instrument reported {run.overloads} overloads; choose a larger range or a lower gain and repeat the run."
+    if run.drift is not None and run.drift.beyond(REPORTED):
         yield (
-            f"Its clock deviates from the host's by {found.drift.percent}, more than crystals do; check sample_rate in the plan "
+            f"Its clock deviates from the host's by {run.drift.percent}, more than crystals do; check sample_rate in the plan "
             "and the instrument's clock, because the time axis is wrong by that factor."
         )
 
@@ -118,7 +116,7 @@ def _channels(run: Run) -> Iterator[str]:
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
     for name, channel in run.sensors.items():
         if channel.full_scale is not None:
-            clipped = sum(int((np.abs(values) >= 0.999 * channel.full_scale).sum()) for (values,) in _parts(run, name))
+            clipped = sum(int((np.abs(values) >= END * channel.full_scale).sum()) for (values,) in _parts(run, name))
             if clipped:
                 yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
         if sizes[name] <= DEAD * loudest[channel.quantity]:

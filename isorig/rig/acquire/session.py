@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial as partial_of
 from pathlib import Path
@@ -12,16 +12,16 @@ from typing import Literal
 import msgspec
 
 from isorig.drivers.instrument import Exciter, Noticing, Records, Sourcing, Stream, in_real_time
-from isorig.rig.acquire.along import opened_loggers
 from isorig.rig.acquire.analyzer_session import measure_with_analyzer
 from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.instruments import opened, opened_analyzer
 from isorig.rig.acquire.journal import SYNC
 from isorig.rig.acquire.locks import output_locked, port_locked
+from isorig.rig.acquire.loggers import opened_loggers
 from isorig.rig.acquire.measure_run import LiveState, measure_run
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import Plan, RunPlan
-from isorig.rig.acquire.preflight import check_room, look_at_analyzer, look_at_record, preflight, refuse
+from isorig.rig.acquire.preflight import check_analyzer, check_record, check_room, preflight, refuse
 from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
 from isorig.rig.acquire.recover import Recovered, WorkingFileReader
 from isorig.rig.acquire.remarks import Remarks
@@ -123,7 +123,7 @@ def acquire(
     display = DisplayThread()
     decoupled = decoupled_operator(operator, display)
     try:
-        with output_locked(output), _port_locked(port), ended_by_signals():
+        with output_locked(output), port_locked(port), ended_by_signals():
             _make_room(plan, output, force=force)
             done = _done(working_file(output), output, plan, resume=resume) - _planned(again, plan)
             if plan.instrument.analyzer:
@@ -199,7 +199,7 @@ def _with_stream(
                     if not force:
                         refuse(name, preflight(instrument, plan, run))
                     remarks = Remarks(plan.instrument.sample_rate)
-                    watch = partial_of(_told, operator.watch, number, [item.seconds for item, _, _ in wanted])
+                    watch = partial_of(_with_progress, operator.watch, number, [item.seconds for item, _, _ in wanted])
                     tally = measure_run(
                         instrument,
                         file,
@@ -229,7 +229,7 @@ def _with_stream(
     return taken
 
 
-def _told(watch: Callable[[LiveState], None], number: int, seconds: Sequence[float], live: LiveState) -> None:
+def _with_progress(watch: Callable[[LiveState], None], number: int, seconds: Sequence[float], live: LiveState) -> None:
     # The number of the run in the session, and the remaining seconds of the session.
     left = live.of - live.seconds + sum(seconds[number:])
     watch(msgspec.structs.replace(live, number=number, runs=len(seconds), left=max(left, 0.0)))
@@ -251,10 +251,10 @@ def _with_analyzer(
             if run.source is not None and isinstance(instrument, Sourcing):
                 instrument.set_source(run.source)
             if not force:
-                refuse(name, look_at_analyzer(instrument))
+                refuse(name, check_analyzer(instrument))
             measured, overloads = measure_with_analyzer(instrument, plan, run, name)
             if not force:
-                refuse(name, look_at_record(measured, plan))
+                refuse(name, check_record(measured, plan))
             keep_measured(output, plan, measured, add=resume or bool(taken))
             found = Recovered(
                 id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
@@ -302,11 +302,6 @@ def _check_against(instrument: Stream, plan: Plan) -> None:
             f"run {played!r} needs a drive and a {plan.instrument.kind} instrument plays none; drive the rig by other means "
             'and call the excitation "other"'
         )
-
-
-def _port_locked(port: str) -> AbstractContextManager[None]:
-    # Every session has its own simulated instrument.
-    return nullcontext() if port == "virtual" else port_locked(port)
 
 
 def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:

@@ -17,6 +17,7 @@ from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.served import Peer, served
 from isorig.rig.acquire.plant import SENSITIVITY, VirtualPlant, playing
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
+from isorig.rig.wire_bonder.description import wire_bonder
 
 GAIN, BAND = 70.0, (0.5, 20.0)
 #: Length of the repeated signal of a virtual port, s: it is simulated while the session waits for a sample.
@@ -77,11 +78,14 @@ def far_end(
 
 
 @contextmanager
-def virtual_port(kind: str, model: RigModel) -> Iterator[str]:
-    """A simulated instrument of that kind in a thread of this process; yields the path of its port."""
-    if kind == PLAYS:
-        with playing(model) as port:
-            yield port
-        return
-    with served(far_end(kind, model, noise=1e-3, seed=0, speed=1.0, seconds=REPEATED)) as port:
+def reached_port(kind: str, port: str) -> Iterator[str]:
+    """The port to open; "virtual" is a simulated instrument of that kind in a thread of this process, connected to the thesis's
+    rig."""
+    if port != "virtual":
         yield port
+    elif kind == PLAYS:
+        with playing(wire_bonder()) as simulated:
+            yield simulated
+    else:
+        with served(far_end(kind, wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=REPEATED)) as simulated:
+            yield simulated

@@ -148,8 +148,8 @@ def _same(run: Run, planned: RunPlan, plan: Plan, output: Path) -> None:
             )
 
 
-def _kept(found: Sequence[Recovered]) -> list[_Kept]:
-    return [_Kept(run=item.run, extra=_extra(item), finished=item.finished) for item in found if item.run is not None]
+def _kept(recovered: Sequence[Recovered]) -> list[_Kept]:
+    return [_Kept(run=item.run, extra=_extra(item), finished=item.finished) for item in recovered if item.run is not None]
 
 
 def _extra(item: Recovered) -> Extra:

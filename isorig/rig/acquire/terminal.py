@@ -107,12 +107,12 @@ class Terminal:
         else:
             self._quietly(lambda: _print(self._console, item))
 
-    def equations(self, told: EquationsReport) -> None:
+    def equations(self, report: EquationsReport) -> None:
         """Print what the equations of motion tell of a run once that is certain; as JSON all of it."""
         if self._json:
-            self._line("equations", told)
-        elif told.known:
-            self.say(f"equations of motion of {told.sentence}")
+            self._line("equations", report)
+        elif report.known:
+            self.say(f"equations of motion of {report.sentence}")
 
     def _say(self, kind: str, content: object, words: str) -> None:
         if self._json:

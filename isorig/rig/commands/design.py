@@ -96,11 +96,11 @@ def _moves(
     from isorig.rig.wire_bonder.design_figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
     from isorig.rig.wire_bonder.design_study import RATE, designed, read_design, rigs_of, with_head
     from isorig.rig.wire_bonder.figures import isolation_figure
-    from isorig.rig.wire_bonder.parameters import read_seed
+    from isorig.rig.wire_bonder.parameters import read_rig_values
 
     plan = read_design(profile)
-    table = with_head(read_seed(parameters, method), plan)
-    rigs = rigs_of(table, plan, draws=draws, randomness=seed)
+    table = with_head(read_rig_values(parameters, method), plan)
+    rigs = rigs_of(table, plan, draws=draws, seed=seed)
     found = designed(plan, rigs, points=points, offsets=offset, rocking_frequency=rocking_frequency)
     columns = {"frequency_hz": found.studies["with friction"].frequency}
     for name, study in found.studies.items():

@@ -57,12 +57,12 @@ def investigate(
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.commands.diagnose import LIMIT
     from isorig.rig.errors import PlanError, RigError
-    from isorig.rig.next.course import PAGE, Terms, described_rig, read_course
-    from isorig.rig.next.course import investigate as go_on
+    from isorig.rig.next.investigation import PAGE, Terms, described_rig, read_investigation
+    from isorig.rig.next.investigation import investigate as go_on
     from isorig.rig.next.limits_file import limits_of
     from isorig.rig.next.measuring import measuring
     from isorig.rig.next.proposal import WORK
-    from isorig.rig.next.stages import Course
+    from isorig.rig.next.stages import Investigation
 
     if not 0.0 <= tolerance < float("inf"):
         raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
@@ -77,7 +77,7 @@ def investigate(
         raise PlanError(f"{plan} has runs with repeats; give each run of an investigation its own id")
     wire = port or own.instrument.port
     own = as_virtual(own) if wire == "virtual" else own
-    begun = read_course(output) or Course(plan=plan.name, baseline=baseline, tolerance=tolerance)
+    begun = read_investigation(output) or Investigation(plan=plan.name, baseline=baseline, tolerance=tolerance)
     if (begun.plan, begun.baseline, begun.tolerance) != (plan.name, baseline, tolerance):
         raise RigError(
             f"{output} has an investigation of {begun.plan} with baseline {begun.baseline} and tolerance {begun.tolerance:g}; "
@@ -91,9 +91,9 @@ def investigate(
             most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits), work=WORK,
             measure=measure, limit=LIMIT, tell=terminal.say,
         )  # fmt: skip
-        course = go_on(own, output, begun, terms)
-    print(course.ended or "Stopped by the operator; the same command continues the investigation.")
-    print(f"{course.seconds:g} s measured in {len(course.runs)} runs", output / PAGE, sep="\n")
+        investigation = go_on(own, output, begun, terms)
+    print(investigation.ended or "Stopped by the operator; the same command continues the investigation.")
+    print(f"{investigation.seconds:g} s measured in {len(investigation.runs)} runs", output / PAGE, sep="\n")
 
 
 def _silent(configuration: str) -> None:

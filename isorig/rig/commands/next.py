@@ -66,9 +66,9 @@ def next_(
     now = situation(found, limits_of(model_of(found[-1]), own, limits), earlier)
     with Console(stderr=True).status("comparing candidate runs") as status:
         if for_ is not None:
-            from isorig.rig.next.wish import propose_for, wish
+            from isorig.rig.next.required_uncertainty import propose_for, required_uncertainty
 
-            proposal = propose_for(now, wish(for_), budget=seconds, tell=status.update)
+            proposal = propose_for(now, required_uncertainty(for_), budget=seconds, tell=status.update)
         else:
             proposal = propose(now, budget=seconds, tell=status.update)
     for sentence in summary(proposal):

@@ -79,15 +79,15 @@ def simulate(
     from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import read, write
     from isorig.rig.files.rigfile import GivenRig, read_rig
-    from isorig.rig.virtual.simulated_recording import events_table, made_up, usual_run, with_forces
-    from isorig.rig.wire_bonder.parameters import read_seed
+    from isorig.rig.virtual.simulated_recording import events_table, synthetic_drive, usual_run, with_forces
+    from isorig.rig.wire_bonder.parameters import read_rig_values
 
     if model is not None and parameters is not None:
         raise PlanError("--model and --parameters both give a rig; give one of them")
     if parameters is None:
         given = read_rig(model or "wire-bonder")
     else:
-        table = read_seed(parameters, method)
+        table = read_rig_values(parameters, method)
         given = GivenRig(model=table.model)
         if level is None and drive is None:
             level = table.level(gain, excitation or given.model.usual.excitation)
@@ -99,7 +99,7 @@ def simulate(
         band=band or usual.band, seconds=usual.seconds if seconds is None else seconds,
         sample_rate=usual.sample_rate if sample_rate is None else sample_rate,
     )  # fmt: skip
-    simulated, changes = with_forces(given, made_up(given, plan) if drive is None else read(drive))
+    simulated, changes = with_forces(given, synthetic_drive(given, plan) if drive is None else read(drive))
     write(output, simulated)
     if events is not None:
         write_text(events, events_table(changes))

@@ -41,7 +41,7 @@ from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.isolation.transmissibility import transmissibility
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.levels import BEGIN
-from isorig.rig.virtual.simulated_recording import made_up, usual_run
+from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
 from isorig.rig.wire_bonder.design_study import RATE, MovePlan
 from isorig.rig.wire_bonder.isolation import Model
 
@@ -222,7 +222,7 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
             ]
         except DataError as error:
             raise PlanError(str(error)) from None
-        channel = made_up(given, usual_run(rig)).runs[0].channels[rig.drive.channel]
+        channel = synthetic_drive(given, usual_run(rig)).runs[0].channels[rig.drive.channel]
         samples = head_acceleration(moves, RATE)
         return Run(
             id="moves", configuration=next(iter(rig.configurations)), sample_rate=RATE, gain=1.0, excitation="moves",
@@ -236,7 +236,7 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
         raise PlanError(f"drive has the key {unknown[0]!r}; give {', '.join(Usual.__struct_fields__)}")
     described = msgspec.structs.replace(rig, usual=usual)
     recipe = usual_run(described, next(iter(rig.configurations)))
-    return made_up(GivenRig(model=described), replace(recipe, seed=seed)).runs[0]
+    return synthetic_drive(GivenRig(model=described), replace(recipe, seed=seed)).runs[0]
 
 
 def _target(rig: RigModel, plan: TargetPlan, run: Run) -> Target:

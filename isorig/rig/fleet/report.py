@@ -13,17 +13,17 @@ from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig, date_of
 from isorig.rig.fleet.sentences import (
     bad_campaigns,
-    borne_out,
     cause_words,
     change_words,
     day,
     difference_words,
     explained,
-    in_order,
     incident_words,
+    is_confirmed,
     odd_parameters,
     parameter_words,
     period,
+    rigs_in_order,
     state_of,
     what_else,
 )
@@ -58,7 +58,7 @@ Explanations = Mapping[str, Sequence[dict[str, Any]]]
 
 def fleet_page(fleet: Fleet, explanations: Explanations) -> str:
     """The report as HTML; `explanations` are the rows of each change's file, by its name."""
-    rigs = in_order(fleet)
+    rigs = rigs_in_order(fleet)
     anchors = {rig.name: f"rig{k}" for k, rig in enumerate(rigs)}
     report = Report(
         title=f"Fleet of {len(rigs)} rigs",
@@ -74,7 +74,7 @@ def fleet_page(fleet: Fleet, explanations: Explanations) -> str:
 
 
 def _verdict(fleet: Fleet) -> str:
-    changed = [incident for incident in fleet.incidents if borne_out(incident)]
+    changed = [incident for incident in fleet.incidents if is_confirmed(incident)]
     if not changed:
         return "No rig has changed."
     count = len({incident.rig for incident in changed})

@@ -15,7 +15,7 @@ from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, 
 #: A pause in the measurements of this many usual intervals is reported.
 PAUSE = 3.0
 #: Changes whose size, over all campaigns since, is below this many standard deviations are not confirmed.
-BORNE_OUT = 3.0
+CONFIRMED = 3.0
 
 
 def parameter_words(name: str) -> str:
@@ -55,7 +55,7 @@ def change_words(track: Track, change: DatedChange) -> str:
     unit = f" {track.unit}" if track.unit not in ("", "1") else ""
     text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
     text += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
-    return text if abs(change.size) >= BORNE_OUT else f"{text}, not confirmed by the campaigns since"
+    return text if abs(change.size) >= CONFIRMED else f"{text}, not confirmed by the campaigns since"
 
 
 def explained(rows: Sequence[Mapping[str, object]]) -> str:
@@ -119,7 +119,7 @@ def what_else(fleet: Fleet, incident: Incident) -> list[str]:
 
 
 def _meets(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
-    return borne_out(other) and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
+    return is_confirmed(other) and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
 
 
 def _pause(rig: TrackedRig, incident: Incident) -> list[str]:
@@ -146,12 +146,12 @@ def bad_campaigns(rig: TrackedRig) -> list[tuple[DiagnosedCampaign, list[str]]]:
 
 def last_change(rig: TrackedRig) -> Incident | None:
     """The latest change of a rig that later campaigns confirm."""
-    return next((incident for incident in reversed(rig.incidents) if borne_out(incident)), None)
+    return next((incident for incident in reversed(rig.incidents) if is_confirmed(incident)), None)
 
 
-def borne_out(incident: Incident) -> bool:
+def is_confirmed(incident: Incident) -> bool:
     """Whether all campaigns since confirm a change."""
-    return bool(incident.named) or any(abs(change.size) >= BORNE_OUT for _, change in incident.changes)
+    return bool(incident.named) or any(abs(change.size) >= CONFIRMED for _, change in incident.changes)
 
 
 def state_of(fleet: Fleet, rig: TrackedRig) -> str:
@@ -178,7 +178,7 @@ def difference_words(away: float) -> str:
     return "–" if math.isnan(away) else f"{away:+.1f}"
 
 
-def in_order(fleet: Fleet) -> list[TrackedRig]:
+def rigs_in_order(fleet: Fleet) -> list[TrackedRig]:
     """The rigs in display order: the latest change first, then outliers, then the rest by name."""
 
     def place(rig: TrackedRig) -> tuple[float, bool, str]:

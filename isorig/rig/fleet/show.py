@@ -8,7 +8,15 @@ import numpy as np
 
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
-from isorig.rig.fleet.sentences import change_words, day, difference_words, in_order, odd_parameters, parameter_words, state_of
+from isorig.rig.fleet.sentences import (
+    change_words,
+    day,
+    difference_words,
+    odd_parameters,
+    parameter_words,
+    rigs_in_order,
+    state_of,
+)
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
 
@@ -16,7 +24,7 @@ from isorig.rig.report.sections import number
 def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
     """All rigs, the one that changed last first."""
     rows = [(rig.name, str(len(rig.campaigns)), day(rig.campaigns[-1].date), rig.campaigns[-1].verdict, state_of(fleet, rig))
-            for rig in in_order(fleet)]  # fmt: skip
+            for rig in rigs_in_order(fleet)]  # fmt: skip
     show_table(f"{len(fleet.rigs)} rigs, {fleet.baseline} baseline", ("rig", "campaigns", "last", "verdict", "state"), rows)
     for note in fleet.notes:
         show(note)

@@ -9,11 +9,11 @@ from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.next.course import PAGE, STATE, Terms, described_rig, investigate
+from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, investigate
 from isorig.rig.next.limits_file import limits_of
 from isorig.rig.next.measuring import measuring
 from isorig.rig.next.plan_file import with_runs
-from isorig.rig.next.stages import Course
+from isorig.rig.next.stages import Investigation
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import words
 from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
@@ -52,12 +52,12 @@ def show(folder: Path, seed: int) -> None:
             most_runs=RUNS, seconds=SECONDS, limits=limits_of(described_rig(plan, "coulomb"), plan, None), work=WORK,
             measure=measuring(port, operator), tell=clock.tell,
         )  # fmt: skip
-        course = investigate(plan, place, Course(plan=PLAN.name, baseline="coulomb", tolerance=0.0), terms)
+        investigation = investigate(plan, place, Investigation(plan=PLAN.name, baseline="coulomb", tolerance=0.0), terms)
     truth = hidden_in(wire_bonder(), HIDDEN, SIZE, seed).truth
     rows = [
-        ("outcome", course.ended),
+        ("outcome", investigation.ended),
         ("hidden in the rig", ", ".join(f"{words(cause)} at {where}" for cause, where in truth)),
-        ("runs, and seconds of measuring", f"{len(course.runs)}, {course.seconds:g}"),
+        ("runs, and seconds of measuring", f"{len(investigation.runs)}, {investigation.seconds:g}"),
         ("page of the investigation", str(place / PAGE)),
         ("seconds", f"{clock.seconds:.0f}"),
     ]

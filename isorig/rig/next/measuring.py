@@ -12,7 +12,7 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recorder import working_file
 from isorig.rig.acquire.session import Decision, Operator, acquire
 from isorig.rig.acquire.store import whole_runs
-from isorig.rig.next.course import Measure, Measured
+from isorig.rig.next.investigation import Measure, Measured
 
 
 def measuring(wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False) -> Measure:

@@ -36,7 +36,7 @@ def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) 
     sections = []
     for name, item in zip(names, proposal.runs, strict=True):
         foreseen = () if item.choice is None else item.choice.foreseen
-        charts = [foreseen_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(foreseen)]
+        charts = [prediction_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(foreseen)]
         tables = [] if item.choice is None else [_distances(item.choice)]
         text = [f"{capitalized(now.described(item.run))}.", *reasons(item, proposal, now)]
         sections.append(Section(title=f"Run {name}", text=text, tables=tables, charts=charts))
@@ -83,7 +83,7 @@ def picture_of(pair: Foreseen) -> Picture:
     )  # fmt: skip
 
 
-def foreseen_chart(shown: Picture, name: str) -> Chart:
+def prediction_chart(shown: Picture, name: str) -> Chart:
     """The predictions of two causes for a run, and their difference compared with the allowed error."""
     truth, rival = np.array(shown.of_truth), np.array(shown.of_rival)
     t = (shown.first + np.arange(len(truth))) / shown.sample_rate

@@ -19,9 +19,9 @@ from isorig.rig.files.tomlfile import comments, plain, table_text
 SENSITIVITY = 0.2
 
 
-def virtual_instrument_of(found: Rivals) -> Plan:
+def virtual_instrument_of(rivals: Rivals) -> Plan:
     """A plan without runs for the simulated instrument: its channels are those of the rig, in the order of its inputs."""
-    model = found.explains.variant().model
+    model = rivals.explains.variant().model
     quantities = {drive.channel: drive.quantity for drive in model.drives}
     quantities |= {sensor.channel: sensor.quantity for sensor in model.sensors}
     channels = {
@@ -36,8 +36,8 @@ def virtual_instrument_of(found: Rivals) -> Plan:
         for k, (name, quantity) in enumerate(quantities.items())
     }
     # Plans are read by people: a rate from a clock has rounding errors.
-    instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=float(f"{found.sample_rate:.9g}"))
-    return Plan(instrument=instrument, channels=channels, rig=found.known)
+    instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=float(f"{rivals.sample_rate:.9g}"))
+    return Plan(instrument=instrument, channels=channels, rig=rivals.known)
 
 
 def write_plan(path: Path, plan: Plan, why: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> Path:

@@ -301,8 +301,8 @@ def unfitted_of(rivals: Rivals) -> tuple[Key, ...]:
     return tuple(dict.fromkeys(key for one in rivals.open for key in one.unfitted))
 
 
-def _proposed(found: Chosen) -> tuple[Proposed, ...]:
-    return tuple(Proposed(run=choice.prospect.run, choice=choice, peaks=choice.peaks) for choice in found.choices)
+def _proposed(chosen: Chosen) -> tuple[Proposed, ...]:
+    return tuple(Proposed(run=choice.prospect.run, choice=choice, peaks=choice.peaks) for choice in chosen.choices)
 
 
 def _compared(
@@ -338,10 +338,10 @@ def _compared(
     return found, unreached, tuple(pairs)
 
 
-def inseparable_pairs(found: Chosen) -> list[tuple[Key, Key]]:
+def inseparable_pairs(chosen: Chosen) -> list[tuple[Key, Key]]:
     """Pairs of causes that no single allowed run parts, whichever of the two is the truth."""
     best: dict[frozenset[Key], float] = {}
-    for apart in found.best:
+    for apart in chosen.best:
         key = frozenset((apart.truth.key, apart.rival.key))
         best[key] = max(best.get(key, 0.0), apart.distance)
     return [tuple(sorted(key)) for key, size in best.items() if size < CANNOT]  # type: ignore[misc]

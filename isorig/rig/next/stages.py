@@ -11,7 +11,7 @@ from isorig.rig.model.baseline import Baseline
 from isorig.rig.next.page import Picture
 
 
-class StageRun(msgspec.Struct, frozen=True, kw_only=True):
+class InvestigationRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run of a stage: its plan, and the reason for it."""
 
     plan: RunPlan
@@ -21,7 +21,7 @@ class StageRun(msgspec.Struct, frozen=True, kw_only=True):
     promised: float | None = None
 
 
-class Stage(msgspec.Struct, frozen=True, kw_only=True):
+class InvestigationStage(msgspec.Struct, frozen=True, kw_only=True):
     """A stage: its question, its runs, and the result.
 
     `step` is its progress; `verdict`, `named`, `open` and `answer` are from the diagnosis after its runs.
@@ -30,7 +30,7 @@ class Stage(msgspec.Struct, frozen=True, kw_only=True):
     number: int
     kind: str
     asked: list[str]
-    runs: list[StageRun]
+    runs: list[InvestigationRun]
     step: Literal["proposed", "measured", "diagnosed"] = "proposed"
     verdict: str = ""
     named: list[tuple[str, str]] = []
@@ -38,13 +38,13 @@ class Stage(msgspec.Struct, frozen=True, kw_only=True):
     answer: list[str] = []
 
 
-class Course(msgspec.Struct, frozen=True, kw_only=True):
+class Investigation(msgspec.Struct, frozen=True, kw_only=True):
     """The whole investigation; `ended` is the reason for its end, empty while it continues."""
 
     plan: str
     baseline: Baseline
     tolerance: float
-    stages: list[Stage] = []
+    stages: list[InvestigationStage] = []
     declined: list[str] = []
     ended: str = ""
     format: Literal["rig-investigation"] = "rig-investigation"
@@ -56,11 +56,20 @@ class Course(msgspec.Struct, frozen=True, kw_only=True):
         return [run.plan for stage in self.stages for run in stage.runs]
 
     @property
+    def diagnosed(self) -> list[InvestigationStage]:
+        """The stages with a verdict."""
+        return [stage for stage in self.stages if stage.verdict]
+
+    def with_last(self, stage: InvestigationStage) -> Investigation:
+        """The same with another last stage."""
+        return msgspec.structs.replace(self, stages=[*self.stages[:-1], stage])
+
+    @property
     def seconds(self) -> float:
         """Seconds of measuring so far."""
         return sum(run.plan.seconds for stage in self.stages if stage.step != "proposed" for run in stage.runs)
 
 
-def diagnosis_folder(stage: Stage) -> str:
+def diagnosis_folder(stage: InvestigationStage) -> str:
     """Name of the folder with the diagnosis after a stage."""
     return f"diagnosis-{stage.number}"

@@ -11,7 +11,7 @@ from isorig.rig.acquire.notes import Note
 from isorig.rig.view.run_list import Planned
 
 #: The requests of an operator.
-Wish = Literal["stop", "again", "next", "note"]
+RequiredUncertainty = Literal["stop", "again", "next", "note"]
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -28,7 +28,7 @@ class Begin(Message, frozen=True):
 class PageRequest(Message, frozen=True, tag="asked", tag_field="say"):
     """A pressed button: the request, the run that the page showed, and the text of a note."""
 
-    do: Wish
+    do: RequiredUncertainty
     run: str
     text: str = ""
 
@@ -80,7 +80,7 @@ class Standing(Message, frozen=True):
     phase: Literal["begins", "asks", "checks", "measures", "finishes", "over"] = "begins"
     run: str = ""
     last: str = ""
-    may: tuple[Wish, ...] = ()
+    may: tuple[RequiredUncertainty, ...] = ()
     text: str = ""
     judged: dict[str, Judgement] = {}
     stopped: tuple[str, ...] = ()

@@ -17,7 +17,7 @@ from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.view.messages import Judgement, PageRequest, Standing, Wish
+from isorig.rig.view.messages import Judgement, PageRequest, RequiredUncertainty, Standing
 from isorig.rig.view.run_list import Planned
 
 #: Seconds between two checks for the operator's answer, so that Ctrl-C is handled meanwhile.
@@ -53,7 +53,7 @@ class Desk:
         # The runs that this session has measured; in a resumed session, earlier runs are repeated on request only.
         self._past: set[str] = set()
         self._again = ""
-        self._answers: list[Wish] = []
+        self._answers: list[RequiredUncertainty] = []
         self._stop = False
         self._set_up = ""
         self._last = ""
@@ -165,10 +165,10 @@ class Desk:
         otherwise = f", or repeat {self._last}." if self._last else "."
         return f"{begin} {name} (gain {run.gain:g}, {run.seconds:g} s){otherwise}"
 
-    def _wait(self, phase: str, name: str, question: str) -> Wish:
+    def _wait(self, phase: str, name: str, question: str) -> RequiredUncertainty:
         with self._changed:
             self._answers.clear()
-            may: tuple[Wish, ...] = ("next", "again", "note") if self._last else ("next", "note")
+            may: tuple[RequiredUncertainty, ...] = ("next", "again", "note") if self._last else ("next", "note")
             self._stand(phase=phase, run=name, may=may, text=question)
             while not self._answers:
                 self._changed.wait(LISTEN)

@@ -13,7 +13,7 @@ from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.levels import BEGIN
-from isorig.rig.virtual.simulated_recording import made_up, usual_run
+from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
 
 #: Drive levels of a session relative to the usual one, which are its gains; one is measured twice, with another wave.
 LEVELS = (1.0, 1.0, 0.5)
@@ -55,7 +55,7 @@ def described_campaign(
         for k, level in enumerate(LEVELS):
             plan = usual_run(model, name)
             plan = replace(plan, seed=int(generator.integers(2**31)), seconds=seconds or plan.seconds)
-            drive = made_up(GivenRig(model=model), plan).runs[0]
+            drive = synthetic_drive(GivenRig(model=model), plan).runs[0]
             scaled = {key: replace(channel, scale=level * channel.scale) for key, channel in drive.channels.items()}
             drive = replace(drive, id=f"{name}_{k + 1}", gain=level, channels=scaled, started=BEGIN + timedelta(seconds=start))
             start += drive.duration + PAUSE

@@ -31,7 +31,7 @@ FORCE_LEVEL = 500.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class MadeUp:
+class SyntheticDrive:
     """A synthetic drive.
 
     Parameters
@@ -59,16 +59,16 @@ class MadeUp:
     configuration: str = "unlocked"
 
 
-def usual_run(model: RigModel, configuration: str = "unlocked") -> MadeUp:
+def usual_run(model: RigModel, configuration: str = "unlocked") -> SyntheticDrive:
     """A run as the rig's description says that it is usually driven."""
     usual = model.usual
-    return MadeUp(
+    return SyntheticDrive(
         kind=usual.excitation, level=usual.level, band=usual.band, seconds=usual.seconds, sample_rate=usual.sample_rate,
         configuration=configuration,
     )  # fmt: skip
 
 
-def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
+def synthetic_drive(given: GivenRig, plan: SyntheticDrive) -> Campaign:
     """A campaign of one run that contains the drive only.
 
     Raises
@@ -107,7 +107,7 @@ def made_up(given: GivenRig, plan: MadeUp) -> Campaign:
     return Campaign(runs=(run,), description=given.description, source="a made-up drive")
 
 
-def _level(plan: MadeUp, drive: Drive) -> float:
+def _level(plan: SyntheticDrive, drive: Drive) -> float:
     if plan.level is not None:
         return plan.level
     if drive.quantity != "acceleration":
@@ -115,7 +115,7 @@ def _level(plan: MadeUp, drive: Drive) -> float:
     return plan.gain * (HEAD_PER_GAIN if plan.kind in ("random", "multisine") else MOVE_PER_GAIN)
 
 
-def _wave(plan: MadeUp, n: int, band: tuple[float, float], level: float, seed: int) -> FloatArray:
+def _wave(plan: SyntheticDrive, n: int, band: tuple[float, float], level: float, seed: int) -> FloatArray:
     rate, values = plan.sample_rate, np.zeros(n)
     match plan.kind:
         case "random":

@@ -26,31 +26,31 @@ def _numbered(axis: Axes) -> None:
     axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
 
 
-def stroke_figure(found: Designed) -> Figure:
+def stroke_figure(designed: Designed) -> Figure:
     """Largest stroke over isolation frequency with and without friction, the limit, and the spread due to the parameters."""
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     axis = figure.subplots()
-    for name, study in found.studies.items():
+    for name, study in designed.studies.items():
         (line,) = axis.plot(study.frequency, 1e3 * study.stroke, lw=1.4, label=name)
         if len(study.draws):
             low, high = np.quantile(study.draws, (0.05, 0.95), axis=0)
             axis.fill_between(study.frequency, 1e3 * low, 1e3 * high, color=line.get_color(), alpha=0.25, lw=0)
         if np.isfinite(study.recommended):
             axis.axvline(study.recommended, color=line.get_color(), ls=":", lw=1.0)
-    allowed = next(iter(found.studies.values())).allowed
+    allowed = next(iter(designed.studies.values())).allowed
     axis.axhline(1e3 * allowed, color="0.3", ls="--", lw=1.0, label=f"allowed, {1e3 * allowed:.3g} mm")
-    axis.axvline(found.present, color="0.6", lw=0.8, label=f"present, {found.present:.2f} Hz")
+    axis.axvline(designed.present, color="0.6", lw=0.8, label=f"present, {designed.present:.2f} Hz")
     axis.set(xscale="log", yscale="log", xlabel="isolation frequency, Hz", ylabel="largest stroke, motor relative to table, mm")
     _numbered(axis)
     axis.legend(fontsize=8)
     return figure
 
 
-def history_figure(found: Designed) -> Figure:
+def history_figure(designed: Designed) -> Figure:
     """Displacement of all bodies over time for each case."""
-    figure = Figure(figsize=(9.0, 3.0 * len(found.histories) + 1.0), layout="constrained")
-    axes = figure.subplots(len(found.histories), 1, sharex=True, squeeze=False)[:, 0]
-    for axis, (name, bodies) in zip(axes, found.histories.items(), strict=True):
+    figure = Figure(figsize=(9.0, 3.0 * len(designed.histories) + 1.0), layout="constrained")
+    axes = figure.subplots(len(designed.histories), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, (name, bodies) in zip(axes, designed.histories.items(), strict=True):
         for body, values in bodies.items():
             # The heatblock moves with the table, so its line is dashed and on top.
             dash = "--" if body == "heatblock" else "-"
@@ -62,11 +62,11 @@ def history_figure(found: Designed) -> Figure:
     return figure
 
 
-def offset_figure(found: Designed) -> Figure:
+def offset_figure(designed: Designed) -> Figure:
     """Isolation ratio without friction for each distance of the drive from the motor's centre of gravity."""
     figure = Figure(figsize=(9.0, 4.5), layout="constrained")
     axis = figure.subplots()
-    for offset, seen in found.offsets.items():
+    for offset, seen in designed.offsets.items():
         axis.plot(seen.frequency, seen.ratio, lw=1.2, label=f"offset {1e3 * offset:g} mm: rocks by {1e3 * seen.rocking:.2g} mrad")
     axis.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="ratio, unlocked / locked")
     _numbered(axis)
@@ -74,15 +74,15 @@ def offset_figure(found: Designed) -> Figure:
     return figure
 
 
-def level_figure(found: Mapping[str, MoveIsolation]) -> Figure:
+def level_figure(by_case: Mapping[str, MoveIsolation]) -> Figure:
     """Isolation during moves over their acceleration, and the heatblock's largest displacement with the bond's tolerance."""
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     share, size = figure.subplots(2, 1, sharex=True)
-    for name, item in found.items():
+    for name, item in by_case.items():
         (line,) = share.plot(item.acceleration, 100.0 * item.isolation, "o-", ms=3, lw=1.1, label=name)
         unlocked = [1e6 * r.largest for r in item.unlocked]
         size.plot(item.acceleration, unlocked, "o-", ms=3, lw=1.1, color=line.get_color(), label=f"unlocked, {name}")
-    any_ = next(iter(found.values()))
+    any_ = next(iter(by_case.values()))
     size.plot(any_.acceleration, [1e6 * r.largest for r in any_.locked], "k--", lw=1.1, label="locked")
     size.axhline(1e6 * any_.tolerance, color="tab:red", lw=1.0, label=f"the bond's ±{1e6 * any_.tolerance:g} µm")
     share.set(ylabel="isolation during a move, %", title="Heatblock relative to the table, unlocked compared with locked")

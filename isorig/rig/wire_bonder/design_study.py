@@ -20,8 +20,8 @@ from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
-from isorig.rig.wire_bonder.parameters import Seed
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.parameters import RigValues
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 from isorig.rig.wire_bonder.stroke import StrokeStudy, frictionless, histories, linear_ratio, rocking, stroke_study
 
 #: Sample rate, Hz: at least fifteen samples in a move of a hundredth of a second.
@@ -33,7 +33,7 @@ LEVELS = np.geomspace(8.0, 208.0, 16)
 #: Frequency bins for the drive offset, Hz.
 LINES = np.geomspace(0.5, 100.0, 1500)
 TAKES = tuple(
-    Take(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
+    VirtualRun(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
     for c in ("unlocked", "locked")
     for g, top in ((70.0, 20.0), (7.0, 400.0))
 )
@@ -198,15 +198,15 @@ def read_design(path: Path) -> DesignPlan:
     return plan
 
 
-def with_head(seed: Seed, plan: DesignPlan) -> Seed:
+def with_head(values: RigValues, plan: DesignPlan) -> RigValues:
     """The parameters with the head of the plan, if it gives one."""
-    return seed if plan.head is None else seed.with_value("head_mass", plan.head.mass, plan.head.std)
+    return values if plan.head is None else values.with_value("head_mass", plan.head.mass, plan.head.std)
 
 
-def rigs_of(seed: Seed, plan: DesignPlan, *, draws: int, randomness: int) -> list[RigModel]:
+def rigs_of(values: RigValues, plan: DesignPlan, *, draws: int, seed: int) -> list[RigModel]:
     """The rig with the plan's head, followed by `draws` of it with parameters drawn from their uncertainties."""
-    seed = with_head(seed, plan)
-    return [seed.model, *seed.drawn(draws, randomness)]
+    values = with_head(values, plan)
+    return [values.model, *values.drawn(draws, seed)]
 
 
 def designed(

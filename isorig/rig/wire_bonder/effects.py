@@ -19,7 +19,7 @@ from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, Sen
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.rig.errors import RigError
 from isorig.rig.wire_bonder.description import FRICTION, THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, head_of, known_of, virtual_campaign, without_faults
+from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, virtual_campaign, without_faults
 
 Draw = np.random.Generator
 Wire = Callable[[Run, dict[str, FloatArray]], dict[str, FloatArray]]
@@ -88,7 +88,7 @@ def drawn_rig(draw: Draw) -> RigModel:
 def amplitudes_of(model: RigModel) -> Amplitudes:
     """The largest motions of a wire bonder, from half a minute at the highest gain, 70."""
     rate = 1024.0
-    head = head_of(Take(id="s", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0), rate, 99)
+    head = head_of(VirtualRun(id="s", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0), rate, 99)
     sensors = tuple(
         Sensor(channel=f"{kind} {link.name}", body=link.a, relative_to=link.b, quantity=quantity)
         for link in model.links
@@ -256,7 +256,7 @@ def hide(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) 
     )  # fmt: skip
 
 
-def played(hidden: Hidden, takes: Sequence[Take], seed: int, noise: float = 1e-3) -> Campaign:
+def played(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
     """A session on a rig with a hidden effect; see `virtual_campaign`."""
     campaign = virtual_campaign(hidden.model, takes, seed=seed, noise=noise)
     known = {**known_of(hidden.model), **hidden.known}

@@ -92,7 +92,7 @@ class ErrorSurface:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Classic:
+class FourSetUps:
     """The four set-ups; `refused` gives by name the values that could not be determined."""
 
     set_ups: tuple[SetUp, ...]
@@ -100,7 +100,7 @@ class Classic:
     refused: dict[str, str]
 
 
-def classic(campaign: Campaign, model: RigModel) -> Classic:
+def classic(campaign: Campaign, model: RigModel) -> FourSetUps:
     """Evaluate the thesis's four set-ups for a campaign.
 
     Parameters
@@ -133,10 +133,10 @@ def classic(campaign: Campaign, model: RigModel) -> Classic:
         surface = error_surface({s.name: s for s in set_ups}, model)
     except AnalysisError as error:
         refused["effective table mass"] = str(error)
-    return Classic(set_ups=tuple(set_ups), surface=surface, refused=refused)
+    return FourSetUps(set_ups=tuple(set_ups), surface=surface, refused=refused)
 
 
-def as_read(read: Classic, model: RigModel) -> RigModel:
+def rig_of_set_ups(read: FourSetUps, model: RigModel) -> RigModel:
     """The wire bonder with the determined values; starting values for the others."""
     changes: dict[str, float] = {}
     if read.surface is not None:
@@ -200,8 +200,8 @@ def _read(
     return SetUp(name=name, frf=frf, band=band, half_power=found, fit=fit, refused=reason, mode=mode, method=method)
 
 
-def _inside(found: tuple[float, ...], band: tuple[float, float]) -> list[float]:
-    return [f for f in found if band[0] <= f <= band[1]]
+def _inside(frequencies: tuple[float, ...], band: tuple[float, float]) -> list[float]:
+    return [f for f in frequencies if band[0] <= f <= band[1]]
 
 
 def _size(frf: Frf, frequency: float) -> float:

@@ -31,8 +31,8 @@ from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import predicted
-from isorig.rig.wire_bonder.four_set_ups import as_read, classic
-from isorig.rig.wire_bonder.parameters import CALLED, Method, read_seed
+from isorig.rig.wire_bonder.four_set_ups import classic, rig_of_set_ups
+from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
 
 
@@ -95,7 +95,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
         wanted: tuple[Method, ...] = ("joint", "half-power") if method is None else (method,)
         for each in wanted:
             try:
-                seed = read_seed(parameters, each)
+                seed = read_rig_values(parameters, each)
             except PlanError as error:
                 if method is not None or each == "joint":
                     raise
@@ -126,7 +126,7 @@ def compared_isolation(
     isolated: dict[str, Isolated] = {}
     try:
         guess = baseline_model(whole)
-        rig = models[0].rig if models else as_read(classic(campaigns["measured"], guess), guess)
+        rig = models[0].rig if models else rig_of_set_ups(classic(campaigns["measured"], guess), guess)
         isolated = _isolated(ratios, rig)
         offsets, refused = {name: peak_offset(each, rig) for name, each in campaigns.items()}, ""
     except (AnalysisError, RecordingError) as error:
@@ -146,17 +146,19 @@ def _isolated(ratios: Mapping[str, IsolationRatio], rig: RigModel) -> dict[str, 
         return {}
 
 
-def isolation_sentences(found: Compared) -> list[str]:
+def isolation_sentences(compared: Compared) -> list[str]:
     """Sentences about the ratio."""
-    ratio = found.measured
-    sentences = [fault.text for fault in found.faults]
-    if found.swept:
-        sentences.append(f"The gain changed within {', '.join(found.swept)}: each of these runs is split by its streamed gain.")
+    ratio = compared.measured
+    sentences = [fault.text for fault in compared.faults]
+    if compared.swept:
+        sentences.append(
+            f"The gain changed within {', '.join(compared.swept)}: each of these runs is split by its streamed gain."
+        )
     sentences += [
         f"{name.capitalize()}: from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:.3g} the isolation "
         f"{'reduces' if share.share >= 0.0 else 'increases'} the heatblock's vibration by {100.0 * abs(share.share):.3g} ± "
         f"{100.0 * share.std:.1g} %."
-        for name, share in found.isolated.items()
+        for name, share in compared.isolated.items()
     ]
     for at, (step, std), above, below in zip(ratio.stitches, ratio.steps, ratio.pieces, ratio.pieces[1:], strict=False):
         if np.isfinite(step):
@@ -164,25 +166,25 @@ def isolation_sentences(found: Compared) -> list[str]:
                 f"At {at:g} Hz, between gain {above.gain:g} and gain {below.gain:g}, there is a step: the ratio at gain "
                 f"{above.gain:g} is {step:.3f} ± {std:.1g} of that at gain {below.gain:g}."
             )
-    for gain, share in found.stuck.items():
+    for gain, share in compared.stuck.items():
         sentences.append(
             f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time"
             + ("; while stuck, the rig behaves like a locked one, which brings the ratio close to 1." if share > 0.5 else ".")
         )
-    for name, peaks in ((name, r.peaks) for name, r in found.ratios.items()):
+    for name, peaks in ((name, r.peaks) for name, r in compared.ratios.items()):
         if np.isfinite(peaks.ratio):
             sentences.append(
                 f"{name.capitalize()}, the heatblock's largest peak is at {peaks.unlocked:.2f} Hz unlocked and "
                 f"{peaks.locked:.2f} Hz locked; the ratio of the two peaks is {peaks.ratio:.3f} ± "
                 f"{peaks.std:.1g}, the ratio at the frequency of the unlocked peak is {peaks.by_line:.3f}."
             )
-    for name, offset in found.offsets.items():
+    for name, offset in compared.offsets.items():
         apart = ", ".join(f"{p.offset:+.3f} ± {p.std:.1g} Hz at gain {p.gain:g}" for p in offset.pairs)
         sentences.append(offset.verdict if name == "measured" else f"{name.capitalize()}, unlocked minus locked peak: {apart}.")
-    if found.offset_refused:
-        sentences.append(f"The offset of the heatblock's peaks is not available: {found.offset_refused}.")
+    if compared.offset_refused:
+        sentences.append(f"The offset of the heatblock's peaks is not available: {compared.offset_refused}.")
     return sentences + [
-        text for name, other in found.ratios.items() if name != "measured" for text in _differences(ratio, other, name)
+        text for name, other in compared.ratios.items() if name != "measured" for text in _differences(ratio, other, name)
     ]
 
 
@@ -204,9 +206,9 @@ def _by(name: str) -> str:
     return "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
 
 
-def about_isolated(found: Isolated) -> dict[str, Any]:
+def about_isolated(isolated: Isolated) -> dict[str, Any]:
     """The isolation as one number, as plain values."""
-    return {"share": found.share, "std": found.std, "band_hz": list(found.band), "gain": found.gain}
+    return {"share": isolated.share, "std": isolated.std, "band_hz": list(isolated.band), "gain": isolated.gain}
 
 
 def about_peaks(peaks: Peaks) -> dict[str, float | None]:

@@ -160,13 +160,13 @@ def isolation_by_level(
     )
 
 
-def level_for(found: MoveIsolation, isolation: float) -> float:
+def level_for(levels: MoveIsolation, isolation: float) -> float:
     """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
-    below = np.flatnonzero(found.isolation < isolation)
+    below = np.flatnonzero(levels.isolation < isolation)
     if len(below) == 0:
-        return float(found.acceleration[0])
+        return float(levels.acceleration[0])
     k = int(below[-1])
-    if k == len(found.acceleration) - 1:
+    if k == len(levels.acceleration) - 1:
         return float("nan")
-    share = (isolation - found.isolation[k]) / (found.isolation[k + 1] - found.isolation[k])
-    return float(found.acceleration[k] + share * (found.acceleration[k + 1] - found.acceleration[k]))
+    share = (isolation - levels.isolation[k]) / (levels.isolation[k + 1] - levels.isolation[k])
+    return float(levels.acceleration[k] + share * (levels.acceleration[k + 1] - levels.acceleration[k]))

@@ -20,7 +20,7 @@ CALLED: Mapping[Method, str] = {"joint": "joint fit", "half-power": "half-power"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seed:
+class RigValues:
     """The wire bonder's values by the names of `THESIS`, their standard uncertainties, and notes.
 
     Parameters
@@ -46,7 +46,7 @@ class Seed:
         """The rig with these values."""
         return wire_bonder(self.values)
 
-    def with_value(self, name: str, value: float, std: float) -> Seed:
+    def with_value(self, name: str, value: float, std: float) -> RigValues:
         """The same with another value, which then does not count as assumed."""
         return replace(
             self, values={**self.values, name: value}, stds={**self.stds, name: std},
@@ -77,10 +77,10 @@ class Seed:
 
 
 #: The thesis's table, used for simulations without a parameter table.
-OF_THESIS = Seed(values=THESIS)
+OF_THESIS = RigValues(values=THESIS)
 
 
-def read_seed(path: Path | None, method: Method = "joint") -> Seed:
+def read_rig_values(path: Path | None, method: Method = "joint") -> RigValues:
     """The parameters in a parameters.json; the thesis's table if there is no file.
 
     Raises
@@ -88,10 +88,10 @@ def read_seed(path: Path | None, method: Method = "joint") -> Seed:
     PlanError
         The file is not a parameter table, or lacks what the method needs.
     """
-    return OF_THESIS if path is None else seed_of(read_parameters(path), method, str(path))
+    return OF_THESIS if path is None else rig_values_of(read_parameters(path), method, str(path))
 
 
-def seed_of(file: ParameterFile, method: Method, where: str) -> Seed:
+def rig_values_of(file: ParameterFile, method: Method, where: str) -> RigValues:
     """The parameters from a parameter table."""
     if not file.values.keys() & THESIS.keys():
         raise PlanError(
@@ -106,7 +106,7 @@ def seed_of(file: ParameterFile, method: Method, where: str) -> Seed:
         if name in values:
             values[name], stds[name] = value, std
     assumed = tuple(name for name in THESIS if name not in found)
-    return Seed(values=values, stds=stds, assumed=assumed, notes=tuple(notes), levels=file.levels)
+    return RigValues(values=values, stds=stds, assumed=assumed, notes=tuple(notes), levels=file.levels)
 
 
 def _half_power(file: ParameterFile, where: str, notes: list[str]) -> dict[str, tuple[float, float]]:

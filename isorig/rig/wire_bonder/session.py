@@ -18,7 +18,7 @@ from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VI
 
 
 @dataclass(frozen=True, kw_only=True)
-class Take:
+class VirtualRun:
     """One run to be simulated: configuration, drive, duration.
 
     Parameters
@@ -37,7 +37,7 @@ class Take:
     Examples
     --------
     >>> import isorig as iso
-    >>> iso.Take(id="l7", configuration="locked", gain=7.0, seconds=60.0, start=570.0, band=(0.5, 400.0)).per_gain > 0.0
+    >>> iso.VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=60.0, start=570.0, band=(0.5, 400.0)).per_gain > 0.0
     True
     """
 
@@ -54,26 +54,26 @@ class Take:
 
 #: A typical lab session: three gains unlocked (the first repeated), two locked, a series of moves.
 SESSION = (
-    Take(id="u70a", configuration="unlocked", gain=70.0, seconds=100.0, start=0.0),
-    Take(id="u70b", configuration="unlocked", gain=70.0, seconds=100.0, start=130.0),
-    Take(id="u35", configuration="unlocked", gain=35.0, seconds=100.0, start=260.0),
-    Take(id="u7", configuration="unlocked", gain=7.0, seconds=60.0, start=390.0, band=(0.5, 400.0)),
-    Take(id="l70", configuration="locked", gain=70.0, seconds=60.0, start=480.0),
-    Take(id="l7", configuration="locked", gain=7.0, seconds=60.0, start=570.0, band=(0.5, 400.0)),
-    Take(id="umove", configuration="unlocked", gain=70.0, seconds=30.0, start=660.0, excitation="moves"),
+    VirtualRun(id="u70a", configuration="unlocked", gain=70.0, seconds=100.0, start=0.0),
+    VirtualRun(id="u70b", configuration="unlocked", gain=70.0, seconds=100.0, start=130.0),
+    VirtualRun(id="u35", configuration="unlocked", gain=35.0, seconds=100.0, start=260.0),
+    VirtualRun(id="u7", configuration="unlocked", gain=7.0, seconds=60.0, start=390.0, band=(0.5, 400.0)),
+    VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=60.0, start=480.0),
+    VirtualRun(id="l7", configuration="locked", gain=7.0, seconds=60.0, start=570.0, band=(0.5, 400.0)),
+    VirtualRun(id="umove", configuration="unlocked", gain=70.0, seconds=30.0, start=660.0, excitation="moves"),
 )
 
 #: Additional runs on the same rig, to score predictions.
 LATER = (
-    Take(id="x70", configuration="unlocked", gain=70.0, seconds=60.0, start=720.0),
-    Take(id="x50", configuration="unlocked", gain=50.0, seconds=60.0, start=810.0, band=(0.5, 30.0)),
-    Take(id="x7", configuration="unlocked", gain=7.0, seconds=40.0, start=900.0, band=(0.5, 400.0)),
-    Take(id="xmove", configuration="unlocked", gain=70.0, seconds=20.0, start=970.0, excitation="moves"),
-    Take(id="xlock", configuration="locked", gain=70.0, seconds=40.0, start=1020.0, band=(0.5, 60.0)),
+    VirtualRun(id="x70", configuration="unlocked", gain=70.0, seconds=60.0, start=720.0),
+    VirtualRun(id="x50", configuration="unlocked", gain=50.0, seconds=60.0, start=810.0, band=(0.5, 30.0)),
+    VirtualRun(id="x7", configuration="unlocked", gain=7.0, seconds=40.0, start=900.0, band=(0.5, 400.0)),
+    VirtualRun(id="xmove", configuration="unlocked", gain=70.0, seconds=20.0, start=970.0, excitation="moves"),
+    VirtualRun(id="xlock", configuration="locked", gain=70.0, seconds=40.0, start=1020.0, band=(0.5, 60.0)),
 )
 
 
-def head_of(take: Take, sample_rate: float, seed: int) -> FloatArray:
+def head_of(take: VirtualRun, sample_rate: float, seed: int) -> FloatArray:
     """The head's true acceleration in a take, shape (n,), m/s^2."""
     n = round(take.seconds * sample_rate)
     if take.excitation == "moves":
@@ -83,7 +83,7 @@ def head_of(take: Take, sample_rate: float, seed: int) -> FloatArray:
 
 def virtual_campaign(
     model: RigModel,
-    takes: Sequence[Take] = SESSION,
+    takes: Sequence[VirtualRun] = SESSION,
     *,
     noise: float = 1e-3,
     seed: int = 0,
@@ -110,7 +110,7 @@ def virtual_campaign(
     Examples
     --------
     >>> import isorig as iso
-    >>> takes = [iso.Take(id="u70", configuration="unlocked", gain=70.0, seconds=2.0, start=0.0)]
+    >>> takes = [iso.VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=2.0, start=0.0)]
     >>> campaign = iso.virtual_campaign(iso.wire_bonder(), takes, seed=1)
     >>> sorted(campaign.runs[0].channels)
     ['head', 'heatblock', 'motor', 'table']

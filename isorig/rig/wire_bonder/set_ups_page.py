@@ -21,7 +21,7 @@ from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, provenance_section, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
-from isorig.rig.wire_bonder.four_set_ups import Classic, ErrorSurface, SetUp, classic
+from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, classic
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 BIASED = (
@@ -41,7 +41,7 @@ EXACT = (
 )
 
 
-def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> Classic:
+def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> FourSetUps:
     """Write fits.html, set-ups.png and error-surface.png; the classic readings."""
     read = classic(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
     if read.set_ups:
@@ -52,7 +52,7 @@ def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> 
     return read
 
 
-def about(read: Classic) -> dict[str, Any]:
+def about(read: FourSetUps) -> dict[str, Any]:
     """The classic readings as plain values, by the names of the parameter table."""
     rows: dict[str, Any] = {}
     for item in read.set_ups:
@@ -84,7 +84,7 @@ def _of_mode(mode: Mode | None, key: str) -> dict[str, float | None]:
     return _pair(None, None) if mode is None else _pair(getattr(mode, key), getattr(mode, f"{key}_std"))
 
 
-def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
+def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
     models = {JOINT: simulated(found.fit.model, found.trials)}
     surface = [_surface_section(read.surface)] if read.surface is not None else []
     report = Report(
@@ -110,7 +110,7 @@ def _page(campaign: Campaign, found: Characterization, read: Classic) -> str:
     return build_report(report)
 
 
-def _compared(found: Characterization, read: Classic) -> Table:
+def _compared(found: Characterization, read: FourSetUps) -> Table:
     by_name = {item.name: item for item in read.set_ups}
     rows = []
     for name, entry in found.table.items():

@@ -12,9 +12,9 @@ from isorig.analysis.equations.system import HOLDS
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.effects import hidden_in, played
-from isorig.rig.wire_bonder.session import Take
+from isorig.rig.wire_bonder.session import VirtualRun
 
-RUN = (Take(id="u70", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),)
+RUN = (VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),)
 BROKEN = {"motor": 2.0 * HOLDS}
 CAUSE = EarlyAnswer(residuals=BROKEN, kind="spring_shape", place="isolation")
 OTHER = EarlyAnswer(residuals=BROKEN, kind="sensor", place="table")

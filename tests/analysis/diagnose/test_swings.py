@@ -12,10 +12,10 @@ from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.analysis.spectra.motion import motion_of
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.session import Take, virtual_campaign
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 RIG = wire_bonder({**THESIS, "friction_force": 4.0})
-TAKES = (Take(id="u70", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0),)
+TAKES = (VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=20.0, start=0.0),)
 TRIALS = prepare(virtual_campaign(RIG, TAKES, seed=5), RIG)
 
 

@@ -235,7 +235,7 @@ def draw(family: str, seed: int, setting: Setting, folder: Path) -> tuple[Path, 
     family
         One of `FAMILIES`.
     seed
-        Seed of everything.
+        RigValues of everything.
     setting
         What the caller decides.
     folder

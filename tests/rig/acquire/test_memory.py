@@ -13,7 +13,7 @@ import pytest
 from ramps import Watcher
 
 from isorig.drivers.block import Block, Input
-from isorig.rig.acquire.measure_run import columns_of, measure_run
+from isorig.rig.acquire.measure_run import measure_run
 from isorig.rig.acquire.plan import Plan, plan_of
 from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into, working_file
 from isorig.rig.acquire.remarks import Remarks
@@ -109,11 +109,12 @@ def highest() -> Iterator[list[float]]:
 def test_a_session_is_made_a_recording_without_all_of_it_in_memory(tmp_path: Path) -> None:
     def keep(name: str, repeats: int) -> float:
         planned, stream = plan(4.0, repeats), Ramps(round(4.0 * RATE))
+        columns = {name: channel.input for name, channel in planned.channels.items()}
         path = working_file(tmp_path / name)
         lay_out(path, planned, stream.inputs, real_time=False)
         with recording_into(path, planned, stream.inputs, real_time=False) as file:
             for run in planned.runs[0].ids():
-                writer = RunWriter(file, run, columns_of(planned), sample_rate=RATE, period=None)
+                writer = RunWriter(file, run, columns, sample_rate=RATE, period=None)
                 stream.start()
                 while (block := stream.read(0.1)) is not None:
                     writer.put(block)

@@ -13,7 +13,7 @@ import pytest
 from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.block import Block
-from isorig.rig.acquire.block_queue import Waiting
+from isorig.rig.acquire.block_queue import BlockQueue
 from isorig.rig.acquire.recorder import RunWriter
 from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import OutputError
@@ -23,7 +23,7 @@ RATE = 51200.0
 
 
 def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store, put = RunWriter._store, Waiting.put
+    store, put = RunWriter._store, BlockQueue.put
     stalls, held_up = [], []
 
     def stalling(self: RunWriter, blocks: Any) -> None:
@@ -32,12 +32,12 @@ def test_two_seconds_of_stall_at_the_full_rate_lose_nothing(tmp_path: Path, monk
             stalls.append(self.tally.stored)
             time.sleep(2.0)
 
-    def watched(self: Waiting, block: Any, timeout: float) -> bool:
+    def watched(self: BlockQueue, block: Any, timeout: float) -> bool:
         held_up.append(self._samples >= self._most)
         return put(self, block, timeout)
 
     monkeypatch.setattr(RunWriter, "_store", stalling)
-    monkeypatch.setattr(Waiting, "put", watched)
+    monkeypatch.setattr(BlockQueue, "put", watched)
     plan = plan_of({"id": "a", "seconds": 4.0}, rate=RATE)
     names = [f"c{k}" for k in range(8)]
     plan = msgspec.structs.replace(
@@ -73,11 +73,11 @@ def test_a_disk_that_never_comes_back_ends_the_session_in_a_sentence(tmp_path: P
 
 
 def test_what_waits_is_bounded_and_kept_in_order() -> None:
-    waiting = Waiting(100)
+    waiting = BlockQueue(100)
     blocks = [Block(first_tick=64 * k, samples=np.zeros((64, 1), np.int16), host_time=0.0) for k in range(3)]
     assert [waiting.put(block, 0.01) for block in blocks] == [True, True, False]
-    assert [block.first_tick for block in waiting.take(0.01) or ()] == [0, 64]
+    assert [block.first_tick for block in waiting.get_all(0.01) or ()] == [0, 64]
     assert waiting.put(blocks[2], 0.01)
     waiting.end()
-    assert [block.first_tick for block in waiting.take(10.0) or ()] == [128]
-    assert waiting.take(10.0) is None
+    assert [block.first_tick for block in waiting.get_all(10.0) or ()] == [128]
+    assert waiting.get_all(10.0) is None

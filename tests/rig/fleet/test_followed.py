@@ -13,7 +13,7 @@ from made_up import FRICTION, PARAMETERS, SPRING, Shift, drawn_fleet, write_cata
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import OF, followed, with_std
-from isorig.rig.fleet.sentences import bad_campaigns, borne_out, incident_words, state_of, what_else
+from isorig.rig.fleet.sentences import bad_campaigns, incident_words, is_confirmed, state_of, what_else
 
 
 def test_one_of_fifty_changes() -> None:
@@ -102,7 +102,7 @@ def test_an_odd_rig_and_a_bad_campaign() -> None:
     fleet = followed(frame, "coulomb")
     rigs, found = fleet.siblings[SPRING]
     assert [rigs[k] for k in found.odd] == ["rig-011"]
-    assert not [i for i in fleet.rigs["rig-011"].incidents if borne_out(i)]
+    assert not [i for i in fleet.rigs["rig-011"].incidents if is_confirmed(i)]
     assert not [i for i in fleet.rigs["rig-012"].incidents if i.changes and i.changes[0][0].name == FRICTION]
     assert [(c.name, names) for c, names in bad_campaigns(fleet.rigs["rig-012"])] == [
         ("week-008", ["friction force of isolation"])

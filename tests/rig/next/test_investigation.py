@@ -22,10 +22,10 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import course as course_module
 from isorig.rig.next import proposal as proposal_module
-from isorig.rig.next.course import PAGE, SESSION, STATE, Measured, Terms, investigate, nothing_known, read_course
+from isorig.rig.next.investigation import PAGE, SESSION, STATE, Measured, Terms, investigate, nothing_known, read_investigation
 from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
 from isorig.rig.next.sentences import summary
-from isorig.rig.next.stages import Course
+from isorig.rig.next.stages import Investigation
 from isorig.rig.wire_bonder.description import wire_bonder
 
 NAMES = ("head", "motor", "table", "heatblock")
@@ -96,9 +96,9 @@ def lab(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Lab]:
     return made
 
 
-def go(lab: Lab, folder: Path, plan: Plan, *, runs: int = 12, seconds: float = 300.0) -> Course:
+def go(lab: Lab, folder: Path, plan: Plan, *, runs: int = 12, seconds: float = 300.0) -> Investigation:
     terms = Terms(most_runs=runs, seconds=seconds, limits=PLAN.limits, work=5.0, measure=lab.measure, choose=lab.propose)
-    begun = read_course(folder) or Course(plan="plan.toml", baseline="coulomb", tolerance=0.0)
+    begun = read_investigation(folder) or Investigation(plan="plan.toml", baseline="coulomb", tolerance=0.0)
     return investigate(plan, folder, begun, terms)
 
 
@@ -250,7 +250,7 @@ def test_a_diagnosis_that_rules_out_counts(tmp_path: Path) -> None:
 def test_a_damaged_state_is_refused(tmp_path: Path) -> None:
     (tmp_path / STATE).write_text("{}")
     with pytest.raises(PlanError, match="is damaged"):
-        read_course(tmp_path)
+        read_investigation(tmp_path)
 
 
 def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -135,9 +135,9 @@ def test_hidden_effects_of_the_virtual_rig(tmp_path: Path, capsys: pytest.Captur
     """A gain of a channel is hidden: its record is that many times another's, and the same seed hides the same."""
     from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.effects import Hidden, hidden_in, played
-    from isorig.rig.wire_bonder.session import Take
+    from isorig.rig.wire_bonder.session import VirtualRun
 
-    takes = [Take(id="a", configuration="unlocked", gain=35.0, seconds=3.0, start=0.0)]
+    takes = [VirtualRun(id="a", configuration="unlocked", gain=35.0, seconds=3.0, start=0.0)]
     hidden = hidden_in(wire_bonder(), "sensor_gain", 1.0, 3)
     ((cause, channel),) = hidden.truth
     assert cause == "sensor_gain"

@@ -19,14 +19,14 @@ EXAMPLE = "give a parameter and a relative uncertainty, e.g. motor_damping=2%"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class RequiredUncertainty:
     """A parameter and its required relative uncertainty."""
 
     name: str
     std: float
 
 
-def wish(text: str) -> Wish:
+def required_uncertainty(text: str) -> RequiredUncertainty:
     """A requirement from the command line, e.g. motor_damping=2%.
 
     Raises
@@ -41,11 +41,16 @@ def wish(text: str) -> Wish:
         percent = -1.0
     if not name.strip() or not size.strip().endswith("%") or not (isfinite(percent) and percent > 0.0):
         raise PlanError(f"--for is {text!r}; {EXAMPLE}")
-    return Wish(name=name.strip(), std=percent / 100.0)
+    return RequiredUncertainty(name=name.strip(), std=percent / 100.0)
 
 
 def propose_for(
-    now: Situation, wanted: Wish, *, budget: float, work: float = WORK, tell: Callable[[str], None] = lambda text: None
+    now: Situation,
+    wanted: RequiredUncertainty,
+    *,
+    budget: float,
+    work: float = WORK,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> Proposal:
     """The runs after which a parameter has the required uncertainty.
 
@@ -82,7 +87,7 @@ def propose_for(
     )  # fmt: skip
 
 
-def _proposed(item: Precise, wanted: Wish) -> Proposed:
+def _proposed(item: Precise, wanted: RequiredUncertainty) -> Proposed:
     text = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
     return Proposed(run=item.prospect.run, remarks=(text,), peaks=item.peaks)
 

@@ -22,13 +22,13 @@ from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
 from isorig.rig.model.baseline import Baseline
-from isorig.rig.next.course_page import course_page
+from isorig.rig.next.investigation_page import investigation_page
 from isorig.rig.next.page import picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of, unfitted_of
 from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
-from isorig.rig.next.stages import Course, Stage, StageRun, diagnosis_folder
+from isorig.rig.next.stages import Investigation, InvestigationRun, InvestigationStage, diagnosis_folder
 from isorig.rig.report.sections import CUT_SHORT, words
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
@@ -90,7 +90,7 @@ class Terms:
     status: Callable[[str], None] = field(default=lambda text: None)
 
 
-def investigate(plan: Plan, folder: Path, begun: Course, terms: Terms) -> Course:
+def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) -> Investigation:
     """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
 
     Every step is saved before the next one starts, so an interrupted investigation can be continued.
@@ -111,20 +111,20 @@ def investigate(plan: Plan, folder: Path, begun: Course, terms: Terms) -> Course
     RigError, AnalysisError, DriverError
         Measuring or diagnosing fails; the results until then are kept.
     """
-    course, stopped = begun, False
-    while not (course.ended or stopped):
-        step = course.stages[-1].step if course.stages else "diagnosed"
+    investigation, stopped = begun, False
+    while not (investigation.ended or stopped):
+        step = investigation.stages[-1].step if investigation.stages else "diagnosed"
         if step == "diagnosed":
-            course = _next_stage(plan, folder, course, terms)
+            investigation = _next_stage(plan, folder, investigation, terms)
         elif step == "proposed":
-            course, stopped = _measured(plan, folder, course, terms)
+            investigation, stopped = _measured(plan, folder, investigation, terms)
         else:
-            course = _diagnosed(folder, course, terms)
-        _keep(folder, course)
-    return course
+            investigation = _diagnosed(folder, investigation, terms)
+        _keep(folder, investigation)
+    return investigation
 
 
-def read_course(folder: Path) -> Course | None:
+def read_investigation(folder: Path) -> Investigation | None:
     """The state of an investigation in a folder; None if there is none.
 
     Raises
@@ -136,86 +136,94 @@ def read_course(folder: Path) -> Course | None:
     if not path.exists():
         return None
     try:
-        return msgspec.json.decode(content_of(path), type=Course)
+        return msgspec.json.decode(content_of(path), type=Investigation)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         raise PlanError(f"{path} is damaged; start again in another folder, the recording in this one is not changed") from None
 
 
-def _keep(folder: Path, course: Course) -> None:
-    write_json(folder / STATE, course)
-    write_text(folder / PAGE, course_page(course))
+def _keep(folder: Path, investigation: Investigation) -> None:
+    write_json(folder / STATE, investigation)
+    write_text(folder / PAGE, investigation_page(investigation))
 
 
-def _next_stage(plan: Plan, folder: Path, course: Course, terms: Terms) -> Course:
+def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
     # The next question and its runs, or the reason why there is none.
-    number = len(course.stages) + 1
-    if not course.stages and plan.runs:
+    number = len(investigation.stages) + 1
+    if not investigation.stages and plan.runs:
         alone = len(plan.described().configurations) == 1
-        first = [StageRun(plan=run, description=described_plan(run, alone), why=["It is part of the plan."]) for run in plan.runs]
-        stage = Stage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
-        return _with(folder, plan, course, stage, terms)
-    if over := _over(course, terms):
-        return msgspec.structs.replace(course, ended=over)
+        why = ["It is part of the plan."]
+        first = [InvestigationRun(plan=run, description=described_plan(run, alone), why=why) for run in plan.runs]
+        stage = InvestigationStage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
+        return _with(folder, plan, investigation, stage, terms)
+    if over := _over(investigation, terms):
+        return msgspec.structs.replace(investigation, ended=over)
     terms.status("comparing candidate runs")
-    known = [stage for stage in course.stages if stage.verdict]
-    begun = read_rivals(folder / diagnosis_folder(known[-1])) if known else nothing_known(plan, terms.limits, course.baseline)
-    if begun.named and begun.open and all(one.why == "indistinguishable" and len(one.models) < 2 for one in begun.open):
-        same = Proposal(kind="rivals", twins=twins_of(begun), unfitted=unfitted_of(begun))
-        return msgspec.structs.replace(
-            course, ended=" ".join([f"{capitalized(_names(begun.named))}.", *twins(same), *unfitted(same)])
-        )
-    plans = {run.id: run for run in course.runs}
-    now = situation([begun], terms.limits, plans, frozenset(course.declined))
-    proposal = terms.choose(now, budget=terms.seconds - course.seconds, work=terms.work, most=1, tell=terms.status)
+    if investigation.diagnosed:
+        rivals = read_rivals(folder / diagnosis_folder(investigation.diagnosed[-1]))
+    else:
+        rivals = nothing_known(plan, terms.limits, investigation.baseline)
+    if rivals.named and rivals.open and all(one.why == "indistinguishable" and len(one.models) < 2 for one in rivals.open):
+        same = Proposal(kind="rivals", twins=twins_of(rivals), unfitted=unfitted_of(rivals))
+        ended = " ".join([f"{capitalized(_names(rivals.named))}.", *twins(same), *unfitted(same)])
+        return msgspec.structs.replace(investigation, ended=ended)
+    plans = {run.id: run for run in investigation.runs}
+    now = situation([rivals], terms.limits, plans, frozenset(investigation.declined))
+    proposal = terms.choose(now, budget=terms.seconds - investigation.seconds, work=terms.work, most=1, tell=terms.status)
     if not proposal.runs:
-        return msgspec.structs.replace(course, ended=_nothing_left(course, proposal))
-    names = run_names(len(proposal.runs), [run.id for run in course.runs])
+        return msgspec.structs.replace(investigation, ended=_nothing_left(investigation, proposal))
+    names = run_names(len(proposal.runs), [run.id for run in investigation.runs])
     runs = [
-        StageRun(
+        InvestigationRun(
             plan=planned(item.run, name), description=now.described(item.run), why=reasons(item, proposal, now),
             pictures=[picture_of(pair) for pair in item.choice.foreseen] if item.choice is not None else [],
             promised=item.choice.probability if item.choice is not None else None,
         )
         for name, item in zip(names, proposal.runs, strict=True)
     ]  # fmt: skip
-    return _with(folder, plan, course, Stage(number=number, kind=proposal.kind, asked=summary(proposal), runs=runs), terms)
+    return _with(
+        folder,
+        plan,
+        investigation,
+        InvestigationStage(number=number, kind=proposal.kind, asked=summary(proposal), runs=runs),
+        terms,
+    )
 
 
-def _with(folder: Path, plan: Plan, course: Course, stage: Stage, terms: Terms) -> Course:
-    course = msgspec.structs.replace(course, stages=[*course.stages, stage])
-    why = {run.plan.id: run.why for each in course.stages for run in each.runs}
-    write_plan(folder / SESSION, with_runs(plan, course.runs), why)
+def _with(folder: Path, plan: Plan, investigation: Investigation, stage: InvestigationStage, terms: Terms) -> Investigation:
+    investigation = msgspec.structs.replace(investigation, stages=[*investigation.stages, stage])
+    why = {run.plan.id: run.why for each in investigation.stages for run in each.runs}
+    write_plan(folder / SESSION, with_runs(plan, investigation.runs), why)
     terms.tell(f"Stage {stage.number}: {' '.join(stage.asked)}")
     for run in stage.runs:
         terms.tell("\n  ".join([f"{run.plan.id}: {run.description}", *run.why]))
-    return course
+    return investigation
 
 
-def _measured(plan: Plan, folder: Path, course: Course, terms: Terms) -> tuple[Course, bool]:
-    stage = course.stages[-1]
-    session = with_runs(plan, course.runs)
+def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> tuple[Investigation, bool]:
+    stage = investigation.stages[-1]
+    session = with_runs(plan, investigation.runs)
     found = terms.measure(session, folder / RECORDING)
     taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
     if found.stopped:
-        return course, True
-    declined = [*course.declined, *(run.description for run in stage.runs if run not in taken)]
+        return investigation, True
+    declined = [*investigation.declined, *(run.description for run in stage.runs if run not in taken)]
     if not taken:
         ended = "None of the planned runs was measured." if stage.kind == "plan" else ""
-        return msgspec.structs.replace(course, stages=course.stages[:-1], declined=declined, ended=ended), False
+        return msgspec.structs.replace(investigation, stages=investigation.stages[:-1], declined=declined, ended=ended), False
     stage = msgspec.structs.replace(stage, runs=taken, step="measured")
-    return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage], declined=declined), False
+    return msgspec.structs.replace(investigation, stages=[*investigation.stages[:-1], stage], declined=declined), False
 
 
-def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
-    stage = course.stages[-1]
-    if all(run.plan.excitation == "free" for each in course.stages for run in each.runs):
+def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
+    stage = investigation.stages[-1]
+    if all(run.plan.excitation == "free" for each in investigation.stages for run in each.runs):
         # A run at rest alone cannot be diagnosed.
         answer = ["The sensors' noise is known now."]
         stage = msgspec.structs.replace(stage, step="diagnosed", answer=answer)
-        return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
+        return investigation.with_last(stage)
     place = folder / diagnosis_folder(stage)
     outcome = diagnose_file(
-        folder / RECORDING, place, course.baseline, terms.status, tolerance=course.tolerance, limit=terms.limit
+        folder / RECORDING, place, investigation.baseline, terms.status, tolerance=investigation.tolerance, limit=terms.limit
     )  # fmt: skip
     found = read_rivals(place)
     answer = [*answered(found), *([CUT_SHORT] if outcome.cut_short else [])]
@@ -224,7 +232,7 @@ def _diagnosed(folder: Path, course: Course, terms: Terms) -> Course:
         open=[[(m.cause, m.location) for m in one.models] + one.twins for one in found.open], answer=answer,
     )  # fmt: skip
     terms.tell("\n  ".join([f"After stage {stage.number}:", *answer]))
-    return msgspec.structs.replace(course, stages=[*course.stages[:-1], stage])
+    return investigation.with_last(stage)
 
 
 def described_plan(run: RunPlan, alone: bool = False) -> str:
@@ -261,54 +269,53 @@ def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
     return single_driven(plan.nominal(friction=baseline == "coulomb"))
 
 
-def _over(course: Course, terms: Terms) -> str:
+def _over(investigation: Investigation, terms: Terms) -> str:
     """The reason to end an investigation before the next run is selected; empty if it continues."""
-    known = [stage for stage in course.stages if stage.verdict]
+    known = investigation.diagnosed
     if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
         return f"{'Identified cause' if len(known[-1].named) == 1 else 'Identified causes'}: {_names(known[-1].named)}."
     undecided = [stage for stage in known if stage.kind in ("undecided", "reproducible")]
     if len(undecided) >= WITHOUT_NEWS and len({(s.verdict, tuple(s.named)) for s in known[-WITHOUT_NEWS - 1 :]}) == 1:
         return "The remaining error has no cause in the catalogue: further runs brought nothing new."
-    if len(course.runs) >= terms.most_runs:
+    if len(investigation.runs) >= terms.most_runs:
         return f"The limit of {terms.most_runs} runs is reached."
-    if course.seconds + SHORTEST > terms.seconds:
+    if investigation.seconds + SHORTEST > terms.seconds:
         return f"The limit of {terms.seconds:g} s of measuring is reached."
     return ""
 
 
-def _nothing_left(course: Course, proposal: Proposal) -> str:
+def _nothing_left(investigation: Investigation, proposal: Proposal) -> str:
     pairs = inseparable(proposal) + twins(proposal)
     if pairs:
         return " ".join(pairs)
-    known = next((stage.verdict for stage in reversed(course.stages) if stage.verdict), "")
-    if known in UNNAMED:
+    if investigation.diagnosed and investigation.diagnosed[-1].verdict in UNNAMED:
         return "The model misfits, no cause of the catalogue explains it, and no remaining allowed run is likely to."
     if proposal.kind == "untested":
         return "No further allowed run is likely to reveal a cause of the catalogue."
     return "No allowed run is informative."
 
 
-def answered(found: Rivals) -> list[str]:
+def answered(rivals: Rivals) -> list[str]:
     """The result of a diagnosis, in sentences."""
     verdict = {
         "adequate": "The model explains all runs down to the noise: no cause is needed so far.",
         "explained": "The named causes explain the runs.", "partly explained": "Part of the error is explained.",
         "unexplained": "The model misfits, and no cause is certain enough to be named.",
     }  # fmt: skip
-    sentences = [verdict[found.verdict]]
-    if found.named:
-        sentences.append(f"Named: {_names(found.named)}.")
-    for one in found.open:
+    sentences = [verdict[rivals.verdict]]
+    if rivals.named:
+        sentences.append(f"Named: {_names(rivals.named)}.")
+    for one in rivals.open:
         together = [(model.cause, model.location) for model in one.models] + one.twins
         why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
         sentences.append(f"{why}: {_names(together)}.")
-    if found.ruled_out:
-        sentences.append(f"Ruled out: {_names(found.ruled_out[:6])}{' and others' if len(found.ruled_out) > 6 else ''}.")
-    return [*sentences, _figures(found)]
+    if rivals.ruled_out:
+        sentences.append(f"Ruled out: {_names(rivals.ruled_out[:6])}{' and others' if len(rivals.ruled_out) > 6 else ''}.")
+    return [*sentences, _figures(rivals)]
 
 
-def _figures(found: Rivals) -> str:
-    variant = found.explains.variant()
+def _figures(rivals: Rivals) -> str:
+    variant = rivals.explains.variant()
     shown = []
     for name, figure in named_figures(variant.model).items():
         std = std_of(variant, figure)

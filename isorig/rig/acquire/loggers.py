@@ -16,9 +16,8 @@ from isorig.drivers.kinds import StreamKind, kinds
 from isorig.drivers.waits import WAITS, Waits
 from isorig.rig.acquire.locks import port_locked
 from isorig.rig.acquire.plan import LoggerPlan, Plan
-from isorig.rig.acquire.simulated_instruments import virtual_port
+from isorig.rig.acquire.simulated_instruments import reached_port
 from isorig.rig.errors import PlanError
-from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Seconds of a read, after which the end of the run is noticed.
 TURN = 0.1
@@ -42,11 +41,8 @@ def opened_loggers(plan: Plan, waits: Waits = WAITS) -> Iterator[Mapping[str, St
 def _opened(stack: ExitStack, name: str, logger: LoggerPlan, waits: Waits) -> Stream:
     kind = kinds()[logger.kind]
     assert isinstance(kind, StreamKind)  # the plan was checked
-    port = logger.port
-    if port == "virtual":
-        port = stack.enter_context(virtual_port(logger.kind, wire_bonder()))
-    else:
-        stack.enter_context(port_locked(port))
+    stack.enter_context(port_locked(logger.port))
+    port = stack.enter_context(reached_port(logger.kind, logger.port))
     stream = stack.enter_context(closing(kind.open(port, logger.settings, waits)))
     stream.prepare(sample_rate=logger.sample_rate, channels=[channel.input for channel in logger.channels.values()])
     highest = max(channel.input for channel in logger.channels.values())
@@ -55,7 +51,7 @@ def _opened(stack: ExitStack, name: str, logger: LoggerPlan, waits: Waits) -> St
     return stream
 
 
-class Along:
+class RunLoggers:
     """The loggers during one run.
 
     Parameters
@@ -101,15 +97,15 @@ class Along:
         try:
             stream.start()
             while not self._over.is_set():
-                self._take(number, name, logger, stream, stream.read(TURN))
+                self._store(number, name, logger, stream, stream.read(TURN))
             stream.stop()
             while (block := stream.read(TURN)) is not None:
-                self._take(number, name, logger, stream, block)
+                self._store(number, name, logger, stream, block)
         except DriverError as error:
             # The run goes on: the logger is not what is measured.
             self._ended[name] = str(error)
 
-    def _take(self, number: int, name: str, logger: LoggerPlan, stream: Stream, block: Block | None) -> None:
+    def _store(self, number: int, name: str, logger: LoggerPlan, stream: Stream, block: Block | None) -> None:
         if block is None or not len(block.samples):
             return
         count = len(block.samples)
@@ -117,6 +113,6 @@ class Along:
         rows[:, 0] = block.host_time - np.arange(count)[::-1] / logger.sample_rate
         for k, channel in enumerate(logger.channels.values(), 1):
             source = stream.inputs[channel.input]
-            rows[:, k] = (block.samples[:, channel.input] * source.per_count + source.offset) / channel.sensitivity
+            rows[:, k] = source.physical(block.samples[:, channel.input]) / channel.sensitivity
         self._rows[name] += count
         self._put(number, rows)
