@@ -57,6 +57,9 @@ MODULES: dict[str, Covered] = {
     "isorig/analysis/units.py": Covered(("tests/analysis/test_units.py",)),
     "isorig/analysis/isolation/ratio.py": Covered(("tests/analysis/test_isolation.py",), 40),
     "isorig/rig/acquire/run_check.py": Covered(("tests/rig/acquire/test_check.py",)),
+    "isorig/rig/acquire/policy.py": Covered(
+        tuple(f"tests/rig/acquire/test_{name}.py" for name in ("check", "incoherence", "policy", "response_limits", "sensors"))
+    ),
     "isorig/analysis/fitting/division.py": Covered(
         ("tests/analysis/test_division.py", "tests/analysis/test_fits.py::test_what_judges_is_kept_from_fits")
     ),
@@ -147,7 +150,7 @@ NAMED = (
         "sign=1.0 if link.a in beyond else -1.0", "sign=1.0",
     ),
     ("neighbouring bins count as independent", "isorig/analysis/isolation/ratio.py", "TIED = 2.0", "TIED = 1.0"),
-    ("a contact sticks below a fiftieth", "isorig/rig/acquire/run_check.py", "STUCK = 0.2", "STUCK = 0.02"),
+    ("a contact sticks below a fiftieth", "isorig/rig/acquire/policy.py", "STICKING = 0.2", "STICKING = 0.02"),
     ("a second of a run is its beginning", "isorig/analysis/fitting/division.py", "BEGINNING = 5.0", "BEGINNING = 1.0"),
     ("a Gal is ten times as large", "isorig/analysis/units.py", '"Gal": 0.01}', '"Gal": 0.1}'),
 )  # fmt: skip

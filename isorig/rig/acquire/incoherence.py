@@ -20,15 +20,7 @@ from isorig.analysis.spectra.detection import Detection
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.welch import Spectra, estimate
-
-#: Ratio of what two runs with one drive do not share to the incoherent power: below the first the incoherent power is repeatable,
-#: above the second it is not.
-REPEATS, DIFFERS = 0.3, 0.7
-#: Ratio of incoherent power to that of the sensor's noise outside the band, up to which it is this noise.
-NOISE = 3.0
-#: Two levels of the drive differ by this factor; transfer functions differ by this many standard deviations, in this share of the
-#: frequency bins: by chance 0.3 % of them would.
-OTHER_LEVEL, APART, BINS = 1.2, 3.0, 0.3
+from isorig.rig.acquire.policy import DIFFERENT, DIFFERENT_BINS, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +58,10 @@ def incoherence(
         kind="noise", text=f"{begin} because of noise; drive harder, or use a more sensitive range or sensor, and repeat the run."
     )
     level = noise_levels(Campaign(runs=(run,))).get(name, 0.0)
-    if left * float(np.mean(density)) <= NOISE * 2.0 * level**2 / run.sample_rate:
+    if left * float(np.mean(density)) <= NOISE_RATIO * 2.0 * level**2 / run.sample_rate:
         return noisy
     share = _not_repeated(run, name, drive, others)
-    if share is not None and share >= DIFFERS * left:
+    if share is not None and share >= NOT_REPEATABLE * left:
         return Incoherence(
             kind="noise",
             text=f"{begin}, and differs between runs with the same drive; look for another source of vibration, drive harder, "
@@ -77,7 +69,7 @@ def incoherence(
         )  # fmt: skip
     found = next((item for item in detections if item.response == name), None)
     distorted = found is not None and max(found.odd, found.even) > found.noise
-    reason = "two runs with the same drive agree" if share is not None and share <= REPEATS * left else ""
+    reason = "two runs with the same drive agree" if share is not None and share <= REPEATABLE * left else ""
     reason = reason or ("its distortion exceeds its noise" if distorted else "")
     reason = reason or (
         "its transfer function changes with the drive's level" if _by_level(run, spectra, name, drive, others) else ""
@@ -120,7 +112,7 @@ def _by_level(run: Run, spectra: Spectra, name: str, drive: str, others: Sequenc
         if not {name, drive} <= set(other.channels) or other.configuration != run.configuration or other.id == run.id:
             continue
         ratio = float(np.std(other.read(drive))) / max(size, 1e-300)
-        if other.sample_rate != run.sample_rate or max(ratio, 1.0 / max(ratio, 1e-300)) < OTHER_LEVEL:
+        if other.sample_rate != run.sample_rate or max(ratio, 1.0 / max(ratio, 1e-300)) < LEVEL_RATIO:
             continue
         try:
             compared = estimate([other], references=[drive], resolution=spectra.resolution)
@@ -130,7 +122,7 @@ def _by_level(run: Run, spectra: Spectra, name: str, drive: str, others: Sequenc
         one, two = spectra.frf(name, drive), compared.frf(name, drive)
         n = min(len(one.value), len(two.value))
         inside = (one.frequency[:n] >= low) & (one.frequency[:n] <= high)
-        apart = np.abs(one.value[:n] - two.value[:n]) > APART * np.hypot(one.magnitude_std[:n], two.magnitude_std[:n])
-        if inside.any() and float(np.mean(apart[inside])) >= BINS:
+        apart = np.abs(one.value[:n] - two.value[:n]) > DIFFERENT * np.hypot(one.magnitude_std[:n], two.magnitude_std[:n])
+        if inside.any() and float(np.mean(apart[inside])) >= DIFFERENT_BINS:
             return True
     return False

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-#: Limits for the used share of the range: below the first, noise and quantization affect the result; above the second, bursts
-#: clip.
-LOW, HIGH = 0.03, 0.80
+from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 
 
 def shares(highest: Mapping[str, float], full_scale: Mapping[str, float]) -> dict[str, float]:
@@ -18,8 +16,8 @@ def advice(highest: Mapping[str, float], full_scale: Mapping[str, float]) -> lis
     """Advice on the levels, a sentence for each channel."""
     sentences = []
     for name, share in shares(highest, full_scale).items():
-        if 0.0 < share < LOW:
+        if 0.0 < share < SMALL_SHARE:
             sentences.append(f"{name} uses {100.0 * share:.1g} % of its range: choose a smaller range or a higher gain.")
-        elif share > HIGH:
+        elif share > LARGE_SHARE:
             sentences.append(f"{name} reaches {100.0 * share:.0f} % of its range: choose a larger range or a lower gain.")
     return sentences

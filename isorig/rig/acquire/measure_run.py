@@ -16,8 +16,9 @@ from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.live_coherence import RunningCoherence
 from isorig.rig.acquire.loggers import RunLoggers
-from isorig.rig.acquire.pace import DECIDED, REFUSED, Pace
+from isorig.rig.acquire.pace import Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.policy import RATE_REFUSED, RATE_SECONDS
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFileWriter
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import Guard
@@ -104,7 +105,7 @@ class BlockSummary:
 
 
 class PaceCheck:
-    """Compares the rate of a running stream with the host's clock, each `DECIDED` seconds anew: a rate may become wrong.
+    """Compares the rate of a running stream with the host's clock, each `RATE_SECONDS` seconds anew: a rate may become wrong.
 
     Parameters
     ----------
@@ -124,16 +125,16 @@ class PaceCheck:
         Raises
         ------
         InstrumentError
-            The sample rate certainly deviates by more than `REFUSED`.
+            The sample rate certainly deviates by more than `RATE_REFUSED`.
         """
         self._blocks.append((block.end_tick, block.host_time))
-        if block.host_time - self._blocks[0][1] < DECIDED:
+        if block.host_time - self._blocks[0][1] < RATE_SECONDS:
             return
         pace = Pace(self._rate)
         pace.add(*np.array(self._blocks).T)
         self._blocks = []
         drift = pace.drift()
-        if drift is not None and drift.beyond(REFUSED):
+        if drift is not None and drift.beyond(RATE_REFUSED):
             raise InstrumentError(
                 f"{self._who} has a sample rate of {self._rate * (1.0 + 1e-6 * drift.ppm):.6g} Hz by the host's clock, not "
                 f"{self._rate:g} Hz ({drift.percent}), so the run was ended; correct sample_rate or the instrument's clock, or "

@@ -14,15 +14,10 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 
-#: Relative deviation of the sample rate that is reported, and that ends a run: crystals are within 1e-4, and a host's clock that
-#: is being set within 5e-4 (NTP, `man adjtimex`). At the second, a natural frequency would be wrong by 2 %.
-REPORTED, REFUSED = 0.002, 0.02
 #: Number of arrivals kept, the earliest of neighbours.
 ARRIVALS = 4096
 #: Number of equal parts of the time whose slopes are compared, minimum number of arrivals, and minimum time, s.
 PARTS, LEAST, SHORTEST = 4, 8, 0.5
-#: Time after which a rate is judged, s: a host that is late by a tenth of a second then shows 1 %.
-DECIDED = 10.0
 #: Uncertainty of an earliest arrival that is always assumed, s: the steps in which hosts schedule.
 GRAIN = 1e-3
 #: Factor from a standard uncertainty to certainty.

@@ -15,25 +15,19 @@ from isorig.analysis.campaign import FloatArray, Run
 from isorig.drivers.alignment import WIRE
 from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Records, Stream, in_real_time
+from isorig.rig.acquire import policy
 from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.pace import DECIDED, REFUSED, ClockDrift, Pace
+from isorig.rig.acquire.pace import ClockDrift, Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import PlanError
 
-#: Seconds at rest and with drive; the check ends after a second without a sample.
-REST, DRIVEN = 0.25, 0.75
+#: The check ends after a second without a sample.
 IMPATIENT = SessionWaits(reconnection=1.0)
 #: More ticks than any check lasts.
 ENDLESS = 1 << 62
-#: Factor by which a channel must increase under drive, and allowed relative rate errors by the instrument's clock, and by the
-#: host's clock if too few blocks arrive to estimate its uncertainty.
-LIVELIER = 1.2
-OWN, FEW = 0.01, 0.25
-#: Share of full scale that counts as overload.
-END = 0.999
 #: Status flags of the instrument or its driver that prevent a run.
 REPORTED = {
     Status.OVERLOAD: "the instrument reports an overload; choose a larger range or a lower gain",
@@ -60,7 +54,7 @@ def check_room(plan: Plan, output: Path, bytes_per_sample: int = 4) -> str | Non
 def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     """The reasons against starting this run, each as a sentence with the remedy."""
     rate = plan.instrument.sample_rate
-    rest, driven = round(REST * rate), round(DRIVEN * rate)
+    rest, driven = round(policy.REST_SECONDS * rate), round(policy.DRIVEN_SECONDS * rate)
     drive = drive_of(*plan.original(run, 0), rate)[:driven] if run.played else np.zeros(driven)
     load(instrument, run, np.concatenate([np.zeros(rest), drive]), plan.limits)
     guard = Guard(plan, instrument)
@@ -96,7 +90,7 @@ def check_analyzer(instrument: Records) -> list[str]:
 
 def check_record(measured: Run, plan: Plan) -> list[str]:
     """The reasons against keeping a record."""
-    if abs(measured.sample_rate / plan.instrument.sample_rate - 1.0) <= OWN:
+    if abs(measured.sample_rate / plan.instrument.sample_rate - 1.0) <= policy.OWN_CLOCK:
         return []
     return [
         f"its sample rate is {measured.sample_rate:.6g} Hz, not {plan.instrument.sample_rate:g} Hz; correct sample_rate, "
@@ -133,7 +127,7 @@ class _Watched:
         """Whether the rate is right as far as so many ticks show it, or was observed for long enough."""
         if self._last is None or self._last.end_tick < ticks:
             return False
-        return self._passed >= DECIDED or not self._wrong(self._pace.drift(), certain=False)
+        return self._passed >= policy.RATE_SECONDS or not self._wrong(self._pace.drift(), certain=False)
 
     @property
     def wrong(self) -> float | None:
@@ -155,8 +149,8 @@ class _Watched:
 
     def _wrong(self, drift: ClockDrift | None, *, certain: bool) -> bool:
         if drift is not None:
-            return drift.beyond(REFUSED) if certain else abs(drift.ppm) > 1e6 * REFUSED
-        return self._passed > 0.0 and abs(self._few / self._rate - 1.0) > FEW
+            return drift.beyond(policy.RATE_REFUSED) if certain else abs(drift.ppm) > 1e6 * policy.RATE_REFUSED
+        return self._passed > 0.0 and abs(self._few / self._rate - 1.0) > policy.FEW_BLOCKS
 
 
 def _blocks(instrument: Stream, ticks: int, rate: float, watched: _Watched | None) -> Iterable[Block]:
@@ -182,14 +176,14 @@ def _rate(blocks: list[Block], rate: float, watched: _Watched | None) -> list[st
     if first.device_time is None or last.device_time is None or last.device_time <= first.device_time:
         return []
     own = (last.first_tick - first.first_tick) / (last.device_time - first.device_time)
-    if abs(own / rate - 1.0) <= OWN:
+    if abs(own / rate - 1.0) <= policy.OWN_CLOCK:
         return []
     return [f"the instrument's sample rate is {own:.6g} Hz by its own clock, not {rate:g} Hz; correct sample_rate"]
 
 
 def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:
-    if full is not None and np.abs(values).max() >= END * full:
-        if np.median(np.abs(values)) >= END * full:
+    if full is not None and np.abs(values).max() >= policy.FULL_SCALE_SHARE * full:
+        if np.median(np.abs(values)) >= policy.FULL_SCALE_SHARE * full:
             return [
                 f"{name} remains at the end of its input's range; the sensor is disconnected or has no supply, check its cable"
             ]
@@ -205,7 +199,7 @@ def _response(values: dict[str, FloatArray], resting: np.ndarray) -> list[str]:
     livelier = {
         name: float(v[~resting].std()) / max(float(v[resting].std()), 1e-9) for name, v in values.items()
     }  # fmt: skip
-    still = [name for name, ratio in livelier.items() if ratio < LIVELIER]
+    still = [name for name, ratio in livelier.items() if ratio < policy.RESPONSE_RATIO]
     if len(still) == len(livelier):
         return ["the drive causes no response on any channel; switch its amplifier on and check its cable"]
     return [f"{name} does not respond to the drive; check that its sensor is mounted and connected" for name in still]

@@ -31,7 +31,8 @@ from isorig.rig.acquire.layout import (
     shape_of,
     timing_of,
 )  # fmt: skip
-from isorig.rig.acquire.pace import REPORTED, ClockDrift, Pace
+from isorig.rig.acquire.pace import ClockDrift, Pace
+from isorig.rig.acquire.policy import RATE_REPORTED
 from isorig.rig.errors import RecordingError
 
 T = TypeVar("T")
@@ -130,7 +131,7 @@ class Recovered:
         lost = f", {self.lost} lost in transmission" if self.lost else ", none lost"
         if self.damaged:
             lost = f", {self.lost} lost, up to {self.damaged} of them in damaged parts of the file"
-        if self.drift is not None and self.drift.beyond(REPORTED):
+        if self.drift is not None and self.drift.beyond(RATE_REPORTED):
             lost += f"; by the host's clock its sample rate deviates by {self.drift.percent}"
         if self.finished:
             return f"{self.id}: complete, {self.stored} samples saved{lost}."

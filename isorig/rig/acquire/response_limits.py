@@ -14,13 +14,12 @@ from isorig.drivers.errors import InstrumentError
 from isorig.drivers.instrument import Stream
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.policy import CERTAIN
 from isorig.rig.errors import PlanError
 
 #: Seconds simulated at once, and seconds before them in which the vibration builds up: a natural frequency of 1 Hz with a damping
 #: ratio of 5 % reaches 96 % of its level in 10 s.
 PART, BUILD_UP = 60.0, 10.0
-#: Share of a limit that a prediction must exceed to refuse a run: the values of a description may be a quarter off.
-CERTAIN = 1.25
 
 
 def check_responses(plan: Plan, runs: Iterable[tuple[RunPlan, int]]) -> None:

@@ -13,19 +13,9 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.welch import Spectra, estimate
 from isorig.rig.acquire.incoherence import incoherence
-from isorig.rig.acquire.pace import REPORTED
-from isorig.rig.acquire.preflight import END
+from isorig.rig.acquire.policy import COHERENT, DEAD, DISTORTED, FULL_SCALE_SHARE, GAIN_DIFFERENCE, RATE_REPORTED, STICKING
 from isorig.rig.acquire.recover import Recovered
 
-#: Below this median coherence within the band, a response contains more than the effect of the drive.
-COHERENT = 0.5
-#: A channel with less than this share of the strongest of its quantity is dead or not connected.
-DEAD = 1e-4
-#: Below this share of relative motion between the two bodies of a contact, it sticks.
-STUCK = 0.2
-#: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.
-DISTORTED = 0.1
-OFF_PLAN = 1e-3
 #: Samples of a channel that are processed at once: a run may be longer than memory.
 PART = 1 << 20
 
@@ -87,7 +77,7 @@ def check_run(
             reason = incoherence(run, spectra, name, drive, others=others, detections=detections)
             (against if reason.kind == "noise" else remarks).append(reason.text)
     remarks += [sentence for item in detections if (sentence := _distortion(item)) is not None]
-    if sliding is not None and sliding.share < STUCK:
+    if sliding is not None and sliding.share < STICKING:
         remarks.append(f"{sliding.text}: friction was not overcome. Measure a run at a higher gain as well.")
     return Verdict(
         good=not against, coherence=coherence, detections=detections,
@@ -102,7 +92,7 @@ def _losses(run: Recovered) -> Iterator[str]:
         yield f"It ended at {run.stored + run.lost} of {run.planned} samples; check the instrument and repeat the run."
     if run.overloads:
         yield f"The instrument reported {run.overloads} overloads; choose a larger range or a lower gain and repeat the run."
-    if run.drift is not None and run.drift.beyond(REPORTED):
+    if run.drift is not None and run.drift.beyond(RATE_REPORTED):
         yield (
             f"Its clock deviates from the host's by {run.drift.percent}, more than crystals do; check sample_rate in the plan "
             "and the instrument's clock, because the time axis is wrong by that factor."
@@ -116,7 +106,7 @@ def _channels(run: Run) -> Iterator[str]:
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
     for name, channel in run.sensors.items():
         if channel.full_scale is not None:
-            clipped = sum(int((np.abs(values) >= END * channel.full_scale).sum()) for (values,) in _parts(run, name))
+            clipped = sum(int((np.abs(values) >= FULL_SCALE_SHARE * channel.full_scale).sum()) for (values,) in _parts(run, name))
             if clipped:
                 yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
         if sizes[name] <= DEAD * loudest[channel.quantity]:
@@ -125,9 +115,9 @@ def _channels(run: Run) -> Iterator[str]:
 
 def _gain(run: Run, planned: float) -> Iterator[str]:
     gains = _spread(values for (values,) in _parts(run, "gain")) if "gain" in run.channels else None
-    if gains is not None and gains.highest - gains.lowest > OFF_PLAN * abs(run.gain):
+    if gains is not None and gains.highest - gains.lowest > GAIN_DIFFERENCE * abs(run.gain):
         yield f"The gain changed from {gains.lowest:.4g} to {gains.highest:.4g} during the run; repeat it with a constant gain."
-    elif abs(run.gain - planned) > OFF_PLAN * planned:
+    elif abs(run.gain - planned) > GAIN_DIFFERENCE * planned:
         yield f"The gain was {run.gain:.4g} but the plan has {planned:.4g}; set it and repeat the run."
 
 

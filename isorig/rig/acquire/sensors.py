@@ -12,12 +12,10 @@ from pathlib import Path
 from isorig.drivers.instrument import Describing
 from isorig.drivers.teds import Teds, decode
 from isorig.rig.acquire.plan import ChannelPlan, Plan
+from isorig.rig.acquire.policy import SENSITIVITY_DIFFERENCE
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 
-#: Allowed relative difference between a sensitivity in the plan and on a sheet: calibrations of accelerometers are uncertain by
-#: 1 % at their reference frequency (ISO 16063-21, comparison with a reference transducer).
-DIFFERS = 0.01
 #: Standard acceleration of gravity, m/s^2, for sensitivities per g.
 GRAVITY = 9.80665
 #: Units of sensitivities in the list, in the unit of the plan.
@@ -191,7 +189,7 @@ def _one(
 def _sheet_against(name: str, channel: ChannelPlan, sheet: Sheet, today: date) -> Iterator[str]:
     if sheet.quantity and sheet.quantity != channel.quantity:
         yield f"{name} is {channel.quantity} in the plan, and its sensor measures {sheet.quantity} by {sheet.source}; correct one"
-    elif sheet.sensitivity is not None and abs(channel.sensitivity / sheet.sensitivity - 1.0) > DIFFERS:
+    elif sheet.sensitivity is not None and abs(channel.sensitivity / sheet.sensitivity - 1.0) > SENSITIVITY_DIFFERENCE:
         yield (
             f"the sensitivity of {name} is {channel.sensitivity:.6g} in the plan and {sheet.sensitivity:.6g} in {sheet.source}; "
             "correct the one that is wrong"

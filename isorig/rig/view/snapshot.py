@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import Campaign, FloatArray, Run
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.levels import advice
+from isorig.rig.acquire.policy import STICKING
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import STUCK, check_run, least_sliding
+from isorig.rig.acquire.run_check import check_run, least_sliding
 from isorig.rig.errors import RigError
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.view.levels import ChannelLevel, Levels
@@ -241,5 +242,5 @@ def _advice(track: _Track, run: Run, rig: RigModel) -> Iterator[str]:
         return [(recent[one], recent[other])] if {one, other} <= set(recent) else None
 
     sliding = least_sliding(rig, run.configuration, parts)
-    if sliding is not None and sliding.share < STUCK:
+    if sliding is not None and sliding.share < STICKING:
         yield f"{sliding.text}: friction is not overcome now. Measure a run at a higher gain as well."

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import msgspec
 
 from isorig.rig.acquire.equations import EquationsReport
-from isorig.rig.acquire.levels import HIGH, LOW
 from isorig.rig.acquire.notes import Note
+from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 from isorig.rig.view.levels import ChannelLevel
 from isorig.rig.view.messages import Standing
 from isorig.rig.view.run_list import Planned
@@ -51,7 +51,7 @@ def state_of(subject: Subject, picture: Snapshot, standing: Standing | None) -> 
         "shown": picture.shown, "lost": 0 if shown is None else shown.lost, "age": age if lasting else None,
         "damaged": 0 if standing is None else standing.damaged, "overloads": 0 if standing is None else standing.overloads,
         "channels": [] if shown is None else [_channel(level, picture.runs) for level in shown.levels],
-        "limits": [LOW, HIGH], "averaged": picture.averaged, "isolated": picture.isolated,
+        "limits": [SMALL_SHARE, LARGE_SHARE], "averaged": picture.averaged, "isolated": picture.isolated,
         "advice": _advice(picture, standing, lasting), "verdict": _verdict(subject, picture, standing), "runs": runs,
         "equations": None if standing is None or standing.equations is None else _equations(standing.equations),
         "notes": msgspec.to_builtins(subject.notes if standing is None else standing.notes),

@@ -11,6 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from isorig.rig.acquire.policy import RATE_REFUSED, RATE_REPORTED, RATE_SECONDS
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
 
 from far import DataqFar, FramedFar, scan_bytes
@@ -20,7 +22,7 @@ from test_sessions_attacked import plan, session, wait_for
 from isorig.drivers.block import Block
 from isorig.drivers.errors import InstrumentError
 from isorig.rig.acquire.measure_run import PaceCheck
-from isorig.rig.acquire.pace import DECIDED, REFUSED, REPORTED, Pace
+from isorig.rig.acquire.pace import Pace
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recover import working
 from isorig.rig.errors import PlanError
@@ -38,7 +40,7 @@ def arrivals(rate: float, seconds: float, seed: int, *, stated: float = 1000.0, 
     return pace
 
 
-@pytest.mark.parametrize("limit", [REPORTED, REFUSED])
+@pytest.mark.parametrize("limit", [RATE_REPORTED, RATE_REFUSED])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_deviation_above_the_limit_is_certain_after_a_minute_and_one_below_it_is_not(
@@ -57,8 +59,8 @@ def test_a_deviation_above_the_limit_is_certain_after_a_minute_and_one_below_it_
 def test_ten_seconds_show_half_a_percent_and_a_silence_is_no_deviation(seed: int) -> None:
     found = arrivals(995.0, 10.0, seed).drift()
     assert found is not None
-    assert found.beyond(REPORTED)
-    assert not found.beyond(REFUSED)
+    assert found.beyond(RATE_REPORTED)
+    assert not found.beyond(RATE_REFUSED)
     # Nothing arrives for two seconds, then all that was held at once.
     ticks = np.arange(50, 10_000, 50)
     times = np.maximum(ticks / 1000.0, np.where((ticks > 3000) & (ticks <= 5000), 5.0, 0.0))
@@ -177,8 +179,8 @@ def busy(rate: float, seconds: float, seed: int, *, worst: float) -> Pace:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_ten_seconds_on_a_busy_host_refuse_no_right_rate(seed: int) -> None:
-    found = busy(1000.0, DECIDED, seed, worst=0.5).drift()
-    assert found is None or not found.beyond(REFUSED)
+    found = busy(1000.0, RATE_SECONDS, seed, worst=0.5).drift()
+    assert found is None or not found.beyond(RATE_REFUSED)
     # Late from the middle on, or later and later over two seconds.
     ticks = np.arange(50, 10_000, 50)
     late = {"step": 0.4 * (ticks > 5000), "growing": np.clip(ticks - 5000 - 100 * seed, 0, 2000) * 2e-4}
@@ -187,15 +189,15 @@ def test_ten_seconds_on_a_busy_host_refuse_no_right_rate(seed: int) -> None:
         pace.add(ticks, ticks / 1000.0 + delays + np.random.default_rng(seed).uniform(0.0, 4e-3, len(ticks)))
         drift = pace.drift()
         assert drift is not None, name
-        assert not drift.beyond(REFUSED), name
+        assert not drift.beyond(RATE_REFUSED), name
 
 
 @pytest.mark.parametrize("clock", [0.5, 0.88, 1.2, 2.0])
 @pytest.mark.parametrize("seed", range(5))
 def test_ten_seconds_on_a_busy_host_refuse_a_wrong_rate(clock: float, seed: int) -> None:
-    found = busy(1000.0 * clock, DECIDED, seed, worst=0.1).drift()
+    found = busy(1000.0 * clock, RATE_SECONDS, seed, worst=0.1).drift()
     assert found is not None
-    assert found.beyond(REFUSED)
+    assert found.beyond(RATE_REFUSED)
     assert found.ppm == pytest.approx(1e6 * (clock - 1.0), abs=2e4)
 
 
@@ -207,13 +209,13 @@ def test_a_running_stream_is_judged_after_ten_seconds(clock: float, refused: boo
         for tick in range(0, round(1000.0 * clock * seconds), 50):
             check.add(Block(first_tick=tick, samples=np.zeros((50, 1)), host_time=(tick + 50) / (1000.0 * clock)))
 
-    until(DECIDED - 0.1)
+    until(RATE_SECONDS - 0.1)
     check = PaceCheck("it", 1000.0)
     if refused:
         with pytest.raises(InstrumentError, match="by the host's clock, not 1000 Hz"):
-            until(DECIDED + 0.2)
+            until(RATE_SECONDS + 0.2)
     else:
-        until(3.0 * DECIDED)
+        until(3.0 * RATE_SECONDS)
 
 
 def test_a_rate_that_becomes_wrong_after_an_hour_is_noticed_within_twenty_seconds() -> None:

@@ -10,8 +10,9 @@ import pytest
 from strange_rigs import StrangeRig, campaign, dry
 
 from isorig.analysis.campaign import Run
+from isorig.rig.acquire.policy import COHERENT
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import COHERENT, Verdict, check_run
+from isorig.rig.acquire.run_check import Verdict, check_run
 
 RIG = StrangeRig(masses=(4.0,), joints=((0, -1, 4e3, 12.0),), sensors=(("x", 0, "displacement"),))
 #: Friction that holds the mass most of the time, more at a low level.

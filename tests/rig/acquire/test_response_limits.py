@@ -14,7 +14,8 @@ from isorig.analysis.simulate import Excitation
 from isorig.drivers.errors import InstrumentError
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.response_limits import CERTAIN, check_responses
+from isorig.rig.acquire.policy import CERTAIN
+from isorig.rig.acquire.response_limits import check_responses
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
 

@@ -9,7 +9,8 @@ import pytest
 
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.acquire.sensors import DIFFERS, Sheet, compare, memories, read_list
+from isorig.rig.acquire.policy import SENSITIVITY_DIFFERENCE
+from isorig.rig.acquire.sensors import Sheet, compare, memories, read_list
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
@@ -87,7 +88,11 @@ def test_the_boundaries_of_dates_and_sensitivities(lab: Path) -> None:
     (text,) = compare(plan(lab), known, {}, date(2027, 1, 16))
     assert text == "the calibration of 1001 (head) expired on 2027-01-15, by sensors.csv; have it calibrated"
     assert any("after today" in text for text in compare(plan(lab), known, {}, date(2026, 1, 14)))
-    for factor, count in ((1.0 + 0.99 * DIFFERS, 0), (1.0 + 1.01 * DIFFERS, 1), (1.0 - 1.01 * DIFFERS, 1)):
+    for factor, count in (
+        (1.0 + 0.99 * SENSITIVITY_DIFFERENCE, 0),
+        (1.0 + 1.01 * SENSITIVITY_DIFFERENCE, 1),
+        (1.0 - 1.01 * SENSITIVITY_DIFFERENCE, 1),
+    ):
         changed = plan(lab, ("sensitivity = 0.01\n", f"sensitivity = {0.01 * factor:.9g}\n"))
         assert len(compare(changed, known, {}, TODAY)) == count
 

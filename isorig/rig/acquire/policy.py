@@ -1,0 +1,37 @@
+"""Thresholds of the checks before, during and after a run. They were chosen unless a source is given."""
+
+#: Pre-run check: seconds at rest and with drive, and factor by which a channel must increase under drive.
+REST_SECONDS, DRIVEN_SECONDS, RESPONSE_RATIO = 0.25, 0.75, 1.2
+#: Share of full scale from which on a value is clipped.
+FULL_SCALE_SHARE = 0.999
+#: Share of its range that a channel uses: below the first, noise and quantization affect the result; above the second, bursts
+#: clip.
+SMALL_SHARE, LARGE_SHARE = 0.03, 0.80
+#: Relative deviation of the sample rate by the host's clock that is reported, and that ends a run: crystals are within 1e-4, and
+#: a host's clock that is being set within 5e-4 (NTP, `man adjtimex`). At the second, a natural frequency would be wrong by 2 %.
+RATE_REPORTED, RATE_REFUSED = 0.002, 0.02
+#: Time after which a rate is judged, s: a host that is late by a tenth of a second then shows 1 %.
+RATE_SECONDS = 10.0
+#: Allowed relative rate errors by the instrument's clock, and by the host's if too few blocks arrive to estimate its uncertainty.
+OWN_CLOCK, FEW_BLOCKS = 0.01, 0.25
+#: Share of a limit that a simulated response must exceed to refuse a run: the values of a description may be a quarter off.
+CERTAIN = 1.25
+#: Allowed relative difference between a sensitivity in the plan and on a sheet: calibrations of accelerometers are uncertain by
+#: 1 % at their reference frequency (ISO 16063-21, comparison with a reference transducer).
+SENSITIVITY_DIFFERENCE = 0.01
+#: Below this median coherence within the band, a response contains more than the effect of the drive.
+COHERENT = 0.5
+#: A channel with less than this share of the strongest of its quantity is dead or not connected.
+DEAD = 1e-4
+#: Below this share of relative motion between the two bodies of a contact, it sticks.
+STICKING = 0.2
+#: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.
+DISTORTED, GAIN_DIFFERENCE = 0.1, 1e-3
+#: Ratio of what two runs with one drive do not share to the incoherent power: below the first the incoherent power is repeatable,
+#: above the second it is not.
+REPEATABLE, NOT_REPEATABLE = 0.3, 0.7
+#: Ratio of incoherent power to that of the sensor's noise outside the band, up to which it is this noise.
+NOISE_RATIO = 3.0
+#: Two levels of the drive differ by this factor; transfer functions differ by this many standard deviations, in this share of the
+#: frequency bins: by chance 0.3 % of them would.
+LEVEL_RATIO, DIFFERENT, DIFFERENT_BINS = 1.2, 3.0, 0.3

@@ -1,0 +1,69 @@
+"""The thresholds of the checks, each just below and just above its value; those of a run are in `test_check.py`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import Channel, Run
+from isorig.drivers.block import Block
+from isorig.rig.acquire.levels import advice
+from isorig.rig.acquire.pace import ClockDrift
+from isorig.rig.acquire.plan import plan_of
+from isorig.rig.acquire.preflight import _channel, _response, _Watched, check_record
+from isorig.rig.acquire.recover import Recovered
+from isorig.rig.acquire.run_check import check_run
+from isorig.rig.wire_bonder.description import wire_bonder
+
+WAVE = np.random.default_rng(1).normal(size=1000)
+
+
+def run(**channels: np.ndarray) -> Run:
+    """A run at 1000 Hz."""
+    return Run(
+        id="a", configuration="unlocked", sample_rate=1000.0, gain=1.0,
+        channels={name: Channel(name=name, samples=values) for name, values in channels.items()},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.029, "3 %"), (0.031, ""), (0.799, ""), (0.801, "80 %")])
+def test_a_channel_uses_three_to_eighty_percent_of_its_range(share: float, said: str) -> None:
+    sentences = advice({"motor": 10.0 * share}, {"motor": 10.0})
+    assert bool(sentences) is bool(said)
+    assert said in "".join(sentences)
+
+
+@pytest.mark.parametrize(("peak", "clipped"), [(0.9985, False), (0.9995, True)])
+def test_a_value_at_the_end_of_the_range_is_clipped(peak: float, clipped: bool) -> None:
+    values = 8.0 * peak * WAVE / np.abs(WAVE).max()
+    assert ("exceeds its input's range" in "".join(_channel("motor", values, 8.0))) is clipped
+
+
+@pytest.mark.parametrize(("factor", "responds"), [(1.19, False), (1.21, True)])
+def test_a_channel_responds_that_increases_by_a_fifth(factor: float, responds: bool) -> None:
+    resting = np.arange(2000) < 1000
+    values = {"table": np.concatenate([WAVE, 3.0 * WAVE]), "motor": np.concatenate([WAVE, factor * WAVE])}
+    assert ("motor does not respond" in "".join(_response(values, resting))) is not responds
+
+
+@pytest.mark.parametrize(("rate", "kept"), [(991.0, True), (989.0, False), (1009.0, True), (1011.0, False)])
+def test_the_rate_of_a_record_may_be_a_percent_off(rate: float, kept: bool) -> None:
+    plan = plan_of({"instrument": {"kind": "framed", "port": "p", "sample_rate": rate}, "channels": {}})
+    assert (check_record(run(head=WAVE), plan) == []) is kept
+
+
+@pytest.mark.parametrize(("ppm", "reported"), [(1990.0, False), (2010.0, True), (-2010.0, True)])
+def test_a_rate_is_reported_from_two_thousandths_on(ppm: float, reported: bool) -> None:
+    measured = Recovered(
+        id="a", finished=True, begun=True, run=run(head=WAVE), stored=1000, lost=0, planned=1000, overloads=0, planned_gain=1.0,
+        drift=ClockDrift(ppm=ppm, std=1.0),
+    )  # fmt: skip
+    assert any("clock deviates" in text for text in check_run(measured, rig=wire_bonder()).advice) is reported
+
+
+@pytest.mark.parametrize(("rate", "wrong"), [(760.0, False), (740.0, True), (1240.0, False), (1260.0, True)])
+def test_few_blocks_show_a_rate_that_is_a_quarter_off(rate: float, wrong: bool) -> None:
+    watched = _Watched(1000.0)
+    for k in range(3):
+        watched.add(Block(first_tick=200 * k, samples=np.zeros((200, 1)), host_time=200 * (k + 1) / rate))
+    assert (watched.wrong is not None) is wrong
