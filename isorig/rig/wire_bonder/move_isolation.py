@@ -18,6 +18,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
+from isorig.rig.wire_bonder.stroke import lowest_inside
 
 #: Rest before the move, and time simulated after it, s: the heatblock's vibration has decayed by then.
 LEAD, WATCHED = 0.02, 1.0
@@ -162,11 +163,4 @@ def isolation_by_level(
 
 def level_for(levels: MoveIsolation, isolation: float) -> float:
     """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
-    below = np.flatnonzero(levels.isolation < isolation)
-    if len(below) == 0:
-        return float(levels.acceleration[0])
-    k = int(below[-1])
-    if k == len(levels.acceleration) - 1:
-        return float("nan")
-    share = (isolation - levels.isolation[k]) / (levels.isolation[k + 1] - levels.isolation[k])
-    return float(levels.acceleration[k] + share * (levels.acceleration[k + 1] - levels.acceleration[k]))
+    return lowest_inside(levels.acceleration, -levels.isolation, -isolation)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray, broad
+from isorig.analysis.campaign import Campaign, broad
 from isorig.analysis.errors import AnalysisError, DataError
-from isorig.analysis.model.linear import constraint_basis
-from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.spectra.modes import Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
@@ -118,17 +118,12 @@ def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblo
 
 def loaded_frequencies(model: RigModel, body: str) -> tuple[float, float]:
     """Frequency of a body's dominant mode with the motor's mass added to the table, and its increase with the motor free, Hz."""
-    found = []
-    for configuration in ("locked", "unlocked"):
-        rigid = [model.link(name) for name in model.configurations[configuration].rigid]
-        basis = constraint_basis(model, rigid)
-        mass, _, stiffness = (basis.T @ m @ basis for m in matrices(model))
-        squares, shapes = np.linalg.eig(np.linalg.solve(mass, stiffness))
-        row = [b.name for b in model.bodies].index(body)
-        motion = basis @ shapes.real
-        share = np.abs(motion[row]) / np.linalg.norm(motion, axis=0)
-        found.append(float(np.sqrt(squares.real[int(np.argmax(share))]) / (2.0 * np.pi)))
-    return found[0], found[1] - found[0]
+    row = [b.name for b in model.bodies].index(body)
+    locked, unlocked = (
+        max(natural_modes(model, name), key=lambda mode: abs(mode.shape[row]) / np.linalg.norm(mode.shape)).frequency
+        for name in ("locked", "unlocked")
+    )
+    return locked, unlocked - locked
 
 
 def _peak(campaign: Campaign, gain: float, configuration: str, guess: float, response: str, reference: str) -> Mode:
@@ -160,16 +155,9 @@ def _change(pairs: list[PeakPair]) -> tuple[float, float, tuple[float, float]]:
     if len(pairs) < 2:
         return float("nan"), float("nan"), (float("nan"), float("nan"))
     gain, offset, std = (np.array(v) for v in zip(*((p.gain, p.offset, p.std) for p in pairs), strict=True))
-    slope, slope_std = _line(gain, offset, std)
+    fit, covariance = np.polyfit(gain, offset, 1, w=1.0 / std, cov="unscaled")
     high, low = max(pairs, key=lambda p: p.offset), min(pairs, key=lambda p: p.offset)
-    return slope, slope_std, (high.offset - low.offset, float(np.hypot(high.std, low.std)))
-
-
-def _line(x: FloatArray, y: FloatArray, std: FloatArray) -> tuple[float, float]:
-    weight = 1.0 / std**2
-    middle = float((weight * x).sum() / weight.sum())
-    spread = float((weight * (x - middle) ** 2).sum())
-    return float((weight * (x - middle) * y).sum() / spread), float(spread**-0.5)
+    return float(fit[0]), float(covariance[0, 0] ** 0.5), (high.offset - low.offset, float(np.hypot(high.std, low.std)))
 
 
 def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float]) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.optimum import isolated
-from isorig.analysis.model.linear import constraint_basis
-from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor, direction, matrices
+from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, scan, simulate
+from isorig.analysis.simulate.state_space import state_space
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,20 +147,13 @@ def histories(model: RigModel, head: FloatArray, sample_rate: float) -> dict[str
 def linear_frf(model: RigModel, frequency: FloatArray, channel: str, *, configuration: str = "unlocked") -> ComplexArray:
     """Response of a sensor over the drive channel, of the rig without friction and laws, shape (n,).
 
-    (K + i w C - w^2 M) x = push for a unit drive; an acceleration is -w^2 x.
+    c (s - a)^-1 b + d of its state-space model, at s = 2 pi i f.
     """
-    setup = model.configurations[configuration]
-    basis = constraint_basis(model, [model.link(name) for name in setup.rigid])
-    mass, damping, stiffness = (basis.T @ part @ basis for part in matrices(model))
-    push = sum((w * direction(model, name, "ground", {}) for name, w in model.drive.pushes.items()), np.zeros(len(model.bodies)))
-    force = basis.T @ (model.drive.factor * push)
-    sensor = model.sensor(channel)
-    row = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
-    omega = 2.0 * pi * np.asarray(frequency)[:, None, None]
-    dynamic = stiffness + 1j * omega * damping - omega**2 * mass
-    motion = np.linalg.solve(dynamic, np.broadcast_to(force, (len(frequency), len(force)))[..., None])[..., 0] @ row
-    order = {"acceleration": 2, "velocity": 1}.get(sensor.quantity, 0)
-    return np.asarray(motion * (1j * omega[:, 0, 0]) ** order)
+    system = state_space(model, configuration)
+    row = system.outputs.index(channel)
+    s = 2j * pi * np.asarray(frequency)[:, None, None]
+    states = np.linalg.solve(s * np.eye(len(system.a)) - system.a, system.b)
+    return np.asarray((system.c[row] @ states + system.d[row])[:, 0])
 
 
 def linear_ratio(model: RigModel, frequency: FloatArray, *, channel: str = "heatblock") -> FloatArray:
