@@ -20,7 +20,7 @@ from isorig.rig.cli import main
 from isorig.rig.diagnose.many import Outcome
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
-from isorig.rig.next import course as course_module
+from isorig.rig.next import investigation as investigation_module
 from isorig.rig.next import proposal as proposal_module
 from isorig.rig.next.investigation import PAGE, SESSION, STATE, Measured, Terms, investigate, nothing_known, read_investigation
 from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
@@ -90,7 +90,7 @@ class Lab:
 def lab(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Lab]:
     def made(answers: list[Rivals], proposals: list[Proposal], **options: object) -> Lab:
         found = Lab(answers=answers, proposals=proposals, **options)
-        monkeypatch.setattr(course_module, "diagnose_file", found.diagnose)
+        monkeypatch.setattr(investigation_module, "diagnose_file", found.diagnose)
         return found
 
     return made
@@ -151,8 +151,8 @@ def test_a_run_that_is_not_wanted_is_not_proposed_again(lab: Callable[..., Lab],
     assert len(course.stages) == 1
     now = situation([OPEN], PLAN.limits, {})
     refused = next(run for run in now.menu() if run.excitation == "moves")
-    told = course_module.described(refused)
-    assert all(course_module.described(run) != told for run in replace(now, declined=frozenset([told])).menu())
+    told = investigation_module.described(refused)
+    assert all(investigation_module.described(run) != told for run in replace(now, declined=frozenset([told])).menu())
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_causes_of_the_same_equations_end_it(lab: Callable[..., Lab], tmp_path: 
 @pytest.mark.parametrize("cut_short", [False, True])
 def test_a_diagnosis_that_was_cut_short_says_so(cut_short: bool, lab: Callable[..., Lab], tmp_path: Path) -> None:
     course = go(lab([STANDS], [], cut_short=cut_short), tmp_path, WITH_FIRST)
-    assert (course_module.CUT_SHORT in course.stages[0].answer) == cut_short
+    assert (investigation_module.CUT_SHORT in course.stages[0].answer) == cut_short
 
 
 def test_nothing_known_is_the_rig_as_it_is_described() -> None:
