@@ -216,6 +216,11 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         said = [record_signs(campaign, last.fit.model, fine)]
     else:
         said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
+    told = found.verdict == "unexplained" and not equations.hidden and not search.cut_short
+    blamed = search.first.suspects if told and search.first is not None else None
+    if blamed is not None and blamed.clearly:
+        text = f"Equations of motion: {blamed.clearly} A simulation with it leaves most of the error: it is not the main cause."
+        said[0] = (*said[0], Sign(text=text))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(search.floors(last.fit.model, found.division.judged)))
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
@@ -289,13 +294,14 @@ class _Search:
         self._equations = equations
         self._tolerance = tolerance
         self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
+        self.first: Job | None = None
         self.cut_short = False
         self._drive_noise = drive_noise(campaign, guesses[0].drive.channel)
         self._noise_floors: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
-        trials, judged = division.fits, division.judged
+        judged = division.judged
         stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
         quiet = self.floors(baseline.model, judged)
         calibration = self._calibration(stages[0], divide, quiet)
@@ -310,13 +316,7 @@ class _Search:
             found = None
             with self.until_the_time_ends():
                 ask_time()
-                found = next_step(
-                    Job(
-                        campaign=self._campaign, guesses=self._guesses, current=now.fit, now=now.score,
-                        equations=self._equations_for(stages), trials=trials, fine=judged, floors=floors,
-                        progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=repeated,
-                    )
-                )  # fmt: skip
+                found = next_step(self._job(stages, division, floors, left, forms_only=repeated))
             if found is None:
                 break
             self.entries.append((now.score, found.entries))
@@ -361,6 +361,15 @@ class _Search:
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
         )  # fmt: skip
+
+    def _job(self, stages: Sequence[_Stage], division: Division, floors: FloatArray, left: float, *, forms_only: bool) -> Job:
+        job = Job(
+            campaign=self._campaign, guesses=self._guesses, current=stages[-1].fit, now=stages[-1].score,
+            equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
+            progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
+        )  # fmt: skip
+        self.first = self.first or job
+        return job
 
     def _equations_for(self, stages: Sequence[_Stage]) -> Equations:
         # Bodies without sensors are estimated with fitted values, which a given rig has not.

@@ -124,6 +124,11 @@ class Job:
         return observe(self.campaign, model, self.trials, self.guesses[0])
 
     @cached_property
+    def suspects(self) -> Suspects | None:
+        """What the equations of motion point to; None if they cannot say."""
+        return suspects(self.equations, further=self.left < 1.0)
+
+    @cached_property
     def seconds(self) -> float:
         """Seconds of each run after which the misfit is as visible as in the whole."""
         return horizon(self.current.model, self.trials)
@@ -289,8 +294,8 @@ def sources(job: Job) -> Iterator[Source]:
         # estimates.
         job.progress("the misfit can come from " + ", ".join(sorted(possible.possible)))
         yield Screened(job=job, places=possible)
-    elif not job.judged_by_drive and (found := suspects(equations, further=job.left < 1.0)) is not None:
-        yield Suspected(job=job, found=found)
+    elif not job.judged_by_drive and job.suspects is not None:
+        yield Suspected(job=job, found=job.suspects)
     if job.left >= 1.0 or job.judged_by_drive or not equations.residuals():
         # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
         hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS

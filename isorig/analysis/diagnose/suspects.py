@@ -128,6 +128,18 @@ class Suspects:
         """The rms force in N that a candidate leaves of its link's recorded force; 0 where the equations do not tell."""
         return self._begun(candidate, current).left or 0.0
 
+    @property
+    def clearly(self) -> str:
+        """A sentence on the kind and place that the equations show and no other; empty if they show none."""
+        best, before = self.chosen[0], self.ranking.residuals
+        if not self.broken or not self.shown(best.kind, best.place):
+            return ""
+        worst = max(before, key=before.__getitem__)
+        return (
+            f"{best.what} ({best.place}) reduces the largest residual, that of {worst}, from {before[worst]:.3g} to "
+            f"{best.residuals[worst]:.3g} times the noise."
+        )
+
     def leaves_another(self, current: Fit, evidence: Evidence) -> bool:
         """Whether the best explanation is one of several: it shows, but leaves an equation broken.
 

@@ -98,11 +98,16 @@ class Line:
 
 
 def diagnosed(recording: Path, answer: Path, *, say: bool = False) -> Line:
-    """The line of one campaign; `say` prints each stage."""
+    """The line of one campaign; `say` prints each stage with the processor time until then."""
     campaign = read(recording)
     began = time.process_time()
+
+    def progress(text: str) -> None:
+        if say:
+            print(f"{time.process_time() - began:6.1f} s  {text}", flush=True)
+
     with Deadline(LIMIT):
-        found = diagnose(campaign, baseline_model(campaign), progress=print if say else lambda text: None)
+        found = diagnose(campaign, baseline_model(campaign), progress=progress)
     seconds = time.process_time() - began
     truth = json.loads(answer.read_text())
     return Line(

@@ -1,0 +1,93 @@
+"""What the equations of motion blame, at the boundaries of its thresholds, and what follows for names."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from small_rigs import guessed, played, stage, with_law
+
+from isorig.analysis import laws
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.diagnose.search import Job, Suspected
+from isorig.analysis.diagnose.step import Entry
+from isorig.analysis.diagnose.suspects import BROKEN, NEARLY, SHOWN, Suspects, suspects
+from isorig.analysis.equations.ranking import Explanation, Ranking
+from isorig.analysis.equations.system import Equations
+from isorig.analysis.fitting.score import Score
+
+
+def blaming(*scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0) -> Suspects:
+    """Suspects of explanations (kind, place, score) of an equation with the residual `worst`, `after` with the best."""
+    explanations = tuple(
+        Explanation(kind=kind, place=place, what="slip", score=score, residuals={"table": after}, values={})
+        for kind, place, score in scores
+    )
+    ranking = Ranking(residuals={"table": worst}, explanations=explanations)
+    return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, None))
+
+
+@pytest.mark.parametrize(("share", "blamed"), [(NEARLY + 1e-9, True), (NEARLY - 1e-9, False)])
+def test_a_kind_is_blamed_if_it_explains_nearly_as_much_as_the_best(share: float, blamed: bool) -> None:
+    found = blaming(("spring_shape", "rail", 0.7), ("memory", "rail", 0.7 * share))
+    assert found.blamed("hardening_stiffness", "rail")
+    assert found.blamed("relaxation", "rail") == blamed
+    assert not found.blamed("hardening_stiffness", "belt")
+
+
+@pytest.mark.parametrize(
+    ("worst", "left", "cause", "allowed"),
+    [
+        (BROKEN, 1.0, "hardening_stiffness", True),
+        (BROKEN, 1.0, "stiffness_drift", False),
+        (BROKEN, 0.4, "stiffness_drift", False),
+        (BROKEN - 1e-9, 1.0, "stiffness_drift", True),
+        (BROKEN - 1e-9, 0.4, "hardening_stiffness", False),
+    ],
+)
+def test_a_form_that_leaves_an_error_is_named_only_where_the_equations_blame_it(
+    worst: float, left: float, cause: str, allowed: bool
+) -> None:
+    found = blaming(("spring_shape", "rail", 0.7), ("drift", "rail", 0.3), worst=worst)
+    source = Suspected(job=cast(Job, SimpleNamespace(left=left)), found=found)
+    assert source.allows(cast(Entry, SimpleNamespace(candidate=SimpleNamespace(cause=cause, location="rail")))) == allowed
+
+
+@pytest.mark.parametrize(
+    ("removed", "left", "explains"), [(0.801, 1.0, True), (0.799, 1.0, False), (0.9, 0.5, False), (1.0, 0.5, True)]
+)
+def test_a_form_explains_by_eight_tenths_of_the_whole_error_or_all_of_the_rest(
+    removed: float, left: float, explains: bool
+) -> None:
+    def scored(share: float) -> Score:
+        return Score(error=np.full((2, 2), np.hypot(0.1 * np.sqrt(share), 0.004)), blocks=np.ones(1), power=np.ones(1))
+
+    job = SimpleNamespace(left=left, now=scored(1.0), floors=np.full((2, 2), 0.004))
+    assert Job.explains(cast(Job, job), cast(Entry, SimpleNamespace(score=scored(1.0 - removed)))) == explains
+
+
+def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> None:
+    clear = blaming(("sensor", "motor", SHOWN + 0.1))
+    assert clear.clearly == "slip (motor) reduces the largest residual, that of table, from 20 to 2 times the noise."
+    assert blaming(("sensor", "motor", SHOWN - 1e-9)).clearly == ""
+    assert blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.5)).clearly == ""
+    assert blaming(("sensor", "motor", 0.6), worst=BROKEN - 1e-9).clearly == ""
+
+
+@pytest.mark.parametrize("worst", [BROKEN, BROKEN - 1e-9])
+def test_a_further_cause_repairs_an_equation_if_one_is_broken(worst: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    ranked = blaming(("sensor", "motor", 0.6), worst=worst, after=0.6 * worst).ranking
+    monkeypatch.setattr("isorig.analysis.diagnose.suspects.ranking", lambda _: ranked)
+    equations = cast(Equations, SimpleNamespace(residuals=lambda: ranked.residuals, elements=tuple))
+    assert (suspects(equations, further=True) is None) == (worst >= BROKEN)
+
+
+def test_several_sliders_are_memory_and_no_spring_is_named_for_them() -> None:
+    truth = stage()
+    for give in (0.1, 0.2, 0.3, 0.4):
+        truth = with_law(truth, "rail", laws.ElastoSlip(spring_stiffness=700.0, slip_force=14.0 * give))
+    found = diagnose(played(truth, seed=4200), guessed(stage(), 4200))
+    assert [(step.kind, step.location) for step in found.steps] == [("memory", "rail")]
+    assert found.verdict == "explained"
