@@ -23,7 +23,7 @@ from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, found_step
+from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step
 from isorig.analysis.diagnose.suspects import ALWAYS, STANDS_ALIKE, Suspects, equations_of, suspects
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -348,7 +348,7 @@ class Suspected:
         job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
         if not self.found.leaves_another(job.current, job.evidence):
             return found
-        for begun in unlike(self._started)[:PAIRS]:
+        for begun in unlike(_with_curve(self._started, self.found, job.current, job.evidence))[:PAIRS]:
             starts = self._after(begun)
             if not starts:
                 continue
@@ -374,20 +374,22 @@ class Suspected:
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
         candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
         own = {f.path for f in first.free}
-        return [start for start in _started(candidates, then, extended) if own <= {f.path for f in start[1]}]
+        starts = _with_curve(_started(candidates, then, extended), then, extended, evidence)
+        return [start for start in starts if own <= {f.path for f in start[1]}]
 
     def _alone(self, starts: Starts, place: str) -> Start | None:
         # The second cause alone, at another place than the first: the equations gave the values of the first as if there were no
         # second, so they are to be computed again with that in place.
-        current, rung = self.job.current, self.job.rungs[-1]
-        elsewhere = [start for start in starts if start[0].location != place]
-        nearest = min(elsewhere, key=lambda start: misfit(start[2], rung.problem), default=None)
-        if nearest is None or misfit(nearest[2], rung.problem) < TELLING:
+        current, problem = self.job.current, self.job.rungs[-1].problem
+        elsewhere = unlike([start for start in starts if start[0].location != place])[:FINALISTS]
+        costs = np.array([misfit(model, problem) for _, _, model in elsewhere])
+        if not np.any(np.isfinite(costs)) or np.nanmin(costs) < TELLING:
             return None
+        nearest, _, pair = elsewhere[int(np.nanargmin(costs))]
         for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence)):
-            if candidate.key == nearest[0].key:
+            if candidate.key == nearest.key:
                 free = candidate.parameters(current.model, current.free)
-                return candidate, free, candidate.starts[0].replace(values_at(nearest[2], [f.path for f in free]))
+                return candidate, free, candidate.starts[0].replace(values_at(pair, [f.path for f in free]))
         return None
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
@@ -515,6 +517,16 @@ def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> 
     ]
 
 
+def _with_curve(starts: Starts, found: Suspects, current: Fit, evidence: Evidence) -> Starts:
+    # The same with the curve of the best explanation in place of its forms, if none of these leaves as little of a link's force.
+    curve = found.curve(current, evidence)
+    if curve is None or any(found.stands(candidate, current, evidence) for candidate, _, _ in starts):
+        return starts
+    best, (shape, model) = found.chosen[0].score, curve
+    others = [start for start in starts if found.score_of(start[0].cause, start[0].location) < best]
+    return [(shape, shape.parameters(current.model, current.free), model), *others]
+
+
 def unlike(begun: Starts) -> Starts:
     """The first starting point of each cause and place."""
     return [start for k, start in enumerate(begun) if all(start[0].key != other.key for other, _, _ in begun[:k])]
@@ -589,7 +601,7 @@ def _kind_and_form(
 def _together(
     job: Job, pairs: Sequence[tuple[Candidate, Fit, Candidate, Fit]], forms: Sequence[Entry]
 ) -> Found | None:  # fmt: skip
-    # The best pair of forms that makes the model adequate, or leaves as little as one form may, as two steps; None if there is
+    # The best pair that makes the model adequate, or leaves as little as one cause may, as two steps; None if there is
     # none.
     done: list[tuple[Candidate, Fit, Entry]] = []
     for first, alone, second, rough in pairs:
@@ -614,5 +626,6 @@ def _together(
         {key for pair in keys if own not in pair for key in pair - named} for own in (first.key, last.candidate.key)
     )
     sure = confidence(last.score, [other.score for other in (*forms, entry)])
-    then = found_step(last, [last], entry.score, of_last, sure)
-    return replace(found_step(entry, [*forms, entry], job.now, of_first, sure), then=then)
+    curves = [curve_of(e.candidate, e.fit, job.evidence) for e in (last, entry)]
+    then = found_step(last, [last], entry.score, of_last, sure, curve=curves[0])
+    return replace(found_step(entry, [*forms, entry], job.now, of_first, sure, curve=curves[1]), then=then)

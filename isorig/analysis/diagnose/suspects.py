@@ -128,6 +128,13 @@ class Suspects:
         """The rms force in N that a candidate leaves of its link's recorded force; 0 where the equations do not tell."""
         return self._begun(candidate, current).left or 0.0
 
+    def curve(self, current: Fit, evidence: Evidence) -> tuple[Candidate, RigModel] | None:
+        """The free shape of the best explanation with values from a link's recorded force; None if that is not known."""
+        begun = ((shape, self._begun(shape, current.free)) for shape in self.shapes(current, evidence))
+        told = [(one.left, shape, one) for shape, one in begun if one.explanation is self.chosen[0] and one.left is not None]
+        least = min(told, key=lambda item: item[0], default=None)
+        return None if least is None else (least[1], least[2].models[0][1])
+
     @property
     def clearly(self) -> str:
         """A sentence on the kind and place that the equations show and no other; empty if they show none."""
