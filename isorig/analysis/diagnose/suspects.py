@@ -37,6 +37,9 @@ MOST = 3
 BROKEN, REPAIRED = 2.0 * HOLDS, 0.5
 #: Starting points of a candidate, and the ratio of their remaining forces up to which they are alike.
 STARTS, SAME = 2, 1.3
+#: Share of a broken equation's excess residual that its own best explanation must remove to be suspected. Chosen: as a
+#: main contributor (`Policy.main`).
+OWN = POLICY.main
 #: Score from which the equations show a kind and place alone, and its distance from the next: half of the excess, and twice less
 #: of it left than by any other.
 SHOWN, APART = 0.3, 0.3
@@ -326,7 +329,7 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
     ranked = ranking(equations)
     proved = further and max(ranked.residuals.values()) >= BROKEN
     listed = [item for item in ranked.explanations if not proved or repairs(ranked.residuals, item.residuals)]
-    chosen = suspected(listed)
+    chosen = suspected(listed, ranked.residuals)
     if not chosen:
         return None
     places = {element.name: element.names for element in equations.elements()}
@@ -343,8 +346,16 @@ def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
     return any(value >= BROKEN and after[name] <= REPAIRED * value for name, value in before.items())
 
 
-def suspected(explanations: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    """The best explanations of different kinds and places."""
+def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) -> tuple[Explanation, ...]:
+    """The best explanations of different kinds and places, and of each broken equation what repairs it most.
+
+    Parameters
+    ----------
+    explanations
+        Best first.
+    before
+        Residual of each equation without any.
+    """
     best = max((item.score for item in explanations), default=0.0)
     chosen: list[Explanation] = []
     for item in explanations:
@@ -352,4 +363,11 @@ def suspected(explanations: Sequence[Explanation]) -> tuple[Explanation, ...]:
             break
         if all((item.kind, item.place, item.what) != (other.kind, other.place, other.what) for other in chosen):
             chosen.append(item)
+    # What is largest over noise may be a disturbance that hardly moves the rig.
+    for name, whole in before.items():
+        own = min(explanations, key=lambda item: item.residuals[name], default=None)
+        if own is None or whole < BROKEN or own.residuals[name] - 1.0 > (1.0 - OWN) * (whole - 1.0):
+            continue
+        if all(whole - item.residuals[name] < NEARLY * (whole - own.residuals[name]) for item in chosen):
+            chosen.append(own)
     return tuple(chosen)

@@ -264,12 +264,21 @@ def explanation(place: str, score: float) -> Explanation:
 
 def test_explanations_with_less_than_a_share_of_the_best_score_are_not_suspected() -> None:
     close, far = explanation("b", 1.001 * ALIKE), explanation("c", 0.999 * ALIKE)
-    assert [item.place for item in suspected([explanation("a", 1.0), close, far])] == ["a", "b"]
+    assert [item.place for item in suspected([explanation("a", 1.0), close, far], {})] == ["a", "b"]
 
 
 @pytest.mark.parametrize(("score", "count"), [(1.01, 1), (0.99, 0)])
 def test_an_explanation_that_removes_hardly_anything_is_not_suspected(score: float, count: int) -> None:
-    assert len(suspected([explanation("a", score * LEAST_SCORE)])) == count
+    assert len(suspected([explanation("a", score * LEAST_SCORE)], {})) == count
+
+
+@pytest.mark.parametrize(
+    ("left", "another", "own"), [(1.0, 20.0, True), (14.2, 20.0, True), (14.4, 20.0, False), (1.0, 4.7, False), (1.0, 5.3, True)]
+)
+def test_what_repairs_one_equation_is_suspected_beside_what_repairs_the_largest(left: float, another: float, own: bool) -> None:
+    large = changed(explanation("a", 1.0), residuals={"x": 1.0, "y": another})
+    small = changed(explanation("b", 0.01), residuals={"x": 1000.0, "y": left})
+    assert (small in suspected([large, small], {"x": 1000.0, "y": 20.0})) is own
 
 
 @pytest.mark.parametrize(
