@@ -251,8 +251,10 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
         return True
     if is_adequate(stages[k].error, floors, enough):
         return True
-    if stages[k].paired and k + 1 < len(stages) and is_adequate(stages[k + 1].error, floors, enough):
-        return True
+    if stages[k].paired and k + 1 < len(stages):
+        both = stages[k + 1].error
+        if is_adequate(both, floors, enough) or share_removed(stages[k - 1].error, both, floors) >= policy.explained:
+            return True
     whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
     if k == 1:
         return now - then >= policy.worth * whole

@@ -601,20 +601,27 @@ def _kind_and_form(
 def _together(
     job: Job, pairs: Sequence[tuple[Candidate, Fit, Candidate, Fit]], forms: Sequence[Entry]
 ) -> Found | None:  # fmt: skip
-    # The best pair that makes the model adequate, or leaves as little as one cause may, as two steps; None if there is
-    # none.
+    # The best pair that makes the model adequate, or leaves as little as one cause may or a tenth of what each alone
+    # leaves, as two steps; None if there is none.
+    if not pairs:
+        return None
     done: list[tuple[Candidate, Fit, Entry]] = []
+    # One cause alone may be all.
+    named = {candidate.key for first, _, second, _ in pairs for candidate in (first, second)}
+    single = job.finished([entry for entry in forms if entry.candidate.key in named])
+    if any(adequate(entry.score, job.floors) for entry in single):
+        return None
+    least = min((excess(entry.score.error, job.floors) for entry in single), default=np.inf)
     for first, alone, second, rough in pairs:
         with suppress(FitError):
             both = finished(rough, job.trials)
             entry = Entry(candidate=second, fit=both, score=score(both.model, job.fine))
             names = sorted((first.key, second.key))
             job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
-            if adequate(entry.score, job.floors) or job.nearly(entry):
+            decisive = excess(entry.score.error, job.floors) <= POLICY.rest * least and job.explains(entry)
+            if adequate(entry.score, job.floors) or job.nearly(entry) or (single and decisive):
                 done.append((first, alone, entry))
-    # The second one alone may be all.
-    seconds = {last.candidate.key for _, _, last in done}
-    if not done or any(adequate(e.score, job.floors) for e in job.finished([e for e in forms if e.candidate.key in seconds])):
+    if not done:
         return None
     done = [pair for pair in done if adequate(pair[2].score, job.floors)] or done
     first, alone, last = min(done, key=lambda pair: (pair[0].rank + pair[2].candidate.rank, len(pair[2].fit.free)))
