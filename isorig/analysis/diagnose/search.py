@@ -296,9 +296,9 @@ def sources(job: Job) -> Iterator[Source]:
         yield Screened(job=job, places=possible)
     elif not job.judged_by_drive and job.suspects is not None:
         yield Suspected(job=job, found=job.suspects)
-    if job.left >= 1.0 or job.judged_by_drive or not equations.residuals():
-        # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
-        hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
+    # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
+    hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
+    if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
         yield Screened(job=job, kinds=UNSEEN if hold and not job.judged_by_drive else None)
 
 
@@ -394,7 +394,7 @@ class Suspected:
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
-        weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
+        weak = not self.found.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
         return weak or (bool(self.job.equations.hidden) and not self.job.helps(forms))
 
     def suffices(self, forms: Sequence[Entry]) -> bool:
@@ -478,8 +478,8 @@ class Screened:
         return False
 
     def allows(self, entry: Entry) -> bool:
-        """The equations show nothing else."""
-        return True
+        """Where all equations hold, only for a first cause."""
+        return self.kinds is None or self.job.left >= 1.0
 
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""
