@@ -394,7 +394,7 @@ class Suspected:
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
-        weak = not self.found.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
+        weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
         return weak or (bool(self.job.equations.hidden) and not self.job.helps(forms))
 
     def suffices(self, forms: Sequence[Entry]) -> bool:
