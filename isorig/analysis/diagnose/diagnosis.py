@@ -367,6 +367,7 @@ class _Search:
             campaign=self._campaign, guesses=self._guesses, current=stages[-1].fit, now=stages[-1].score,
             equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
             progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
+            allowed=lambda model: _allowed(self.floors(model, division.judged)),
         )  # fmt: skip
         self.first = self.first or job
         return job

@@ -6,7 +6,7 @@ and judged on held-out data; where no form explains the error, free shapes show 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -99,6 +99,8 @@ class Job:
         Maximum number of further steps.
     forms_only
         Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
+    allowed
+        The same as `floors` for another model, which may amplify noise on the drive.
     """
 
     campaign: Campaign
@@ -113,6 +115,7 @@ class Job:
     left: float = 1.0
     steps: int = 1
     forms_only: bool = False
+    allowed: Callable[[RigModel], FloatArray]
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -605,7 +608,7 @@ def _together(
     # leaves, as two steps; None if there is none.
     if not pairs:
         return None
-    done: list[tuple[Candidate, Fit, Entry]] = []
+    done: list[tuple[Candidate, Fit, Entry, bool]] = []
     # One cause alone may be all.
     named = {candidate.key for first, _, second, _ in pairs for candidate in (first, second)}
     single = job.finished([entry for entry in forms if entry.candidate.key in named])
@@ -618,17 +621,20 @@ def _together(
             entry = Entry(candidate=second, fit=both, score=score(both.model, job.fine))
             names = sorted((first.key, second.key))
             job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
+            # A fit that agrees with its own data to the noise may leave other data because its motion is sensitive to noise.
+            floors = np.maximum(job.floors, job.allowed(both.model)) if both.cost <= AGREES else job.floors
             decisive = excess(entry.score.error, job.floors) <= POLICY.rest * least and job.explains(entry)
-            if adequate(entry.score, job.floors) or job.nearly(entry) or (single and decisive):
-                done.append((first, alone, entry))
+            stands = adequate(entry.score, floors)
+            if stands or job.nearly(entry) or (single and decisive):
+                done.append((first, alone, entry, stands))
     if not done:
         return None
-    done = [pair for pair in done if adequate(pair[2].score, job.floors)] or done
-    first, alone, last = min(done, key=lambda pair: (pair[0].rank + pair[2].candidate.rank, len(pair[2].fit.free)))
+    done = [pair for pair in done if pair[3]] or done
+    first, alone, last, _ = min(done, key=lambda pair: (pair[0].rank + pair[2].candidate.rank, len(pair[2].fit.free)))
     bare = without(last.fit, alone, job.trials)
     entry = Entry(candidate=first, fit=bare, score=score(bare.model, job.fine))
     named = {first.key, last.candidate.key}
-    keys = [{one.key, other.candidate.key} for one, _, other in done]
+    keys = [{one.key, other.candidate.key} for one, _, other, _ in done]
     of_first, of_last = (
         {key for pair in keys if own not in pair for key in pair - named} for own in (first.key, last.candidate.key)
     )
