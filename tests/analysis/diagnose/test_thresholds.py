@@ -90,6 +90,14 @@ def test_a_further_step_removes_half_of_the_rest(removed: float, counts: bool) -
     assert step_counts(way(0.6, 0.6 + 0.4 * removed), 2, FLOORS, 1.5) is counts
 
 
+@pytest.mark.parametrize(("both", "counts"), [(0.801, True), (0.799, False)])
+def test_the_first_of_two_that_only_together_explain_counts_from_eight_tenths(both: float, counts: bool) -> None:
+    # Alone it removes less than is worth a step.
+    first, second = way(0.1, both)[1:]
+    stages = [Stage(error=errors(0.4)), Stage(error=first.error, place="p0", paired=True), second]
+    assert step_counts(stages, 1, FLOORS, 1.5) is counts
+
+
 def scored(error: FloatArray, blocks: FloatArray | None = None) -> Score:
     given = np.ones((*error.shape, BLOCKS)) if blocks is None else blocks
     return Score(error=error, blocks=given, power=given)
