@@ -42,7 +42,7 @@ PAGE = ROOT / "docs" / "accuracy.md"
 FORCES, COMPARED = (0.0, 1.0, 5.0, 20.0), 1.0
 #: Lengths of the runs for the error surface as a share of the thesis's.
 SHARE = 0.5
-HEAD = """# Accuracy beside the thesis's own ways
+HEAD = """# Accuracy compared with the thesis's ways
 
 `python bench/accuracy.py` computes and writes this page. All records are simulated, so the true values are known.
 """
