@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from isorig.analysis.simulate import Excitation, simulate
-from isorig.analysis.simulate.sampling import AS_IT_IS, interpolate
+from isorig.analysis.simulate.sampling import AS_IT_IS, interpolate, within
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.four_set_ups import head_to_table
 
@@ -30,3 +31,14 @@ def test_the_interpolation_neither_adds_nor_loses_amplitude(share: float) -> Non
     fine = interpolate(np.sin(2.0 * np.pi * share * np.arange(n)), over, AS_IT_IS)[256 * over : -256 * over]
     true = np.sin(2.0 * np.pi * share * (np.arange(n * over) / over))[256 * over : -256 * over]
     assert np.abs(fine - true).max() < 2.5e-5
+
+
+@pytest.mark.parametrize("factor", [2, 3, 8])
+def test_filters_are_those_of_scipy(factor: int) -> None:
+    x = np.random.default_rng(1).standard_normal(2500)
+    taps = factor * scipy.signal.firwin(40 * factor + 1, 1.0 / factor, window=("kaiser", 10.0))
+    want = scipy.signal.upfirdn(taps, x, up=factor)[20 * factor :][: factor * len(x)]
+    np.testing.assert_allclose(interpolate(x, factor, AS_IT_IS), want, atol=1e-13)
+    length, beta = scipy.signal.kaiserord(80.0, 0.12)
+    low = scipy.signal.firwin(length | 1, 0.7 + 0.06, window=("kaiser", beta))
+    np.testing.assert_allclose(within(x[None], 0.35, 1.0)[0], np.convolve(x, low, mode="same"), atol=1e-13)

@@ -55,6 +55,15 @@ def test_agrees_with_scipy(seed: int, half: int, n: int, scale: float, mean: flo
     assert (np.abs(frf.coherence - coherence)[inside] <= 4e-12).all()
 
 
+def test_spectra_without_groups_are_those_with_them() -> None:
+    x, y = pair(3)
+    grouped, whole = (estimate([run_of(x=x, y=y)], references=["x"], resolution=2.0, jackknife=kept) for kept in (True, False))
+    assert grouped.groups is not None
+    assert whole.groups is None
+    np.testing.assert_allclose(whole.frf("y", "x").value, grouped.frf("y", "x").value, rtol=1e-12)
+    np.testing.assert_allclose(whole.density("y"), grouped.density("y"), rtol=1e-12)
+
+
 def test_estimators_lie_between_their_noises() -> None:
     x, y = pair(0)
     found = estimate([run_of(x=x, y=y)], references=["x"], resolution=4.0)
