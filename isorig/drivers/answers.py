@@ -12,8 +12,6 @@ from isorig.drivers.errors import ProtocolError
 
 _WHOLE = re.compile(r"[+-]?\d{1,20}")
 _NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})?")
-#: A status byte is a number from 0 to 255 (IEEE 488.1).
-STATUS_BYTES = 256
 #: Characters of an answer quoted in a message.
 SHOWN = 60
 
@@ -98,16 +96,3 @@ def parse(words: Sequence[str], kinds: Sequence[WordKind], *, who: str, command:
             "right instrument"
         )
     return values
-
-
-def check_status_byte(value: int, who: str) -> int:
-    """A status byte as received.
-
-    Raises
-    ------
-    ProtocolError
-        It is none.
-    """
-    if not 0 <= value < STATUS_BYTES:
-        raise ProtocolError(f"{who} answers a serial poll with {value}; a status byte is 0 to 255, check the adapter")
-    return value

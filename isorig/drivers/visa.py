@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from isorig.drivers.answers import check_status_byte
+from isorig.drivers.answers import parse, whole
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
 from isorig.drivers.port import BITS, LONGEST, SLOWER
 from isorig.drivers.waits import WAITS, Waits
@@ -146,7 +146,9 @@ class VisaLink:
         if not (self.bus and self._polls):
             return None
         try:
-            return check_status_byte(int(self._resource.read_stb()), self.name)
+            byte = str(int(self._resource.read_stb()))
+            # IEEE 488.1: a status byte is a number from 0 to 255.
+            return int(parse((byte,), (whole(0, 255),), who=self.name, command="a serial poll")[0])
         except (NotImplementedError, AttributeError):
             self._polls = False
         except Exception as error:

@@ -46,7 +46,7 @@ from isorig.rig.acquire import plan_check as sound
 from isorig.rig.acquire import session
 from isorig.rig.acquire import store as keep
 from isorig.rig.acquire.plan import plan_of
-from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
+from isorig.rig.acquire.recorder import RunWriter, recording_into
 from isorig.rig.commands import check, design, export, frf, import_, isolation, predict, recover, report, simulate
 from isorig.rig.exchange import draft, exporting, importing, matlab, target, text, uff
 from isorig.rig.exchange import other_formats as more
@@ -162,7 +162,6 @@ def working(folder: Path) -> tuple[Path, list[Words]]:
     }
     plan, inputs = plan_of(tree), [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
     path = folder / "a.h5.partial"
-    lay_out(path, plan, inputs)
     with recording_into(path, plan, inputs) as file:
         for name in "uv":
             writer = RunWriter(file, name, {n: k for k, n in enumerate("abcd")}, sample_rate=RATE, period=None)

@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -42,36 +42,18 @@ def working_file(output: Path) -> Path:
     return output.with_name(output.name + ".partial")
 
 
-def lay_out(path: Path, plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) -> None:
-    """Create the working file, with the layout of all data to be written.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    layout = msgspec.json.encode(layout_of(plan, inputs, real_time=real_time))
-    if len(layout) > LONGEST:
-        raise OutputError(f"the plan has {len(plan.runs)} runs, more than {path} can hold; split it into several plans")
-    with replaced(path) as temporary:
-        try:
-            Journal.create(temporary, BlockKind.LAYOUT, layout)
-        except OSError as error:
-            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another place with -o") from None
-
-
 @contextmanager
 def recording_into(
     path: Path, plan: Plan, inputs: Sequence[Input], *, sync: float = SYNC, after: datetime | None = None, real_time: bool = True
 ) -> Iterator[WorkingFileWriter]:
-    """The working file created by `lay_out`, open for writing.
+    """Create the working file, with the layout of all data to be written, and open it for writing.
 
     Parameters
     ----------
     path
         Its path.
     plan, inputs, real_time
-        The plan, inputs and kind of instrument of its layout.
+        The plan, and the inputs and kind of the instrument.
     sync
         Seconds between two syncs; 0 syncs every block.
     after
@@ -83,11 +65,17 @@ def recording_into(
     OutputError
         The file cannot be written.
     """
-    file = WorkingFileWriter(Journal(path, sync=sync), layout_of(plan, inputs, real_time=real_time), after=after)
-    try:
+    layout = layout_of(plan, inputs, real_time=real_time)
+    content = msgspec.json.encode(layout)
+    if len(content) > LONGEST:
+        raise OutputError(f"the plan has {len(plan.runs)} runs, more than {path} can hold; split it into several plans")
+    with replaced(path) as temporary:
+        try:
+            Journal.create(temporary, BlockKind.LAYOUT, content)
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written ({reason(error)}); choose another place with -o") from None
+    with closing(WorkingFileWriter(Journal(path, sync=sync), layout, after=after)) as file:
         yield file
-    finally:
-        file.close()
 
 
 class WorkingFileWriter:

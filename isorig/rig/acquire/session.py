@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial as partial_of
 from pathlib import Path
@@ -22,7 +22,7 @@ from isorig.rig.acquire.measure_run import LiveState, measure_run
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.preflight import check_analyzer, check_record, check_room, preflight, refuse
-from isorig.rig.acquire.recorder import Tally, lay_out, recording_into, working_file
+from isorig.rig.acquire.recorder import Tally, recording_into, working_file
 from isorig.rig.acquire.recover import Recovered, WorkingFileReader
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import check_responses
@@ -182,14 +182,13 @@ def _with_stream(
         _check_against(instrument, plan)
         if not force:
             refuse_sensors(plan, instrument)
-        real_time = in_real_time(instrument)
-        lay_out(partial, plan, instrument.inputs, real_time=real_time)
-        after = ended(output) if resume else None
+        after, real_time = ended(output) if resume else None, in_real_time(instrument)
+        recording = ExitStack()
+        file = recording.enter_context(
+            recording_into(partial, plan, instrument.inputs, sync=sync, after=after, real_time=real_time)
+        )
         try:
-            with (
-                recording_into(partial, plan, instrument.inputs, sync=sync, after=after, real_time=real_time) as file,
-                closing(WorkingFileReader(partial)) as saved,
-            ):
+            with recording, closing(WorkingFileReader(partial)) as saved:
                 configuration = ""
                 wanted = list(_wanted(plan, done))
                 for number, run, repeat, name in _decided(wanted, operator):

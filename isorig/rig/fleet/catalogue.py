@@ -15,7 +15,7 @@ file, so writing it twice is harmless. Every file is first written under a tempo
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -180,10 +180,7 @@ class Catalogue:
 
     def table(self) -> pa.Table:
         """The same as an Arrow table."""
-        return retried(self._read_answers)
-
-    def _read_answers(self) -> pa.Table:
-        return _latest(self._small_answers(), self._whole_answers())
+        return retried(lambda: _latest(self._small_answers(), self._whole_answers()))
 
     def _small_answers(self) -> list[Path]:
         return sorted((self.folder / "answers").glob("??/*.parquet"))
@@ -272,20 +269,15 @@ def _latest(small: Iterable[Path], whole: Iterable[Path]) -> pa.Table:
     # A small file is newer than merged ones; of two merged files left by an interruption either will do.
     tables = [_load(path, SCHEMA) for path in whole]
     merged = tables[0] if tables else SCHEMA.empty_table()
-    for table in (*tables[1:], *_batches(small)):
-        known, fresh = (
+    fresh = [_load(path, SCHEMA) for path in small]
+    for table in (*tables[1:], *([pa.concat_tables(fresh)] if fresh else [])):
+        known, newer = (
             pc.binary_join_element_wise(*(t[k] for k in ("content", "version", "baseline")), "|") for t in (merged, table)
         )
-        merged = pa.concat_tables([merged.filter(pc.invert(pc.is_in(known, value_set=pc.unique(fresh)))), table])
+        merged = pa.concat_tables([merged.filter(pc.invert(pc.is_in(known, value_set=pc.unique(newer)))), table])
     return merged.sort_by(
         [(k, "ascending") for k in ("rig", "started", "campaign", "content", "version", "baseline", "parameter")]
     )
-
-
-def _batches(small: Iterable[Path]) -> Iterator[pa.Table]:
-    tables = [_load(path, SCHEMA) for path in small]
-    if tables:
-        yield pa.concat_tables(tables)
 
 
 def _load(path: Path, schema: pa.Schema) -> pa.Table:

@@ -13,7 +13,7 @@ from ramps import plan_of, ticks_of
 
 from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.journal import Journal
-from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
+from isorig.rig.acquire.recorder import RunWriter, recording_into
 from isorig.rig.acquire.recover import working
 from isorig.rig.cli import main
 from isorig.rig.errors import RecordingError
@@ -44,9 +44,8 @@ def write_session(path: Path, seed: int, *, first: int = 0) -> Written:
     random = np.random.default_rng(seed)
     plan = plan_of(*({"id": name, "seconds": 2.0} for name in "abc"))
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
-    lay_out(path, plan, inputs)
-    told = Written(ends=[path.stat().st_size], synced=[path.stat().st_size])
     with recording_into(path, plan, inputs, sync=1e9) as file:
+        told = Written(ends=[path.stat().st_size], synced=[path.stat().st_size])
         _watch(file.journal, told)
         for name in "abc":
             writer = RunWriter(file, name, {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)

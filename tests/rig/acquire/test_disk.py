@@ -16,7 +16,7 @@ from test_crash import PLAN
 from isorig.analysis.campaign import Run
 from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.journal import Journal
-from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into, working_file
+from isorig.rig.acquire.recorder import RunWriter, recording_into, working_file
 from isorig.rig.acquire.recover import working
 from isorig.rig.errors import OutputError, RecordingError
 from isorig.rig.files.recording import read
@@ -76,7 +76,6 @@ def test_a_recording_onto_a_full_disk_is_refused_in_a_sentence(tmp_path: Path) -
 
 def measured(path: Path, ticks: int, *, rows: int = 1000) -> None:
     plan, inputs = plan_of({"id": "a"}), [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
-    lay_out(path, plan, inputs)
     with recording_into(path, plan, inputs) as file:
         writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
         for first in range(0, ticks, rows):

@@ -15,7 +15,7 @@ from ramps import Watcher
 from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.measure_run import measure_run
 from isorig.rig.acquire.plan import Plan, plan_of
-from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into, working_file
+from isorig.rig.acquire.recorder import RunWriter, recording_into, working_file
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.store import keep_session
 from isorig.rig.acquire.waits import SESSION_WAITS
@@ -68,7 +68,6 @@ def test_a_long_run_needs_a_fraction_of_its_samples_in_memory(tmp_path: Path) ->
     planned = plan(120.0)
     stream = Ramps(round(120.0 * RATE))
     path = working_file(tmp_path / "c.h5")
-    lay_out(path, planned, stream.inputs, real_time=False)
     with recording_into(path, planned, stream.inputs, real_time=False) as file:
         tracemalloc.start()
         try:
@@ -111,7 +110,6 @@ def test_a_session_is_made_a_recording_without_all_of_it_in_memory(tmp_path: Pat
         planned, stream = plan(4.0, repeats), Ramps(round(4.0 * RATE))
         columns = {name: channel.input for name, channel in planned.channels.items()}
         path = working_file(tmp_path / name)
-        lay_out(path, planned, stream.inputs, real_time=False)
         with recording_into(path, planned, stream.inputs, real_time=False) as file:
             for run in planned.runs[0].ids():
                 writer = RunWriter(file, run, columns, sample_rate=RATE, period=None)

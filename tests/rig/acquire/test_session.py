@@ -19,7 +19,7 @@ from isorig.drivers.simulated.served import served
 from isorig.rig.acquire.follow import follow
 from isorig.rig.acquire.journal import Reader
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.acquire.recorder import RunWriter, lay_out, recording_into
+from isorig.rig.acquire.recorder import RunWriter, recording_into
 from isorig.rig.acquire.recover import WorkingFileReader
 from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.cli import main
@@ -266,7 +266,6 @@ def test_analyzers_give_spectra_and_time_records(tmp_path: Path, kind: str, trac
 def written(tmp_path: Path, blocks: list[Block]) -> Iterator[object]:
     plan, path = plan_of({"id": "a"}), tmp_path / "w.partial"
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
-    lay_out(path, plan, inputs)
     with recording_into(path, plan, inputs) as file, closing(WorkingFileReader(path)) as saved:
         writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
         for block in blocks:
@@ -289,7 +288,6 @@ def blocks_of(rate: float, seconds: float, step: float = 0.1, lose: range = rang
 def test_of_a_repeated_run_the_last_complete_one_counts(tmp_path: Path) -> None:
     plan, path = plan_of({"id": "a", "seconds": 1.0}), tmp_path / "w.partial"
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
-    lay_out(path, plan, inputs)
     kept = []
     with recording_into(path, plan, inputs) as file, closing(WorkingFileReader(path)) as saved:
         for value, blocks in ((1, 8), (2, 16), (3, 4), (4, 16)):
