@@ -31,7 +31,7 @@ from table import Row, keep, options
 from isorig.rig.diagnose.many import diagnose_file, shared_out
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.history import followed
-from isorig.rig.fleet.query import asked
+from isorig.rig.fleet.query import query_answers
 from isorig.rig.fleet.report import fleet_page
 from isorig.rig.fleet.update import update, work_of
 
@@ -80,7 +80,8 @@ def ten_thousand(folder: Path) -> list[Row]:
     whole = min(timed(store.answers) for _ in range(3))
     print(f"{RIGS * CAMPAIGNS} answers read by pandas                  {whole:8.2f} s")
     query = "select rig, parameter, avg(value), stddev(value) from answers group by rig, parameter"
-    print(f"the same asked in SQL                         {min(timed(lambda: asked(store, query)) for _ in range(3)):8.2f} s")
+    queried = min(timed(lambda: query_answers(store, query)) for _ in range(3))
+    print(f"the same asked in SQL                         {queried:8.2f} s")
     call = [sys.executable, "-m", "isorig", "fleet", "report", "-c", str(store.folder), "-o", str(folder / "fleet.html")]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     took = timed(lambda: subprocess.run(call, check=True, stdout=subprocess.DEVNULL))

@@ -8,9 +8,9 @@ from contextlib import suppress
 from typing import Any, ClassVar, TypeVar
 
 from isorig.drivers.answers import WordKind, parse
+from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.link import linked
-from isorig.drivers.shows import Shows
 from isorig.drivers.waits import WAITS, Waits
 
 T = TypeVar("T")

@@ -36,10 +36,7 @@ def whole(low: int, high: int) -> WordKind:
     """An integer within limits."""
 
     def read(word: str) -> int | None:
-        if not _WHOLE.fullmatch(word):
-            return None
-        value = int(word)
-        return value if low <= value <= high else None
+        return value if _WHOLE.fullmatch(word) and low <= (value := int(word)) <= high else None
 
     return WordKind(f"a whole number from {low} to {high}", read)
 
@@ -48,13 +45,9 @@ def number(low: float = -math.inf, high: float = math.inf) -> WordKind:
     """A finite decimal number within limits."""
 
     def read(word: str) -> float | None:
-        if not _NUMBER.fullmatch(word):
-            return None
-        value = float(word)
-        return value if math.isfinite(value) and low <= value <= high else None
+        return value if _NUMBER.fullmatch(word) and math.isfinite(value := float(word)) and low <= value <= high else None
 
-    limits = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
-    return WordKind(f"a number{limits}", read)
+    return WordKind("a number" + ("" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"), read)
 
 
 def one_of(*words: str) -> WordKind:

@@ -1,4 +1,4 @@
-"""Data returned by instruments: blocks of a stream, and finished records."""
+"""Data returned by instruments: blocks of a stream, and finished records with the contents of the displays they are from."""
 
 from __future__ import annotations
 
@@ -117,3 +117,12 @@ class InstrumentRecord:
     averages: int | None = None
     window: str | None = None
     status: Status = Status.GOOD
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shows:
+    """What an analyzer's trace shows, which it does not report; `trace` is its name for it (a display's number, a feed)."""
+
+    trace: str
+    kind: Literal["time", "spectrum"]
+    unit: str

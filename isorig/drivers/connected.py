@@ -76,7 +76,7 @@ def connected() -> tuple[list[Connected], list[str]]:
     return found, reasons
 
 
-def asked(one: Connected) -> Connected:
+def with_identity(one: Connected) -> Connected:
     """The same with the answer of a VISA resource to `*IDN?` as its name, if it answers."""
     from isorig.drivers.link import linked
 

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import msgspec
 
 from isorig import drivers
-from isorig.drivers.block import FloatArray
+from isorig.drivers.block import FloatArray, Shows
 from isorig.drivers.instrument import Records, Stream
-from isorig.drivers.shows import Shows
 from isorig.drivers.waits import Waits
 
 if TYPE_CHECKING:

@@ -14,10 +14,9 @@ import numpy as np
 
 from isorig.drivers.analyzer import Analyzer
 from isorig.drivers.answers import number, parse, text, whole
-from isorig.drivers.block import FloatArray, InstrumentRecord, Status
+from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
-from isorig.drivers.shows import Shows
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer

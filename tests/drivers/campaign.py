@@ -18,7 +18,7 @@ from far import CsvFar, DataqFar, FramedFar, LinesFar, PrologixFar, SlcanFar, Tc
 from ni_device import ANSWERED, Device, chassis
 from nidaqmx.errors import DaqError
 
-from isorig.drivers.block import Block, Status
+from isorig.drivers.block import Block, Shows, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import DriverError
 from isorig.drivers.framed import FramedInstrument
@@ -26,7 +26,6 @@ from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.lines import Field, LinesInstrument, LinesSettings
 from isorig.drivers.mti600 import MtiInstrument
 from isorig.drivers.ni import NiInstrument, NiSettings
-from isorig.drivers.shows import Shows
 from isorig.drivers.sound import SoundInstrument, SoundSettings
 from isorig.drivers.sr785 import Sr785Instrument
 from isorig.drivers.waits import Waits

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from campaign import SHORT
 
-from isorig.drivers.block import Status
+from isorig.drivers.block import Shows, Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
 from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.link import linked
-from isorig.drivers.shows import Shows
 from isorig.drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
 from isorig.drivers.simulated.served import TcpWire, served
 from isorig.drivers.sr785 import Sr785Instrument

@@ -16,14 +16,13 @@ from hypothesis import strategies as st
 
 from isorig.drivers import mti600
 from isorig.drivers.alignment import Alignment
-from isorig.drivers.block import Block, Status
+from isorig.drivers.block import Block, Shows, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.framed import FramedInstrument
 from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.mti600 import MtiInstrument
 from isorig.drivers.port import Port
-from isorig.drivers.shows import Shows
 from isorig.drivers.sr785 import Sr785Instrument
 from isorig.drivers.waits import Waits
 

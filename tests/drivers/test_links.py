@@ -14,12 +14,11 @@ from campaign import SHORT
 from far import Far, LinesFar, PrologixFar, TcpLines, TcpPrologix, within
 
 from isorig.drivers import visa
-from isorig.drivers.block import InstrumentRecord
+from isorig.drivers.block import InstrumentRecord, Shows
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.link import LineLink, linked
 from isorig.drivers.prologix import PrologixLink
-from isorig.drivers.shows import Shows
 from isorig.drivers.sr785 import Sr785Instrument
 
 Answers = dict[str, bytes | Callable[[str], bytes]]

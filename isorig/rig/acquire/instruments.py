@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 
+from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Records, Stream
 from isorig.drivers.kinds import RecordsKind, StreamKind
-from isorig.drivers.shows import Shows
 from isorig.drivers.waits import WAITS, Waits
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.simulated_instruments import reached_port

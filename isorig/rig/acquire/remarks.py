@@ -25,7 +25,7 @@ AGAINST = {
     ),
 }
 #: Information that is not a fault of the run.
-TOLD = {
+INFORMATION = {
     Status.UNSURE: f"A byte or word lost from {{s}} s on would not be detected; {WIRE}.",
 }
 #: Maximum number of a driver's clauses that are printed.
@@ -51,7 +51,7 @@ class Remarks:
 
     def add(self, block: Block) -> None:
         """Count the flags of a block."""
-        for status in (*AGAINST, *TOLD):
+        for status in (*AGAINST, *INFORMATION):
             if block.status & status:
                 self.counts[status] = self.counts.get(status, 0) + 1
                 self.first.setdefault(status, block.first_tick / self.rate)
@@ -62,15 +62,12 @@ class Remarks:
         self.clauses += instrument.noticed if isinstance(instrument, Noticing) else ()
         self.returned = returned
 
-    def against(self) -> Sequence[str]:
-        """Reasons against keeping the run."""
-        return tuple(self._against())
-
-    def others(self) -> Sequence[str]:
+    def others(self) -> Iterator[str]:
         """Information that is not a reason against the run."""
-        return tuple(self._sentences(TOLD))
+        return self._sentences(INFORMATION)
 
-    def _against(self) -> Iterator[str]:
+    def against(self) -> Iterator[str]:
+        """Reasons against keeping the run."""
         yield from self._sentences(AGAINST)
         if self.returned:
             yield f"The connection was lost and restored {self.returned} times; the samples lost meanwhile are counted."

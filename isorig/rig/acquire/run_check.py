@@ -47,7 +47,7 @@ class Verdict:
 
 
 def check_run(
-    recovered: Recovered, *, rig: RigModel, against: Sequence[str] = (), remarks: Sequence[str] = (), others: Sequence[Run] = ()
+    recovered: Recovered, *, rig: RigModel, against: Iterable[str] = (), remarks: Iterable[str] = (), others: Sequence[Run] = ()
 ) -> Verdict:  # fmt: skip
     """Check a run after its measurement.
 

@@ -62,7 +62,8 @@ class Terminal:
         if self._json:
             self._line("ask", {"configuration": configuration})
         self._quietly(self._display.stop)
-        self._quietly(lambda: print(_question(configuration), file=sys.stderr, flush=True))
+        question = f"Bring the rig into the configuration {configuration!r}, then press Enter."
+        self._quietly(lambda: print(question, file=sys.stderr, flush=True))
         if not answer_line():
             raise PlanError(NO_ANSWER)
         if not self._json:
@@ -180,10 +181,6 @@ def _progress(live: LiveState) -> str:
 def _duration(seconds: float) -> str:
     whole = max(round(seconds), 0)
     return f"{whole} s" if whole < 100 else f"{whole // 60} min" if whole < 7200 else f"{whole // 3600} h {whole // 60 % 60} min"
-
-
-def _question(configuration: str) -> str:
-    return f"Bring the rig into the configuration {configuration!r}, then press Enter."
 
 
 def _print(console: Console, item: MeasuredRun) -> None:

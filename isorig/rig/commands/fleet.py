@@ -272,6 +272,6 @@ def sql(query: str, /, *, catalogue: Where = HERE) -> None:
         The folder of the fleet's files.
     """
     from isorig.rig.fleet.catalogue import Catalogue
-    from isorig.rig.fleet.query import asked
+    from isorig.rig.fleet.query import query_answers
 
-    print(asked(Catalogue(catalogue).existing(), query), end="")
+    print(query_answers(Catalogue(catalogue).existing(), query), end="")

@@ -44,7 +44,7 @@ def instruments(
     json
         Print one JSON object per line on standard output.
     """
-    from isorig.drivers.connected import Connected, asked, connected
+    from isorig.drivers.connected import Connected, connected, with_identity
     from isorig.drivers.kinds import kinds
     from isorig.rig.acquire.plan_draft import draft_plan
     from isorig.rig.errors import OutputError, PlanError
@@ -60,7 +60,7 @@ def instruments(
         chosen, name = Connected(bus=kinds()[kind].buses[0], port=port, name=""), kind
     else:
         found, reasons = connected()
-        found = [asked(one) if ask and one.bus == "visa" else one for one in found if port in (None, one.port)]
+        found = [with_identity(one) if ask and one.bus == "visa" else one for one in found if port in (None, one.port)]
         if not draft:
             _listed(found, reasons, json=json)
             return

@@ -96,7 +96,7 @@ class Track:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Named:
+class NewCause:
     """A cause that the diagnoses of a rig name from some campaign on, and did not name before.
 
     Parameters
@@ -136,7 +136,7 @@ class Incident:
 
     rig: str
     changes: tuple[tuple[Track, DatedChange], ...]
-    named: tuple[Named, ...]
+    named: tuple[NewCause, ...]
     last_before: int
     first_after: int
     first: int
@@ -304,7 +304,7 @@ def _ordered(version: str) -> tuple[tuple[int, str], ...]:
     return tuple((int(part), "") if part.isdigit() else (-1, part) for part in version.split("."))
 
 
-def _without(named: Sequence[Named], campaigns: Sequence[DiagnosedCampaign]) -> frozenset[int]:
+def _without(named: Sequence[NewCause], campaigns: Sequence[DiagnosedCampaign]) -> frozenset[int]:
     # Campaigns of a rig with a cause whose model lacks it: their values are biased and not compared. A cause that `OF` successive
     # campaigns do not name is gone.
     found: set[int] = set()
@@ -383,7 +383,7 @@ def _coarse(freedom: float) -> float:
     return float(1.1 ** np.floor(np.log(max(freedom, 1.0)) / np.log(1.1)))
 
 
-def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[Named]:
+def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[NewCause]:
     found = []
     for cause in sorted(frozenset().union(*(c.causes for c in campaigns))):
         named = [cause in c.causes for c in campaigns]
@@ -394,7 +394,7 @@ def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[Named]:
             if not standing and named[k] and sum(named[i] for i in recent) >= NAMED:
                 first = next(i for i in recent if named[i])
                 if clean >= CLEAN:
-                    found.append(Named(cause=cause, begun=_begun(campaigns, first), first=first, alarm=k))
+                    found.append(NewCause(cause=cause, begun=_begun(campaigns, first), first=first, alarm=k))
                 standing = True
             # Successive campaigns without a similar cause before the tested ones.
             before = near[max(k - OF + 1, 0)]
@@ -413,7 +413,7 @@ def _begun(campaigns: Sequence[DiagnosedCampaign], first: int) -> int:
     return begun if begun > 0 else first
 
 
-def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[Named]) -> tuple[Incident, ...]:
+def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[NewCause]) -> tuple[Incident, ...]:
     # Changes with overlapping intervals (from the last campaign before to the alarm) belong to one date.
     pieces: list[tuple[int, int, int, int, int, Any]] = []
     for track in tracks.values():

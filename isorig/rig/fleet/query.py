@@ -16,7 +16,7 @@ from isorig.rig.fleet.catalogue import Catalogue
 SECONDS, ROWS, MEMORY = 60.0, 1_000_000, "2GB"
 
 
-def asked(catalogue: Catalogue, query: str) -> str:
+def query_answers(catalogue: Catalogue, query: str) -> str:
     """The rows of a query as CSV; the table `answers` is the catalogue.
 
     The query can access this table only: no file, no network.

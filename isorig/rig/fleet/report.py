@@ -15,6 +15,7 @@ from isorig.rig.fleet.sentences import (
     bad_campaigns,
     cause_words,
     change_words,
+    coinciding_events,
     day,
     difference_words,
     explained,
@@ -25,7 +26,6 @@ from isorig.rig.fleet.sentences import (
     period,
     rigs_in_order,
     state_of,
-    what_else,
 )
 from isorig.rig.report.charts import Chart, Mark, Panel, Trace
 from isorig.rig.report.page import Cell, Link, Page, Report, Section, Table, build_report
@@ -229,7 +229,7 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
         )  # fmt: skip
     columns = ("parameter", "before", "after", "unit", "by", "standard deviations", "kind", "when (95 %)", "alarm")
     tables = [Table(columns=columns, rows=rows)] if rows else []
-    text = [f"{incident_words(fleet, incident, None)}.", *what_else(fleet, incident)]
+    text = [f"{incident_words(fleet, incident, None)}.", *coinciding_events(fleet, incident)]
     if found is None:
         text.append("The cause of this change was not searched for yet: run rig fleet update.")
     elif not found:

@@ -83,7 +83,7 @@ def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str,
         parts.append(f"{len(incident.changes) - 3} more parameters")
     if incident.named:
         causes = " and ".join(
-            f"{_plain(named.cause)} (named from {_of(fleet, incident, named.first)} on)" for named in incident.named
+            f"{_plain(named.cause)} (named from {_first_day(fleet, incident, named.first)} on)" for named in incident.named
         )
         then = f"; {'; '.join(parts)}" if parts else ""
         return f"{incident.rig} changed, {period(fleet, incident)}: the diagnosis names the cause, {causes}{then}"
@@ -91,16 +91,16 @@ def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str,
     return f"{incident.rig} changed, {period(fleet, incident)}: {'; '.join(parts)}{why}"
 
 
-def _of(fleet: Fleet, incident: Incident, at: int) -> str:
+def _first_day(fleet: Fleet, incident: Incident, at: int) -> str:
     return day(fleet.rigs[incident.rig].campaigns[at].date)
 
 
-def what_else(fleet: Fleet, incident: Incident) -> list[str]:
+def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
     """Sentences about events that coincide with a change."""
     rig = fleet.rigs[incident.rig]
     begin, end = rig.campaigns[incident.last_before].started, rig.campaigns[incident.first_after].started
     sentences = []
-    others = [other for other in fleet.incidents if other.rig != rig.name and _meets(fleet, other, begin, end)]
+    others = [other for other in fleet.incidents if other.rig != rig.name and _coincides(fleet, other, begin, end)]
     if others:
         names = ", ".join(dict.fromkeys(other.rig for other in others))
         sentences.append(
@@ -118,7 +118,7 @@ def what_else(fleet: Fleet, incident: Incident) -> list[str]:
     return sentences or ["No coinciding event is known."]
 
 
-def _meets(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
+def _coincides(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
     return is_confirmed(other) and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
 
 
@@ -159,7 +159,7 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     parts = []
     last = last_change(rig)
     if last is not None:
-        parts.append(f"changed {_of(fleet, last, last.first)}")
+        parts.append(f"changed {_first_day(fleet, last, last.first)}")
     odd = odd_parameters(fleet, rig.name)
     if odd:
         parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))

@@ -89,7 +89,7 @@ def work_of(
     first, notices = _placed([r for r in found if r.content], sound)
     places = {str(r.path) for r in found if r.content}
     for answer in sound:
-        changed = _put_right(answer, first, places)
+        changed = _corrected(answer, first, places)
         if changed is not None:
             catalogue.put(msgspec.structs.replace(changed, parameters=stored.whole(answer).parameters))
             stored.answers[answer.key] = changed
@@ -174,7 +174,7 @@ def _placed(recordings: Sequence[Recording], stored: Sequence[StoredAnswer]) -> 
     return first, notes
 
 
-def _put_right(answer: StoredAnswer, first: Mapping[str, Recording], places: Set[str]) -> StoredAnswer | None:
+def _corrected(answer: StoredAnswer, first: Mapping[str, Recording], places: Set[str]) -> StoredAnswer | None:
     # The answer with the present path of its recording; None if nothing has changed.
     here = first.get(answer.content)
     if here is not None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -24,11 +22,7 @@ def read_limits(path: Path) -> Limits:
     PlanError
         In one sentence: which key, what was found, what is allowed.
     """
-
-    def convert(tree: Mapping[str, Any]) -> Limits:
-        return msgspec.convert(tree.get("limits", tree), Limits, strict=False)
-
-    return read_toml(path, convert, "a file of limits")
+    return read_toml(path, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
 
 
 def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import SCHEMA, Catalogue, StoredAnswer, StoredParameter
-from isorig.rig.fleet.query import asked
+from isorig.rig.fleet.query import query_answers
 
 #: The columns that other programs may count on, in this order.
 PROMISED = ["rig", "campaign", "started", "parameter", "value", "std", "verdict", "cause", "version", "content"]
@@ -184,14 +184,14 @@ def test_an_endless_query_is_ended(tmp_path: Path, query: str, says: str, monkey
     store = Catalogue(tmp_path)
     store.add_folder(tmp_path, None)
     with pytest.raises(RigError, match=says):
-        asked(store, query)
+        query_answers(store, query)
 
 
 def test_names_in_the_rows_of_a_query_are_no_formulas(tmp_path: Path) -> None:
     pytest.importorskip("duckdb", reason="DuckDB is not installed: pip install 'isorig[sql]'")
     store = Catalogue(tmp_path)
     store.put(answer(1, rig="=1+1"))
-    rows = list(csv.reader(io.StringIO(asked(store, 'select distinct rig, -1.5 as n, rig as "@x" from answers'))))
+    rows = list(csv.reader(io.StringIO(query_answers(store, 'select distinct rig, -1.5 as n, rig as "@x" from answers'))))
     assert rows == [["rig", "n", "'@x"], ["'=1+1", "-1.5", "'=1+1"]]
 
 

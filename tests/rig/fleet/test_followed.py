@@ -13,7 +13,7 @@ from made_up import FRICTION, PARAMETERS, SPRING, Shift, drawn_fleet, write_cata
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import OF, followed, with_std
-from isorig.rig.fleet.sentences import bad_campaigns, incident_words, is_confirmed, state_of, what_else
+from isorig.rig.fleet.sentences import bad_campaigns, coinciding_events, incident_words, is_confirmed, state_of
 
 
 def test_one_of_fifty_changes() -> None:
@@ -50,7 +50,7 @@ def test_a_cause_that_is_new_is_a_change_and_one_that_was_always_there_is_none()
     [lock] = [i for i in fleet.rigs["rig-003"].incidents if i.named]
     assert [(n.cause, n.first, n.alarm) for n in lock.named] == [("imperfect_lock at lock", 12, 13)]
     assert (lock.last_before, lock.first_after) == (11, 12)
-    assert "Named since: imperfect lock at lock." in what_else(fleet, lock)
+    assert "Named since: imperfect lock at lock." in coinciding_events(fleet, lock)
     assert not [i for name in ("rig-004", "rig-005") for i in fleet.rigs[name].incidents if i.named]
 
 
@@ -90,7 +90,7 @@ def test_what_else_happened_then() -> None:
     frame.loc[late & (frame.rig == "rig-001"), "started"] += timedelta(days=60)
     fleet = followed(frame, "coulomb")
     [incident] = [i for i in fleet.rigs["rig-001"].incidents if i.changes[0][0].name == FRICTION]
-    told = " ".join(what_else(fleet, incident))
+    told = " ".join(coinciding_events(fleet, incident))
     assert "Changed at the same time: rig-002." in told
     assert "The rig was not measured for 67 days from 2026-03-23 on (7 days are usual)." in told
 
