@@ -53,7 +53,7 @@ class Outcome:
 
 
 #: Far ends of tests answer at once.
-SHORT = Waits(answer=0.5, silence=0.5, start=0.5, adapter=0.0, poll=0.01, sound_start=1.0, sound=0.5)
+SHORT = Waits(answer=0.5, silence=0.5, start=0.5, adapter=0.0, poll=0.01, sound_start=1.0, sound=1.5)
 
 
 def run(driver: str, faults: int, seed: int) -> Outcome:

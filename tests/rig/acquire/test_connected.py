@@ -81,7 +81,7 @@ resources:
     found = connected.visa_resources()
     assert [one.port for one in found] == ["GPIB0::11::INSTR", "GPIB0::12::INSTR"]
     assert found[0].recognized == ()
-    assert connected.asked(found[0]).recognized == ("35670a",)
+    assert connected.with_identity(found[0]).recognized == ("35670a",)
 
 
 def test_can_interfaces_without_hardware_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
