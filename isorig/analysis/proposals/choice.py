@@ -16,8 +16,8 @@ from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
-from isorig.analysis.proposals.menu import CandidateRun
-from isorig.analysis.proposals.policy import CANNOT, COMPARED, LOCK_PRICE, MOST_RUNS, OVERHEAD, SHOWN, WILL, WORTH
+from isorig.analysis.proposals.menu import CandidateRun, cost
+from isorig.analysis.proposals.policy import CANNOT, COMPARED, MOST_RUNS, SHOWN, WILL, WORTH
 from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn, left, refit
 
 
@@ -362,7 +362,7 @@ def choose(
     before = now = comparison.probability([])
     while left and len(choices) < most:
         affordable = [(p, pairs) for p, pairs in left if p.run.seconds <= budget]
-        gains = [(comparison.probability([*taken, pairs]) - now) / _cost(p, configuration, limits) for p, pairs in affordable]
+        gains = [(comparison.probability([*taken, pairs]) - now) / cost(p.run, configuration, limits) for p, pairs in affordable]
         if not gains:
             break
         best = int(np.argmax(gains))
@@ -385,11 +385,6 @@ def choose(
         taken.append(pairs)
         now, budget, configuration = then, budget - prospect.run.seconds, prospect.run.configuration
     return Chosen(choices=tuple(choices), before=before, best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
-
-
-def _cost(prospect: Prospect, configuration: str, limits: Limits) -> float:
-    price = LOCK_PRICE if limits.lock_price is None else limits.lock_price
-    return prospect.run.seconds + OVERHEAD + (price if prospect.run.configuration != configuration else 0.0)
 
 
 def _best(comparison: Comparison, seen: PredictedPair) -> tuple[PairDistance, ...]:

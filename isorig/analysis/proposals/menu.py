@@ -5,30 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from math import pi, sqrt
 from typing import Literal
 
-import numpy as np
-
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.model.linear import constraint_basis
-from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import (
     ABOUT,
     BELOW,
     BROAD,
     DWELLS,
-    HELD,
     HIGHEST,
     LEVELS,
+    LOCK_PRICE,
     LONGER,
     LOW,
     LOWEST,
+    OVERHEAD,
     PERIOD,
     REST,
     SHORT,
     WIDE,
 )  # fmt: skip
+from isorig.analysis.simulate.natural import natural_modes
 
 Excited = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
 
@@ -73,16 +71,6 @@ class CandidateRun:
         return self.excitation == "free"
 
 
-def natural_frequencies(model: RigModel, configuration: str) -> tuple[float, ...]:
-    """Natural frequencies of the linear part in a configuration, without damping, Hz, ascending; without rigid-body modes."""
-    setup = model.configurations[configuration]
-    rigid = [model.link(name) for name in setup.rigid] if setup.lock_stiffness is None else []
-    basis = constraint_basis(model, rigid)
-    mass, _, stiffness = (basis.T @ matrix @ basis for matrix in matrices(model))
-    squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real
-    return tuple(sorted(sqrt(s) / (2.0 * pi) for s in squares.tolist() if s > HELD * max(squares.max(), 1e-300)))
-
-
 def menu(
     model: RigModel, limits: Limits, sample_rate: float, *, seed: int = 1, repeatable: Sequence[tuple[str, CandidateRun]] = ()
 ) -> tuple[CandidateRun, ...]:
@@ -110,7 +98,7 @@ def menu(
     gains = [share * highest for share in LEVELS if share * highest >= lowest]
     found: list[CandidateRun] = []
     for name in model.configurations:
-        modes = [f for f in natural_frequencies(model, name) if low < f < high]
+        modes = [mode.frequency for mode in natural_modes(model, name) if low < mode.frequency < high]
         for k, band in enumerate(_bands(modes, low, high)):
             for gain in gains if k < 2 else gains[:1]:
                 found.append(CandidateRun(configuration=name, excitation="random", gain=gain, seconds=BROAD, band=band))
@@ -144,7 +132,13 @@ def covers(model: RigModel, run: CandidateRun) -> bool:
     """Whether a run excites everything that a linear rig has: random, over all natural frequencies of its configuration."""
     if run.excitation != "random" or run.band is None:
         return False
-    return all(run.band[0] <= f <= run.band[1] for f in natural_frequencies(model, run.configuration))
+    return all(run.band[0] <= mode.frequency <= run.band[1] for mode in natural_modes(model, run.configuration))
+
+
+def cost(run: CandidateRun, configuration: str, limits: Limits) -> float:
+    """Cost of a run in the present configuration of the rig, in seconds of measuring."""
+    price = LOCK_PRICE if limits.lock_price is None else limits.lock_price
+    return run.seconds + OVERHEAD + (price if run.configuration != configuration else 0.0)
 
 
 def rest(model: RigModel, limits: Limits) -> CandidateRun:

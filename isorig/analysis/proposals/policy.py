@@ -69,8 +69,6 @@ PERIOD = 4.0
 LOWEST, HIGHEST = 0.2, 0.4
 #: Frequencies of a sine dwell, as shares of a natural frequency: below it the spring force dominates, at it the damping force.
 DWELLS = (0.6, 1.0)
-#: Square of a natural frequency divided by the largest one's, above which a spring holds the body: rounding errors are smaller.
-HELD = 1e-9
 
 # Runs for a parameter.
 

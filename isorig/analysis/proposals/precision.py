@@ -23,7 +23,8 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
-from isorig.analysis.proposals.policy import ALIKE, COHERENT, LOCK_PRICE, NO_BETTER, OVERHEAD, RESOLUTION, SHORTEST
+from isorig.analysis.proposals.menu import cost
+from isorig.analysis.proposals.policy import ALIKE, COHERENT, NO_BETTER, RESOLUTION, SHORTEST
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.welch import estimate
@@ -268,8 +269,6 @@ def _ranked(
     # Runs that reach the required value first, the cheapest of them; then the most precise others. No longer than necessary.
     whole = prospect.run.seconds
     longest = min(whole, budget)
-    price = LOCK_PRICE if limits.lock_price is None else limits.lock_price
-    fixed = OVERHEAD + (price if prospect.run.configuration != configuration else 0.0)
     seconds = longest
     reached = known.std(now + own * longest / whole) <= wish
     if reached and prospect.run.excitation != "sweep":
@@ -282,7 +281,7 @@ def _ranked(
     seconds = min(max(seconds, SHORTEST), longest)
     own = own * seconds / whole
     cut = prospect.shortened(seconds)
-    return (not reached, fixed + seconds if reached else known.std(now + own)), cut, own
+    return (not reached, cost(cut.run, configuration, limits) if reached else known.std(now + own)), cut, own
 
 
 def std_of(variant: Variant, figure: Figure) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import norm
 
 from isorig.analysis.campaign import FloatArray
@@ -60,8 +61,8 @@ def scatter_of(series: Sequence[Series]) -> Scatter:
 
 
 def _root(squares: FloatArray, fitted: FloatArray, beyond: Callable[[FloatArray], float]) -> float:
-    # The variance at which the squared differences, divided by their expected variance, have their expected size; by bisection,
-    # because the ratio decreases with the variance. Zero if the fits' uncertainties alone explain the differences.
+    # The variance at which the squared differences, divided by their expected variance, have their expected size. Zero if the
+    # fits' uncertainties alone explain the differences.
     floor = 1e-24
 
     def excess(variance: float) -> float:
@@ -69,10 +70,7 @@ def _root(squares: FloatArray, fitted: FloatArray, beyond: Callable[[FloatArray]
 
     if excess(0.0) <= 0.0:
         return 0.0
-    low, high = 0.0, float(squares.max())
+    high = float(squares.max())
     while excess(high) > 0.0:
         high *= 4.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
-    return 0.5 * (low + high)
+    return float(brentq(excess, 0.0, high, xtol=1e-300))

@@ -41,7 +41,7 @@ class Drawn(Message, frozen=True, tag="drawn", tag_field="say"):
 
 
 class Judgement(Message, frozen=True):
-    """Result of the post-run check."""
+    """Result of the post-run check: whether the run is worth keeping, and advice."""
 
     good: bool
     advice: tuple[str, ...]

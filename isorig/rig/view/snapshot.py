@@ -20,6 +20,7 @@ from isorig.rig.acquire.run_check import check_run, least_sliding
 from isorig.rig.errors import RigError
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.view.levels import ChannelLevel, Levels
+from isorig.rig.view.messages import Judgement
 from isorig.rig.view.responses import GrowingSpectra, groups_of, ratio_rows, transfer_rows
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Reading, beginning_of
@@ -29,13 +30,6 @@ from isorig.rig.wire_bonder.description import wire_bonder
 EARLY = 2.0
 #: Number of samples between two pictures; number of samples above which a run is not read as a whole, because of memory.
 PART, LONGEST = 1 << 20, 1 << 24
-
-
-class Judged(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of the post-run check: whether the run is worth keeping, and advice."""
-
-    good: bool
-    advice: tuple[str, ...]
 
 
 class Plot(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,7 +48,7 @@ class ShownRun(msgspec.Struct, frozen=True, kw_only=True):
     lost: int
     levels: tuple[ChannelLevel, ...]
     whole: bool
-    judged: Judged | None
+    judged: Judgement | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +91,7 @@ class _Track:
         self.drawn = (0, 0)
         self.rate = run.sample_rate
         self.whole = False
-        self.judged: Judged | None = None
+        self.judged: Judgement | None = None
 
     @property
     def seconds(self) -> float:
@@ -189,7 +183,7 @@ class Board:
         self._version += 1
         return Plot(version=self._version, names=tuple(names), rows=rows.astype(np.float32))
 
-    def _judged(self, track: _Track, run: Run) -> Judged:
+    def _judged(self, track: _Track, run: Run) -> Judgement:
         planned = self._planned.get(run.id)
         asked = len(run) + track.lost if planned is None else round(planned.seconds * run.sample_rate)
         verdict = check_run(
@@ -199,7 +193,7 @@ class Board:
             ),
             rig=self._rig, others=[other for other in self._whole if other.id != run.id],
         )  # fmt: skip
-        return Judged(good=verdict.good, advice=verdict.advice)
+        return Judgement(good=verdict.good, advice=verdict.advice)
 
 
 def _seen(track: _Track) -> ShownRun:

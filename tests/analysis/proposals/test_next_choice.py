@@ -15,12 +15,13 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.choice import Comparison, Question, choose, parted
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import largest, reached_so_far, simulated_peaks
-from isorig.analysis.proposals.menu import CandidateRun, covers, menu, natural_frequencies, rest
+from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
 from isorig.analysis.proposals.policy import CANNOT, TRUSTED, USABLE, WILL
 from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of, transfer
 from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn, left, refit
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.wire_bonder.description import wire_bonder
 
 NOISE = {"body": 1e-3, "force": 1e-3}
@@ -151,14 +152,14 @@ def test_the_tightest_limit_holds() -> None:
 
 def test_natural_frequencies_of_a_locked_rig() -> None:
     model = wire_bonder()
-    assert natural_frequencies(one_mass(), "unlocked") == pytest.approx((FREQUENCY,))
+    assert [mode.frequency for mode in natural_modes(one_mass(), "unlocked")] == pytest.approx([FREQUENCY])
     table = model.link("table")
     mass = model.body("table").mass + model.body("motor").mass + model.body("heatblock").mass
-    low, high = natural_frequencies(model, "locked")
+    low, high = (mode.frequency for mode in natural_modes(model, "locked"))
     # The heatblock is stiff enough to ride along.
     assert low == pytest.approx(np.sqrt(table.stiffness / mass) / 2 / np.pi, rel=1e-3)
     assert high > 160.0
-    assert len(natural_frequencies(model, "unlocked")) == 3
+    assert len(natural_modes(model, "unlocked")) == 3
 
 
 def test_the_menu_keeps_gains_band_and_seconds() -> None:

@@ -22,10 +22,11 @@ from isorig.analysis.proposals import policy
 from isorig.analysis.proposals.choice import Chosen, Comparison, PairDistance, PredictedPair, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
-from isorig.analysis.proposals.menu import CandidateRun, menu, natural_frequencies, rest
+from isorig.analysis.proposals.menu import CandidateRun, menu, rest
 from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.analysis.proposals.remedies import another_sensor, further, watched
+from isorig.analysis.simulate.natural import HELD, natural_modes
 from isorig.rig.wire_bonder.description import wire_bonder
 
 NOTHING = LargestMotions(stroke={}, speed={}, drive=0.0, force=0.0, channels={})
@@ -160,7 +161,7 @@ def test_levels_below_the_lowest_gain_are_no_candidates() -> None:
 
 
 def test_bands_of_candidates() -> None:
-    slowest, *_ = natural_frequencies(wire_bonder(), "unlocked")
+    slowest = natural_modes(wire_bonder(), "unlocked")[0].frequency
     bands = {run.band for run in runs_of(0.05, 1e3) if run.excitation == "random" and run.configuration == "unlocked"}
     whole = (policy.LOWEST, policy.HIGHEST * 1024.0)
     assert whole in bands
@@ -173,7 +174,7 @@ def test_bands_of_candidates() -> None:
 @pytest.mark.parametrize(("share", "there"), [(0.98, False), (1.02, True)])
 def test_a_band_is_wide_enough(share: float, there: bool) -> None:
     """The band below the slowest mode, from a lowest frequency that leaves this much of it."""
-    slowest, *_ = natural_frequencies(wire_bonder(), "unlocked")
+    slowest = natural_modes(wire_bonder(), "unlocked")[0].frequency
     high = float(f"{policy.BELOW * slowest:.3g}")
     bands = {run.band for run in runs_of(high / (share * policy.WIDE), 300.0) if run.configuration == "unlocked"}
     assert any(band is not None and band[1] == high for band in bands) == there
@@ -181,7 +182,7 @@ def test_a_band_is_wide_enough(share: float, there: bool) -> None:
 
 @pytest.mark.parametrize("share", policy.DWELLS)
 def test_sines_at_shares_of_a_natural_frequency(share: float) -> None:
-    slowest, *_ = natural_frequencies(wire_bonder(), "unlocked")
+    slowest = natural_modes(wire_bonder(), "unlocked")[0].frequency
     at = float(f"{share * slowest:.3g}")
     for low, there in ((0.99 * share * slowest, True), (1.01 * share * slowest, False)):
         assert (at in {run.frequency for run in runs_of(low, 300.0)}) == there
@@ -189,13 +190,13 @@ def test_sines_at_shares_of_a_natural_frequency(share: float) -> None:
 
 @pytest.mark.parametrize(("share", "held"), [(0.5, 1), (2.0, 2)])
 def test_a_spring_that_holds_a_body(share: float, held: int) -> None:
-    """A second body on a spring whose square frequency is about `HELD` of the first one's."""
+    """A second body on a spring whose frequency is about `HELD` of the first one's."""
     model = one_mass()
-    soft = Link(name="soft", a="other", stiffness=share * policy.HELD * STIFFNESS)
+    soft = Link(name="soft", a="other", stiffness=share * HELD**2 * STIFFNESS)
     other = msgspec.structs.replace(
         model, bodies=(*model.bodies, Body(name="other", mass=model.body("body").mass)), links=(*model.links, soft)
     )  # fmt: skip
-    assert len(natural_frequencies(other, "unlocked")) == held
+    assert len(natural_modes(other, "unlocked")) == held
 
 
 def known(in_hand: Prospect) -> KnownPrecision:
