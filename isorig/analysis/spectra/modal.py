@@ -42,8 +42,8 @@ MOTION = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShapedMode:
-    """A mode that all transfer functions share.
+class ModeShape:
+    """A mode with its shape.
 
     Parameters
     ----------
@@ -53,15 +53,8 @@ class ShapedMode:
         Damping ratio and its standard deviation.
     shape
         Complex, shape (responses,): the largest component is near 1, rotated to be as real as possible.
-    participation
-        Complex, shape (references,): excitation of the mode by each reference, the largest magnitude 1.
-    constants
-        Modal constants, shape (responses, references): products of the mass-normalized shape at response and reference if the
-        references are forces (1/kg).
     collinearity
         1 if all components are in phase or antiphase, 0 if phases are evenly distributed (modal phase collinearity).
-    lines
-        Frequency bins in the bandwidth 2 zeta f.
     """
 
     frequency: float
@@ -69,9 +62,26 @@ class ShapedMode:
     damping: float
     damping_std: float
     shape: ComplexArray
+    collinearity: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapedMode(ModeShape):
+    """A mode that all transfer functions share.
+
+    Parameters
+    ----------
+    participation
+        Complex, shape (references,): excitation of the mode by each reference, the largest magnitude 1.
+    constants
+        Modal constants, shape (responses, references): products of the mass-normalized shape at response and reference if the
+        references are forces (1/kg).
+    lines
+        Frequency bins in the bandwidth 2 zeta f.
+    """
+
     participation: ComplexArray
     constants: ComplexArray
-    collinearity: float
     lines: float
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
-from isorig.analysis.spectra.modal import as_real, collinearity, persistent
+from isorig.analysis.spectra.modal import ModeShape, as_real, collinearity, persistent
 from isorig.analysis.spectra.poles import HEAVY, Pole, status_of
 
 #: Sample rate of the analysis in multiples of the band's upper end: the analyzers' convention.
@@ -42,29 +42,15 @@ LEAST_WIDTH = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
-class OperatingMode:
+class OperatingMode(ModeShape):
     """A mode of a machine in operation.
 
     Parameters
     ----------
-    frequency, frequency_std
-        Natural frequency and its standard uncertainty, Hz.
-    damping, damping_std
-        Damping ratio and its standard uncertainty.
-    shape
-        Complex, shape (responses,): the largest component is near 1, rotated to be as real as possible.
-    collinearity
-        1 if all components are in phase or antiphase, 0 if phases are evenly distributed.
     variation
         Relative variance of the squared envelope around it: 1 for a mode that noise excites, 0 for a harmonic.
     """
 
-    frequency: float
-    frequency_std: float
-    damping: float
-    damping_std: float
-    shape: ComplexArray
-    collinearity: float
     variation: float
 
 

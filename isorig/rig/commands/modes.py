@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from isorig.analysis.spectra.modal import ShapedMode
-    from isorig.analysis.spectra.operating import OperatingMode
+    from isorig.analysis.spectra.modal import ModeShape
 
 
 def modes(
@@ -140,7 +139,7 @@ def _operating(
 
 
 def _write(
-    output: Path, content: Mapping[str, Any], modes: Sequence[ShapedMode | OperatingMode], responses: Sequence[str],
+    output: Path, content: Mapping[str, Any], modes: Sequence[ModeShape], responses: Sequence[str],
     own: Sequence[Mapping[str, float]] = (),
 ) -> None:  # fmt: skip
     # modes.json and modes.csv, with further values of each mode's `own`.
@@ -161,7 +160,7 @@ def _write(
     write_csv(output / "modes.csv", {key: np.array([row[key] for row in numbers]) for key in numbers[0]})
 
 
-def _show(title: str, modes: Sequence[ShapedMode | OperatingMode], responses: Sequence[str], warnings: Sequence[str]) -> None:
+def _show(title: str, modes: Sequence[ModeShape], responses: Sequence[str], warnings: Sequence[str]) -> None:
     from isorig.analysis.wording import sized
     from isorig.rig.process.terminal import show_table
 

@@ -58,13 +58,8 @@ def of_response(response: Response) -> str:
 
 
 @shows(Frf, "html")
-def of_frf(frf: Frf) -> str:
-    """What it is."""
-    return f"<p>{escape(repr(frf))}</p>"
-
-
 @shows(IsolationRatio, "html")
-def of_ratio(found: IsolationRatio) -> str:
+def in_words(found: Frf | IsolationRatio) -> str:
     """What it is."""
     return f"<p>{escape(repr(found))}</p>"
 

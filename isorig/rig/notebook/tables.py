@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 Column = tuple[Any, str]
 """Values, shape (n,), and their unit."""
+Columns = tuple[str, Column, Mapping[str, Column], Mapping[str, Any]]
+"""The name of a coordinate with its values, the columns over it by name, and what is known about them."""
 
 
 @shows(Campaign, "rig")
@@ -52,43 +54,59 @@ def needed(name: str) -> ModuleType:
         raise RigError(f"the package {name} is not installed; install it: pip install 'isorig[notebook]'") from None
 
 
-def _dataset(dimension: str, at: Column, columns: Mapping[str, Column], **about: Any) -> xarray.Dataset:
+def _dataset(dimension: str, at: Column, columns: Mapping[str, Column], about: Mapping[str, Any]) -> xarray.Dataset:
     xr = needed("xarray")
     data = {name: (dimension, values, {"units": unit}) for name, (values, unit) in columns.items()}
     found: xarray.Dataset = xr.Dataset(data, coords={dimension: (dimension, at[0], {"units": at[1]})}, attrs=about)
     return found
 
 
-def _frame(dimension: str, at: Column, columns: Mapping[str, Column], **about: Any) -> pd.DataFrame:
+def _frame(dimension: str, at: Column, columns: Mapping[str, Column], about: Mapping[str, Any]) -> pd.DataFrame:
     frame = pd.DataFrame({name: values for name, (values, _) in columns.items()}, index=pd.Index(at[0], name=dimension))
     units = {dimension: at[1]} | {name: unit for name, (_, unit) in columns.items()}
     frame.attrs.update(about, units=units)
     return frame
 
 
-def _over_time(rate: float, columns: Mapping[str, Column]) -> tuple[str, Column, Mapping[str, Column]]:
+def _over_time(rate: float, columns: Mapping[str, Column], about: Mapping[str, Any]) -> Columns:
     n = max((len(values) for values, _ in columns.values()), default=0)
-    return "time", (np.arange(n) / rate, "s"), columns
+    return "time", (np.arange(n) / rate, "s"), columns, about
 
 
-def _run(run: Run) -> tuple[str, Column, Mapping[str, Column]]:
-    return _over_time(run.sample_rate, {name: (channel.read(), channel.unit) for name, channel in run.channels.items()})
+def _run(run: Run) -> Columns:
+    about = {"run": run.id, "configuration": run.configuration, "gain": run.gain, "excitation": run.excitation}
+    return _over_time(run.sample_rate, {name: (channel.read(), channel.unit) for name, channel in run.channels.items()}, about)
 
 
-def _about(run: Run) -> dict[str, Any]:
-    return {"run": run.id, "configuration": run.configuration, "gain": run.gain, "excitation": run.excitation}
+def _response(response: Response) -> Columns:
+    columns = {name: (values, response.units.get(name, "")) for name, values in response.channels.items()}
+    return _over_time(response.sample_rate, columns, {})
 
 
-@shows(Run, "to_xarray")
-def run_to_xarray(run: Run) -> xarray.Dataset:
-    """Channels over time."""
-    return _dataset(*_run(run), **_about(run))
+def _frf(frf: Frf) -> Columns:
+    response, reference = (unit or "?" for unit in frf.units)
+    ratio = "1" if response == reference else f"({response})/({reference})"
+    units = {"value": ratio, "magnitude_std": ratio, "phase_std": "rad"}
+    rows = {name: (values, units.get(name, "1")) for name in FRF_ROWS if (values := getattr(frf, name)) is not None}
+    about: dict[str, Any] = {"response": frf.response, "reference": frf.reference, "estimator": frf.estimator}
+    if isinstance(frf, Transfer):
+        about |= {"configuration": frf.configuration, "gain": frf.gain, "runs": list(frf.runs), "band": list(frf.band)}
+    return "frequency", (frf.frequency, "Hz"), rows, about
 
 
-@shows(Run, "to_pandas")
-def run_to_pandas(run: Run) -> pd.DataFrame:
-    """Channels over time."""
-    return _frame(*_run(run), **_about(run))
+def _ratio(found: IsolationRatio) -> Columns:
+    columns = {"ratio": (found.ratio, "1"), "std": (found.std, "1"), "gain": (found.gain, "1")}
+    return "frequency", (found.frequency, "Hz"), columns, {}
+
+
+def _converts(kind: type, columns_of: Callable[[Any], Columns]) -> None:
+    # A result that is columns over time or frequency becomes a dataset or a frame.
+    shows(kind, "to_xarray")(lambda result: _dataset(*columns_of(result)))
+    shows(kind, "to_pandas")(lambda result: _frame(*columns_of(result)))
+
+
+for _kind, _columns_of in ((Run, _run), (Response, _response), (Frf, _frf), (IsolationRatio, _ratio)):
+    _converts(_kind, _columns_of)
 
 
 @shows(Campaign, "to_pandas")
@@ -109,67 +127,7 @@ def campaign_to_pandas(campaign: Campaign) -> pd.DataFrame:
 @shows(Campaign, "to_xarray")
 def campaign_to_xarray(campaign: Campaign) -> Any:
     """An xarray.DataTree with a dataset for each run, because runs may have different lengths and rates."""
-    return needed("xarray").DataTree.from_dict({run.id: run_to_xarray(run) for run in campaign.runs})
-
-
-def _response(response: Response) -> tuple[str, Column, Mapping[str, Column]]:
-    columns = {name: (values, response.units.get(name, "")) for name, values in response.channels.items()}
-    return _over_time(response.sample_rate, columns)
-
-
-@shows(Response, "to_xarray")
-def response_to_xarray(response: Response) -> xarray.Dataset:
-    """Sensors over time."""
-    return _dataset(*_response(response))
-
-
-@shows(Response, "to_pandas")
-def response_to_pandas(response: Response) -> pd.DataFrame:
-    """Sensors over time."""
-    return _frame(*_response(response))
-
-
-def _frf(frf: Frf) -> tuple[str, Column, Mapping[str, Column]]:
-    response, reference = (unit or "?" for unit in frf.units)
-    ratio = "1" if response == reference else f"({response})/({reference})"
-    units = {"value": ratio, "magnitude_std": ratio, "phase_std": "rad"}
-    rows = {name: (values, units.get(name, "1")) for name in FRF_ROWS if (values := getattr(frf, name)) is not None}
-    return "frequency", (frf.frequency, "Hz"), rows
-
-
-def _about_frf(frf: Frf) -> dict[str, Any]:
-    about: dict[str, Any] = {"response": frf.response, "reference": frf.reference, "estimator": frf.estimator}
-    if isinstance(frf, Transfer):
-        about |= {"configuration": frf.configuration, "gain": frf.gain, "runs": list(frf.runs), "band": list(frf.band)}
-    return about
-
-
-@shows(Frf, "to_xarray")
-def frf_to_xarray(frf: Frf) -> xarray.Dataset:
-    """Complex value, coherence and error bars over frequency."""
-    return _dataset(*_frf(frf), **_about_frf(frf))
-
-
-@shows(Frf, "to_pandas")
-def frf_to_pandas(frf: Frf) -> pd.DataFrame:
-    """Complex value, coherence and error bars over frequency."""
-    return _frame(*_frf(frf), **_about_frf(frf))
-
-
-def _ratio(found: IsolationRatio) -> tuple[str, Column, Mapping[str, Column]]:
-    return "frequency", (found.frequency, "Hz"), {"ratio": (found.ratio, "1"), "std": (found.std, "1"), "gain": (found.gain, "1")}
-
-
-@shows(IsolationRatio, "to_xarray")
-def ratio_to_xarray(found: IsolationRatio) -> xarray.Dataset:
-    """The stitched ratio over frequency."""
-    return _dataset(*_ratio(found))
-
-
-@shows(IsolationRatio, "to_pandas")
-def ratio_to_pandas(found: IsolationRatio) -> pd.DataFrame:
-    """The stitched ratio over frequency."""
-    return _frame(*_ratio(found))
+    return needed("xarray").DataTree.from_dict({run.id: run.to_xarray() for run in campaign.runs})
 
 
 @shows(Characterization, "to_pandas")

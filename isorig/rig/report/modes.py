@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.spectra.modal import ModalModel, ShapedMode
-from isorig.analysis.spectra.operating import OperatingMode, OperatingModes
+from isorig.analysis.spectra.modal import ModalModel, ModeShape
+from isorig.analysis.spectra.operating import OperatingModes
 from isorig.analysis.spectra.poles import Pole
 from isorig.analysis.wording import sized
 from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Trace
@@ -69,7 +69,7 @@ def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequenc
 
 def _listed(found: ModalModel | OperatingModes, text: Sequence[str], what: str, values: Sequence[str]) -> Section:
     # The table of the modes, whose last column has a name and values of its own, and their shapes.
-    modes: Sequence[ShapedMode | OperatingMode] = found.modes
+    modes: Sequence[ModeShape] = found.modes
     rows = [
         (
             str(k + 1), sized(mode.frequency, "Hz", mode.frequency_std), sized(mode.damping, "1", mode.damping_std),
