@@ -141,7 +141,7 @@ def test_closed_forms_of_windows_are_their_sums(window: Window) -> None:
         k = round(shift * 4096)
         direct = (samples[: 4096 - k] * samples[k:]).sum() / (samples**2).sum()
         assert window.autocorrelation(k / 4096) == pytest.approx(direct, abs=2e-3)
-    assert window.tied(0.75) == pytest.approx(1e6 / effective_averages(samples, 10**6, 1024), rel=2e-3)
+    assert window.segments_per_average(0.75) == pytest.approx(1e6 / effective_averages(samples, 10**6, 1024), rel=2e-3)
 
 
 @pytest.mark.parametrize(("name", "overlap"), [("blackman", 0.75), ("flattop", 0.5), ("rectangular", 0.0)])

@@ -21,7 +21,7 @@ import numpy as np
 from isorig.analysis.diagnose import diagnosis, policy, step
 from isorig.analysis.diagnose.policy import POLICY, Policy, Stage
 from isorig.rig.diagnose import many as diagnose_many
-from isorig.rig.diagnose.many import Outcome
+from isorig.rig.diagnose.many import CampaignOutcome
 
 FILE = "decisions.json"
 #: Rules by the module that calls them.
@@ -79,7 +79,7 @@ def recording() -> Iterator[None]:
             each.stop()
 
 
-def recorded_files(jobs: Sequence[tuple[Path, Path]], baseline: Literal["coulomb", "linear"]) -> Iterator[Outcome]:
+def recorded_files(jobs: Sequence[tuple[Path, Path]], baseline: Literal["coulomb", "linear"]) -> Iterator[CampaignOutcome]:
     """Outcomes of `rig diagnose` on recordings, with the rules' calls kept in each folder."""
     with recording():
         yield from diagnose_many.diagnose_files(jobs, baseline)

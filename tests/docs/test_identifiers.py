@@ -9,8 +9,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2] / "isorig"
 #: Rooms whose class names nothing else in the package has. A cause may have the name of its law: it is that law at a place.
 ROOMS = (
-    "analysis/trends", "analysis/diagnose/causes", "drivers", "rig/acquire", "rig/files", "rig/fleet", "rig/next", "rig/virtual",
-    "rig/wire_bonder",
+    "analysis/diagnose/causes", "analysis/proposals", "analysis/trends", "drivers", "rig/acquire", "rig/commands", "rig/describe",
+    "rig/design", "rig/diagnose", "rig/exchange", "rig/files", "rig/fleet", "rig/frf", "rig/isolation", "rig/next",
+    "rig/notebook", "rig/report", "rig/view", "rig/virtual", "rig/wire_bonder",
 )  # fmt: skip
 
 

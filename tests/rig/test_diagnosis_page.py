@@ -22,8 +22,8 @@ from isorig.rig.report.before_after import (
     BASELINE,
     EXTENDED,
     Force,
+    HeldOutRecord,
     PlaceForce,
-    Record,
     force_chart,
     mean_over,
     residual_chart,
@@ -130,10 +130,10 @@ def test_the_second_of_the_largest_error_is_found_across_runs_and_channels() -> 
     rate, n = 100.0, 1000
     quiet = np.zeros(n)
 
-    def record(run: str, size: float, at: int, error: float) -> Record:
+    def record(run: str, size: float, at: int, error: float) -> HeldOutRecord:
         off = quiet.copy()
         off[at : at + 100] = error
-        return Record(
+        return HeldOutRecord(
             run=run,
             channel="x",
             unit="m",

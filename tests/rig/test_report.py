@@ -13,7 +13,7 @@ from headless_page import CHROMIUM, told_by
 
 from isorig.analysis.model.rig_model import Configuration
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
-from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, Panel, Trace, spread_over
+from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, ChartTrace, Panel, spread_over
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
 from isorig.rig.report.page import Report, Section, Table, build_report
@@ -55,12 +55,12 @@ def example() -> Report:
     f = np.geomspace(0.5, 400.0, 800)
     size = np.abs(1.0 / (1.0 - (f / 11.0) ** 2 + 0.05j * f / 11.0))
     traces = [
-        *(Trace(name=f"run {role}", x=f, y=size * (k + 1), spread=0.1 * size, role=role) for k, role in enumerate(SERIES)),
-        Trace(name="coherence", x=f, y=np.clip(1.0 - 0.1 / size, 0.0, 1.0), panel=1, style="dash"),
+        *(ChartTrace(name=f"run {role}", x=f, y=size * (k + 1), spread=0.1 * size, role=role) for k, role in enumerate(SERIES)),
+        ChartTrace(name="coherence", x=f, y=np.clip(1.0 - 0.1 / size, 0.0, 1.0), panel=1, style="dash"),
     ]
     panels = [Panel(label="|H|", log=True, height=2.0), Panel(label="coherence", ends=(0.0, 1.0))]
     charts = [Chart(name=name, caption="A resonance.", panels=panels, traces=traces, link="frequency") for name in ("one", "two")]
-    bars = Trace(name="error", x=["u70 motor", "u70 table"], y=np.array([0.1, 0.2]), style="bars", role="simulated")
+    bars = ChartTrace(name="error", x=["u70 motor", "u70 table"], y=np.array([0.1, 0.2]), style="bars", role="simulated")
     charts.append(Chart(name="bars", caption="Errors.", panels=[Panel(label="")], traces=[bars], x_label="error", x_log=False))
     table = Table(columns=[f"a rather long column {k}" for k in range(9)], rows=[["1.2345678"] * 9] * 3)
     return Report(

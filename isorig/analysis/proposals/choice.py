@@ -18,10 +18,10 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, cost
 from isorig.analysis.proposals.policy import CANNOT, COMPARED, MOST_RUNS, SHOWN, WILL, WORTH
-from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn, left, refit
+from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn_models, left, refit
 
 
-def parted(distances: float | FloatArray) -> FloatArray:
+def distinguishing_probability(distances: float | FloatArray) -> FloatArray:
     """Probability that a run distinguishes two causes at this distance: 0 up to `CANNOT`, 1 from `WILL` on, logarithmic."""
     between = np.log(np.maximum(distances, 1e-12) / CANNOT) / np.log(WILL / CANNOT)
     return np.asarray(np.clip(between, 0.0, 1.0))
@@ -57,7 +57,7 @@ class PairDistance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foreseen:
+class PredictedPair:
     """Predictions of two causes for a run, in the channel where they differ most, with the rival refitted.
 
     Parameters
@@ -112,7 +112,7 @@ class Choice:
     gained: float
     apart: tuple[PairDistance, ...]
     peaks: LargestMotions
-    foreseen: tuple[Foreseen, ...]
+    predicted_pairs: tuple[PredictedPair, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +143,7 @@ Pairs = dict[tuple[int, int], Moments]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PredictedPair:
+class ComparedRuns:
     """Candidate runs evaluated for a question, and those rejected for a limit, with the reasons."""
 
     pairs: Sequence[tuple[Prospect, Pairs]]
@@ -168,7 +168,7 @@ class Comparison:
         self._reference = question.rivals[0].model
         count = 1 if question.supposed else COMPARED
         self._drawn = [
-            [truth, *(Variant(cause=truth.cause, location=truth.location, model=m) for m in drawn(truth, count, 3)[1:])]
+            [truth, *(Variant(cause=truth.cause, location=truth.location, model=m) for m in drawn_models(truth, count, 3)[1:])]
             for truth in question.truths
         ]
         self._flat = [variant for group in self._drawn for variant in group]
@@ -197,7 +197,7 @@ class Comparison:
 
     def _settle(self) -> None:
         # What the existing runs would have shown needs no further run.
-        known = [min(apart.probability for apart in group) >= 1.0 for group in self._apart([])]
+        known = [min(apart.probability for apart in group) >= 1.0 for group in self._distances_by_truth([])]
         self._settled = sum(weight for weight, over in zip(self._weights, known, strict=True) if over)
         left_over = [i for i, over in enumerate(known) if not over]
         self._drawn = [self._drawn[i] for i in left_over]
@@ -221,7 +221,7 @@ class Comparison:
                     found[i, k] = seen.moments(truths[i], rivals[k], slopes)
         return found
 
-    def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> PredictedPair:
+    def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> ComparedRuns:
         """The candidates within the limits by a first simulation, evaluated for the question.
 
         `progress` is called before each; when the deadline in force is over, the candidates compared so far are the answer.
@@ -239,9 +239,9 @@ class Comparison:
                     refused[run] = why
                 else:
                     found.append((prospect, self._moments(prospect)))
-        return PredictedPair(pairs=found, refused=refused)
+        return ComparedRuns(pairs=found, refused=refused)
 
-    def foreseen(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[Foreseen, ...]:
+    def predicted_pairs(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[PredictedPair, ...]:
         """Predictions of causes that a run distinguishes, the closest pairs first."""
         seen = Predicted(prospect, self._noise, self._reference)
         found = []
@@ -257,7 +257,7 @@ class Comparison:
                     continue
                 channel, lines = seen.channels[row], own[row] + slopes.rows[row] @ step
                 found.append(
-                    Foreseen(
+                    PredictedPair(
                         truth=truth, rival=rival, channel=channel, sample_rate=prospect.sample_rate,
                         of_truth=seen.record(seen.records([truth])[0, row], channel), of_rival=seen.record(lines, channel),
                         allowed=float(seen.allowed[row]), distance=float(apart[row]),
@@ -292,9 +292,8 @@ class Comparison:
             for row, sensor in enumerate(reference.sensors):
                 if sensor.channel in found:
                     size = float(apart[row])
-                    found[sensor.channel].append(
-                        PairDistance(truth=flat[i], rival=fitted[k], distance=size, probability=float(parted(size)))
-                    )
+                    chance = float(distinguishing_probability(size))
+                    found[sensor.channel].append(PairDistance(truth=flat[i], rival=fitted[k], distance=size, probability=chance))
         return found
 
     def _first_of_each(self) -> list[tuple[int, list[Variant]]]:
@@ -304,15 +303,15 @@ class Comparison:
 
     def distances(self, pairs: Sequence[Pairs]) -> list[PairDistance]:
         """Distance of every true cause from every rival after some further runs."""
-        return [apart for group in self._apart(pairs) for apart in group]
+        return [apart for group in self._distances_by_truth(pairs) for apart in group]
 
     def probability(self, pairs: Sequence[Pairs]) -> float:
         """Probability that one cause is identified after some further runs; for hypothetical causes the revealed share."""
-        chances = [min((apart.probability for apart in group), default=1.0) for group in self._apart(pairs)]
+        chances = [min((apart.probability for apart in group), default=1.0) for group in self._distances_by_truth(pairs)]
         whole = self._settled + sum(self._weights)
         return (self._settled + float(np.dot(chances, self._weights))) / whole if whole else 1.0
 
-    def _apart(self, pairs: Sequence[Pairs]) -> list[list[PairDistance]]:
+    def _distances_by_truth(self, pairs: Sequence[Pairs]) -> list[list[PairDistance]]:
         counted = [self._question.supposed] * len(self._hand) + [True] * len(pairs)
         groups = []
         for first, models in self._first_of_each():
@@ -322,7 +321,7 @@ class Comparison:
                     continue
                 runs = [[run[i, k] for run in (*self._hand, *pairs)] for i in range(first, first + len(models))]
                 sizes = np.array([distance(rival.free, seen, counted) for seen in runs])
-                chance = float(parted(sizes).mean())
+                chance = float(distinguishing_probability(sizes).mean())
                 group.append(PairDistance(truth=models[0], rival=rival, distance=float(np.median(sizes)), probability=chance))
             groups.append(group)
         return groups
@@ -330,7 +329,7 @@ class Comparison:
 
 def choose(
     comparison: Comparison,
-    seen: PredictedPair,
+    seen: ComparedRuns,
     limits: Limits,
     kept: Callable[[Prospect], LargestMotions],
     *,
@@ -379,7 +378,7 @@ def choose(
         choices.append(
             Choice(
                 prospect=prospect, probability=then, gained=then - now, apart=tuple(comparison.distances([pairs])), peaks=peaks,
-                foreseen=comparison.foreseen(prospect, pairs),
+                predicted_pairs=comparison.predicted_pairs(prospect, pairs),
             )
         )  # fmt: skip
         taken.append(pairs)
@@ -387,7 +386,7 @@ def choose(
     return Chosen(choices=tuple(choices), before=before, best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
 
 
-def _best(comparison: Comparison, seen: PredictedPair) -> tuple[PairDistance, ...]:
+def _best(comparison: Comparison, seen: ComparedRuns) -> tuple[PairDistance, ...]:
     found: dict[tuple[object, object], PairDistance] = {}
     for _, pairs in seen.pairs:
         for apart in comparison.distances([pairs]):

@@ -74,7 +74,7 @@ def named_figures(model: RigModel) -> dict[str, Figure]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Precise:
+class PreciseRun:
     """A run for a parameter.
 
     Parameters
@@ -111,7 +111,7 @@ class Design:
     value: float
     std: float
     linear: bool
-    runs: tuple[Precise, ...]
+    runs: tuple[PreciseRun, ...]
     compared: int
 
 
@@ -244,7 +244,7 @@ def design(
             progress(f"comparing candidate {k + 1} of {len(prospects)}")
             candidates.append((prospect, known.information(prospect)))
     now = known.now
-    runs: list[Precise] = []
+    runs: list[PreciseRun] = []
     left = list(candidates)
     while known.std(now) > wish and len(runs) < most and budget >= SHORTEST and left:
         ranked = [_ranked(known, now, prospect, own, wish, configuration, limits, budget) for prospect, own in left]
@@ -257,7 +257,7 @@ def design(
         now = now + own
         if known.std(now) > NO_BETTER * before:
             break
-        runs.append(Precise(prospect=prospect, std=known.std(now), peaks=peaks))
+        runs.append(PreciseRun(prospect=prospect, std=known.std(now), peaks=peaks))
         configuration, budget = prospect.run.configuration, budget - prospect.run.seconds
     return Design(value=known.value, std=known.std(known.now), linear=known.linear, runs=tuple(runs), compared=len(candidates))
 

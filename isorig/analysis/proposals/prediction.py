@@ -277,7 +277,7 @@ def beforehand(free: Sequence[Free]) -> FloatArray:
     return np.array([(1.0 if f.log else 100.0 * f.step) * TRUSTED for f in free], dtype=np.float64) ** -2
 
 
-def drawn(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
+def drawn_models(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
     """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is at most `TRUSTED`."""
     generator = np.random.default_rng(seed)
     slope = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])

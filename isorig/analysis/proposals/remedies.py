@@ -13,7 +13,7 @@ from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, Sensor
-from isorig.analysis.proposals.choice import Comparison, PairDistance, PredictedPair
+from isorig.analysis.proposals.choice import ComparedRuns, Comparison, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import HIGHER, RAISED, RESOLVES, TRIED, WILL
 from isorig.analysis.proposals.prediction import Key, Prospect
@@ -76,7 +76,7 @@ def further(
     return None
 
 
-def another_sensor(comparison: Comparison, seen: PredictedPair, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
+def another_sensor(comparison: Comparison, seen: ComparedRuns, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
     """The sensor that would distinguish a pair of causes in an allowed run; None if there is none."""
     ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
     found: list[Remedy] = []

@@ -49,7 +49,7 @@ class Sums:
 
 
 @dataclass(frozen=True)
-class Left:
+class RemainingSegments:
     """Densities over the remaining segments: their number, auto (channels, bins), cross spectra by reference."""
 
     segments: int
@@ -67,7 +67,7 @@ class Groups:
     def __len__(self) -> int:
         return len(self.parts)
 
-    def without(self, lines: IntArray) -> Iterator[Left]:
+    def without(self, lines: IntArray) -> Iterator[RemainingSegments]:
         """The densities in some of the frequency bins, without each group in turn."""
         scale = self.scale[lines]
         auto = sum(part.auto[:, lines].astype(np.float64) for part in self.parts)
@@ -76,7 +76,7 @@ class Groups:
         whole = sum(part.segments for part in self.parts)
         for part in self.parts:
             segments = whole - part.segments
-            yield Left(
+            yield RemainingSegments(
                 segments,
                 np.asarray((auto - part.auto[:, lines]) * scale / segments),
                 {name: np.asarray((cross[name] - part.cross[name][:, lines]) * scale / segments) for name in names},

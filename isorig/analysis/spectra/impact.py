@@ -105,7 +105,7 @@ def hammer_test(
     decay = _decay(records, rate)
     whole = _spectra(records, names, runs[0], rate, decay)
     band = _band(whole, reference)
-    return HammerTest(spectra=whole, hits=tuple(hits), band=band, text=_told(hits, length / rate, wanted / rate, decay))
+    return HammerTest(spectra=whole, hits=tuple(hits), band=band, text=_sentences(hits, length / rate, wanted / rate, decay))
 
 
 def _record(run: Run, names: Sequence[str], hit: Hit, length: int) -> FloatArray:
@@ -167,7 +167,7 @@ def _band(spectra: Spectra, reference: str) -> tuple[float, float]:
     return spectra.resolution, top
 
 
-def _told(hits: Sequence[Hit], seconds: float, wanted: float, decay: float) -> tuple[str, ...]:
+def _sentences(hits: Sequence[Hit], seconds: float, wanted: float, decay: float) -> tuple[str, ...]:
     kept = sum(not hit.rejected for hit in hits)
     counts = Counter(hit.rejected for hit in hits if hit.rejected)
     left = ", ".join(f"{count} {reason}" for reason, count in counts.items())

@@ -55,7 +55,7 @@ def error_moments(
     grid = frequency[:, None] + x * resolution
     true = model(grid)
     index = np.round(frequency / resolution)
-    hop, segments = 1.0 - overlap, averages * window.tied(overlap)
+    hop, segments = 1.0 - overlap, averages * window.segments_per_average(overlap)
     lags = [(1.0, np.ones(grid.shape, dtype=np.complex128))]
     for apart in range(1, min(int(np.ceil(1.0 / hop)), int(np.ceil(segments)))):
         turned = np.exp(2j * np.pi * apart * hop * (index[:, None] + x))

@@ -42,7 +42,7 @@ COVERED = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class MagnitudeLimits:
     """95 % limits of the magnitude of a transfer function.
 
     Parameters
@@ -75,7 +75,7 @@ class _Peak(NamedTuple):
     bins: int
 
 
-def magnitude_limits(frf: Frf, reference_density: FloatArray) -> Limits:
+def magnitude_limits(frf: Frf, reference_density: FloatArray) -> MagnitudeLimits:
     """95 % limits of the magnitude of a transfer function.
 
     Parameters
@@ -94,10 +94,10 @@ def magnitude_limits(frf: Frf, reference_density: FloatArray) -> Limits:
     none = np.full(size.shape, np.nan)
     if frf.estimator != "H1":
         reason = f"{frf.estimator} adds up noise and leakage of both channels; use H1"
-        return Limits(low=none, high=none, leakage=none, reference_noise=none, reason=reason)
+        return MagnitudeLimits(low=none, high=none, leakage=none, reference_noise=none, reason=reason)
     if frf.averages < FEWEST:
         reason = "a single average, or an unknown number, does not show the scatter; measure longer or use a coarser resolution"
-        return Limits(low=none, high=none, leakage=none, reference_noise=none, reason=reason)
+        return MagnitudeLimits(low=none, high=none, leakage=none, reference_noise=none, reason=reason)
     from scipy.special import stdtrit
 
     degrees = 2.0 * max(frf.averages - 1.0, 0.5)
@@ -106,7 +106,7 @@ def magnitude_limits(frf: Frf, reference_density: FloatArray) -> Limits:
     noise = _reference_noise(frf, reference_density)
     low = np.maximum(size - leakage - reach, 0.0)
     high = (size - leakage + reach) / (1.0 - noise)
-    return Limits(low=low, high=high, leakage=leakage, reference_noise=noise, narrow=narrow, unknown=unknown)
+    return MagnitudeLimits(low=low, high=high, leakage=leakage, reference_noise=noise, narrow=narrow, unknown=unknown)
 
 
 def _leakage(frf: Frf, size: FloatArray) -> tuple[FloatArray, tuple[float, ...], tuple[float, ...]]:

@@ -15,9 +15,9 @@ import numpy as np
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.spectra.poles import Pole, poles_by_order
-from isorig.analysis.spectra.residues import ITERATIONS, Data, Solved, fit, model, solve
+from isorig.analysis.spectra.residues import ITERATIONS, Data, SolvedPoles, fit, model, solve
 from isorig.analysis.spectra.welch import FEWEST, Frf
-from isorig.analysis.spectra.window_effect import Seen, line_deviation, pole_of
+from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
 from isorig.analysis.views import Viewed
 
 #: A pole that persists over this many orders, allowing gaps of `GAP`, is tried as a mode.
@@ -179,7 +179,7 @@ def modal_analysis(
     return grid.model(data, solved, poles)
 
 
-def _inside(solved: Solved, band: tuple[float, float]) -> None:
+def _inside(solved: SolvedPoles, band: tuple[float, float]) -> None:
     for f, zeta in solved.pairs:
         if not band[0] <= f <= band[1] or zeta > 0.9:
             raise FitError(
@@ -203,7 +203,9 @@ class _Grid:
             what = f"{missing[0][0]} over {missing[0][1]} is missing" if missing else "one of them is given twice"
             raise DataError(f"the transfer functions are not a full set, {what}; give each response over each reference once")
         self.frfs = [by_pair[o, i] for o in self.responses for i in self.references]
-        if any(not np.array_equal(frf.frequency, first.frequency) or Seen.of(frf) != Seen.of(first) for frf in frfs):
+        if any(
+            not np.array_equal(frf.frequency, first.frequency) or WindowEffect.of(frf) != WindowEffect.of(first) for frf in frfs
+        ):
             raise DataError("the transfer functions have different frequency bins or windows; estimate them in the same way")
         self.frequency = first.frequency
         #: Whether error bars are known.
@@ -216,7 +218,7 @@ class _Grid:
         """The frequency bins of a band."""
         return Data(
             frequency=self.frequency[kept], values=self._values[:, kept], deviations=self._deviations[:, kept],
-            seen=Seen.of(self.frfs[0]), power=self._power,
+            seen=WindowEffect.of(self.frfs[0]), power=self._power,
         )  # fmt: skip
 
     def matrix(self, values: ComplexArray) -> ComplexArray:
@@ -228,7 +230,7 @@ class _Grid:
         variance = (data.deviations.reshape(len(self.responses), len(self.references), -1) ** 2).mean(axis=1)
         return np.asarray(1.0 / np.sqrt(variance))
 
-    def model(self, data: Data, solved: Solved, poles: tuple[Pole, ...]) -> ModalModel:
+    def model(self, data: Data, solved: SolvedPoles, poles: tuple[Pole, ...]) -> ModalModel:
         """The result with shapes and standard deviations."""
         free = data.numbers - solved.residues.size * 2 - solved.background.size * 2 - solved.pairs.size
         scale = solved.chi2 / max(free, 1)
@@ -242,7 +244,7 @@ class _Grid:
             misfit=float(np.sqrt(scale)) if self.known else float("nan"), poles=poles, warnings=_warnings(modes),
         )  # fmt: skip
 
-    def _mode(self, data: Data, solved: Solved, m: int, relative: FloatArray) -> ShapedMode:
+    def _mode(self, data: Data, solved: SolvedPoles, m: int, relative: FloatArray) -> ShapedMode:
         f, zeta = (float(x) for x in solved.pairs[m])
         pole = pole_of(f, zeta)
         # The residue of a normal mode's receptance is phi phi / (2 i omega_d m).
@@ -278,7 +280,7 @@ def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
         fresh = [pole for pole in poles if pole.order == n]
         open_tracks = [track for track in tracks if n - track[-1].order <= GAP + 1]
         pairs = sorted(
-            (_apart(track[-1], pole), i, j) for i, track in enumerate(open_tracks) for j, pole in enumerate(fresh)
+            (_pole_distance(track[-1], pole), i, j) for i, track in enumerate(open_tracks) for j, pole in enumerate(fresh)
         )  # fmt: skip
         used: set[int] = set()
         taken: set[int] = set()
@@ -291,14 +293,14 @@ def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
     return sorted((track for track in tracks if len(track) >= LONG), key=len, reverse=True)
 
 
-def _apart(one: Pole, other: Pole) -> float:
+def _pole_distance(one: Pole, other: Pole) -> float:
     # Distance in the plane of poles, relative to the allowed distance of one mode's poles.
     a, b = (pole_of(pole.frequency, pole.damping) for pole in (one, other))
     reach = max(NEAR * max(-a.real, -b.real), NEAR_FREQUENCY * abs(a))
     return float(abs(a - b) / reach)
 
 
-def _selected(data: Data, pairs: FloatArray, known: bool, count: int | None) -> Solved:
+def _selected(data: Data, pairs: FloatArray, known: bool, count: int | None) -> SolvedPoles:
     # Fit, drop the mode with the smallest effect on the error, fit again, until each remaining mode is justified.
     if not len(pairs):
         raise FitError("no pole persists over the orders of the stabilization diagram; widen the band or give guesses")
@@ -315,7 +317,7 @@ def _selected(data: Data, pairs: FloatArray, known: bool, count: int | None) -> 
         solved = refined
 
 
-def _pruned(data: Data, solved: Solved, known: bool, count: int | None) -> Solved:
+def _pruned(data: Data, solved: SolvedPoles, known: bool, count: int | None) -> SolvedPoles:
     while True:
         modes, functions = len(solved.pairs), len(data.values)
         free = max(data.numbers - 2 * modes * (functions + 1) - 4 * functions, 1)
@@ -338,7 +340,7 @@ def _pruned(data: Data, solved: Solved, known: bool, count: int | None) -> Solve
         solved = solve(data, np.delete(solved.pairs, least, axis=0))
 
 
-def _visible(data: Data, solved: Solved) -> FloatArray:
+def _visible(data: Data, solved: SolvedPoles) -> FloatArray:
     # Largest ratio, over the functions, of a mode's own peak to the measured value there, shape (modes,).
     at = np.array([int(np.argmin(np.abs(data.frequency - f))) for f in solved.pairs[:, 0]])
     own = np.abs(solved.residues) * np.array([abs(_peak(data, *pair)) for pair in solved.pairs])

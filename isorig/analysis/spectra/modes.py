@@ -20,7 +20,7 @@ from isorig.analysis.jackknife import deviation
 from isorig.analysis.spectra.hits import BEFORE
 from isorig.analysis.spectra.leakage import error_moments, record_moments, through
 from isorig.analysis.spectra.welch import FEWEST, Frf
-from isorig.analysis.spectra.window_effect import Seen, line_deviation, pole_of
+from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
 
 Kind = Literal["accelerance", "transmissibility", "general"]
 
@@ -124,7 +124,7 @@ def fit_modes(
             "widen it or use a finer resolution"
         )
     sigma = np.asarray(line_deviation(frf)[kept], dtype=np.float64)
-    shape = _Shape(f, kind, residuals, Seen.of(frf) if tapered else Seen(decay=frf.decay))
+    shape = _Shape(f, kind, residuals, WindowEffect.of(frf) if tapered else WindowEffect(decay=frf.decay))
     start = np.log([number for guess in guesses for number in guess])
     side = _parts(value / sigma)
 
@@ -186,7 +186,7 @@ def _parts(values: ComplexArray) -> FloatArray:
 class _Shape:
     """The model's columns: one per mode and one per residual term, each as seen through the window."""
 
-    def __init__(self, f: FloatArray, kind: Kind, residuals: int, seen: Seen, top: float | None = None) -> None:
+    def __init__(self, f: FloatArray, kind: Kind, residuals: int, seen: WindowEffect, top: float | None = None) -> None:
         self.frequency = f
         self._kind, self._seen, self._residuals = kind, seen, residuals
         self._top = float(f.max()) if top is None else top
@@ -196,7 +196,7 @@ class _Shape:
 
     def at(self, f: FloatArray, *, tapered: bool = False) -> _Shape:
         """The same model at other frequencies, without the window unless `tapered`."""
-        seen = self._seen if tapered else Seen(decay=self._seen.decay)
+        seen = self._seen if tapered else WindowEffect(decay=self._seen.decay)
         return _Shape(f, self._kind, self._residuals, seen, self._top)
 
     def columns(self, pairs: FloatArray) -> ComplexArray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
-from isorig.analysis.spectra.window_effect import Seen, pole_of
+from isorig.analysis.spectra.window_effect import WindowEffect, pole_of
 
 #: Iterations, smallest relative step, and factor of the damping of steps.
 ITERATIONS, STEP, FACTOR = 60, 1e-9, 10.0
@@ -40,7 +40,7 @@ class Data:
     frequency: FloatArray
     values: ComplexArray
     deviations: FloatArray
-    seen: Seen
+    seen: WindowEffect
     power: int
 
     @property
@@ -50,7 +50,7 @@ class Data:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solved:
+class SolvedPoles:
     """The best residues for given poles.
 
     Parameters
@@ -97,7 +97,7 @@ def _real(values: ComplexArray, deviation: FloatArray) -> FloatArray:
     return np.concatenate([weighted.real, weighted.imag])
 
 
-def solve(data: Data, pairs: FloatArray) -> Solved:
+def solve(data: Data, pairs: FloatArray) -> SolvedPoles:
     """The best residues and background for given poles, and the derivatives of the error with respect to the poles."""
     columns, slopes = _columns(data, pairs)
     modes = len(pairs)
@@ -124,7 +124,7 @@ def solve(data: Data, pairs: FloatArray) -> Solved:
         for m in range(modes):
             own = slice(2 * m, 2 * m + 2)
             gains[m] += float(amplitudes[own] @ np.linalg.pinv(covariance[own, own]) @ amplitudes[own])
-    return Solved(
+    return SolvedPoles(
         pairs=pairs, residues=residues, background=background, chi2=chi2, normal=normal, gradient=gradient, gains=gains
     )  # fmt: skip
 
@@ -144,7 +144,7 @@ def _systems(data: Data, columns: ComplexArray) -> Iterator[tuple[FloatArray, Fl
         yield _real(columns, deviation), _real(values, deviation), deviation
 
 
-def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> Solved:
+def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> SolvedPoles:
     """Poles and residues with the smallest error, from starting values, within a number of steps."""
     now, damping = solve(data, pairs), 1e-3
     for _ in range(steps):
@@ -168,7 +168,7 @@ def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> Solved:
     return now
 
 
-def model(data: Data, solved: Solved) -> ComplexArray:
+def model(data: Data, solved: SolvedPoles) -> ComplexArray:
     """The fitted transfer functions as seen through the window, shape (functions, bins)."""
     columns = np.concatenate([*(mode_columns(data, *pair) for pair in solved.pairs), background_columns(data)], axis=1)
     amplitudes = np.concatenate([solved.residues, solved.background], axis=1)

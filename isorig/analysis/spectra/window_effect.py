@@ -15,7 +15,7 @@ AVERAGES, NEIGHBOURS = 100.0, 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class WindowEffect:
     """The window of an estimated transfer function.
 
     Parameters
@@ -31,7 +31,7 @@ class Seen:
     decay: float = 0.0
 
     @classmethod
-    def of(cls, frf: Frf) -> Seen:
+    def of(cls, frf: Frf) -> WindowEffect:
         """That of an estimate."""
         return cls(window=frf.window, span=1.0 / frf.resolution, decay=frf.decay)
 

@@ -68,7 +68,7 @@ class Window:
         )
         return ramps, tuple((m, complex(b)) for m, b in flats if b != 0.0)
 
-    def tied(self, overlap: float) -> float:
+    def segments_per_average(self, overlap: float) -> float:
         """Segments per independent average with this relative overlap: 1 + 2 sum rho_j^2 (Welch 1967)."""
         hop, total, shift = 1.0 - overlap, 1.0, 1.0 - overlap
         while shift < 1.0:

@@ -68,7 +68,7 @@ def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     likely dates that together reach 95 %.
     """
     weight = 1.0 / variance
-    evidence = _left(value, weight)
+    evidence = _evidence_by_date(value, weight)
     probability = np.exp(evidence - evidence.max())
     probability /= probability.sum()
     order = np.argsort(-probability, kind="stable")
@@ -77,7 +77,7 @@ def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     return int(order[0]) + 1, int(inside.min()), int(inside.max())
 
 
-def _left(value: FloatArray, weight: FloatArray) -> FloatArray:
+def _evidence_by_date(value: FloatArray, weight: FloatArray) -> FloatArray:
     # Log evidence of a step before each of the indices 1 to n - 1, from running sums.
     ahead, behind = (_parts(v, w) for v, w in ((value, weight), (value[::-1], weight[::-1])))
     return np.asarray((ahead[0][:-1] + behind[0][::-1][1:]) - 0.5 * (np.log(ahead[1][:-1]) + np.log(behind[1][::-1][1:])))

@@ -65,7 +65,7 @@ class CauseOfChange:
     alike: bool = False
 
 
-class Remembering(Problem):
+class ProblemWithPriors(Problem):
     """The residuals of a campaign, with the earlier fit as further residuals: distances in standard deviations.
 
     Parameters
@@ -85,10 +85,10 @@ class Remembering(Problem):
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
         """Weighted residuals of several models, shape (models, size)."""
-        return np.hstack([super().residuals(models), np.array([[self._away(m, *k) for k in self._known] for m in models])])
+        return np.hstack([super().residuals(models), np.array([[self._distance(m, *k) for k in self._known] for m in models])])
 
     @staticmethod
-    def _away(model: RigModel, free: Free, before: float, deviation: float) -> float:
+    def _distance(model: RigModel, free: Free, before: float, deviation: float) -> float:
         try:
             return (free.encode(model.get(free.path)) - before) / deviation
         except AnalysisError:  # a cause may replace a part of the rig
@@ -131,13 +131,13 @@ def explanations(
     short = shortened(trials, SECONDS)
     free = base_parameters(earlier)
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
-    whole = Remembering(short, known)
+    whole = ProblemWithPriors(short, known)
     progress("fitting the scatter")
     still = fit(earlier, free, whole, iterations=STEPS)
     found = []
     for one in known:
         progress(f"trying {one[0].path}")
-        freed = Remembering(short, [k for k in known if k is not one])
+        freed = ProblemWithPriors(short, [k for k in known if k is not one])
         found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
     evidence = observe(campaign, still.model, trials, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
@@ -152,7 +152,7 @@ def explanations(
     return _judged(found, still.cost * whole.size, whole.measured, suspected)
 
 
-def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], problem: Remembering) -> Fit | None:
+def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], problem: ProblemWithPriors) -> Fit | None:
     # The scattering parameters may be biased by the missing effect: then the fit starts from the earlier values as well.
     own = {f.path for f in item.candidate.free}
     done = None

@@ -104,7 +104,7 @@ def acquire(
                 shown as (desk, by_page),
                 nullcontext(by_page)
                 if not equations
-                else equations_watched(output, by_page, partial(_tell, terminal, desk), until_known=until_known) as operator,
+                else equations_watched(output, by_page, partial(_show, terminal, desk), until_known=until_known) as operator,
             ):
                 path, taken = run_session(
                     planned, wire, output, operator, resume=resume, again=set(again), force=force, sync=sync
@@ -133,7 +133,7 @@ def acquire(
         discard_output()
 
 
-def _tell(terminal: Terminal, desk: Desk | None, told: EquationsReport) -> None:
+def _show(terminal: Terminal, desk: Desk | None, told: EquationsReport) -> None:
     """Show what the equations of motion tell, on the page and in the terminal."""
     if desk is not None:
         desk.equations(told)

@@ -132,7 +132,9 @@ def _moves(
         "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
         "present_frequency_hz": found.present,
         "studies": {
-            name: {"lowest_hz": _told(s.lowest), "std_hz": s.std, "recommended_hz": _told(s.recommended), "draws": len(s.draws)}
+            name: {
+                "lowest_hz": _finite(s.lowest), "std_hz": s.std, "recommended_hz": _finite(s.recommended), "draws": len(s.draws),
+            }
             for name, s in found.studies.items()
         },
         "median_ratio_5_to_15_hz": {
@@ -142,7 +144,7 @@ def _moves(
         "bond": {
             "distance_m": plan.bond.distance, "seconds": plan.bond.seconds, "tolerance_m": plan.bond.tolerance,
             "cases": {
-                name: {"largest_m": r.largest, "settling_s": _told(r.settling), "stroke_m": found.stroke(name)}
+                name: {"largest_m": r.largest, "settling_s": _finite(r.settling), "stroke_m": found.stroke(name)}
                 for name, r in found.bonds.items()
             },
         },
@@ -178,7 +180,7 @@ def _plain(name: str) -> str:
     return name.replace(",", "").replace(" ", "_")
 
 
-def _told(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return value if abs(value) < float("inf") else None
 
 

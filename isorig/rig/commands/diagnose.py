@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from isorig.rig.diagnose.many import Outcome
+    from isorig.rig.diagnose.many import CampaignOutcome
 
 
 #: Default time limit for the search for causes in one recording, seconds.
@@ -65,15 +65,15 @@ def diagnose(
                 files[0], output, baseline, lambda text: status.update(f"{files[0].name}: {text}"),
                 tolerance=tolerance, limit=limit,
             )  # fmt: skip
-        _say_all(outcome, output)
+        _print_answer(outcome, output)
         return
-    outcomes: list[Outcome] = []
+    outcomes: list[CampaignOutcome] = []
     with console.status(f"0 of {len(files)} recordings diagnosed") as status:
         jobs = [(f, output / f.stem) for f in files]
         for outcome in diagnose_files(jobs, baseline, scheduler=scheduler, again=again, tolerance=tolerance, limit=limit):
             outcomes.append(outcome)
             status.update(f"{len(outcomes)} of {len(files)} recordings diagnosed")
-            _say(outcome, output / outcome.campaign)
+            _print_outcome(outcome, output / outcome.campaign)
             write_text(output / "summary.csv", summary(outcomes))
     print(output / "summary.csv")
     refused = [o for o in outcomes if o.refusal]
@@ -81,7 +81,7 @@ def diagnose(
         raise RecordingError(f"{len(refused)} of {len(files)} recordings could not be used; first: {refused[0].refusal}")
 
 
-def _say(outcome: Outcome, folder: Path) -> None:
+def _print_outcome(outcome: CampaignOutcome, folder: Path) -> None:
     if outcome.refusal:
         print(f"{outcome.campaign}: refused; {outcome.refusal}")
         return
@@ -91,13 +91,13 @@ def _say(outcome: Outcome, folder: Path) -> None:
     print(f"  {folder / 'report.html'}")
 
 
-def _say_all(outcome: Outcome, folder: Path) -> None:
+def _print_answer(outcome: CampaignOutcome, folder: Path) -> None:
     from isorig.rig.files.findings import read_findings
     from isorig.rig.report.conclusion import conclude
 
     found = read_findings(folder)
     said = conclude(found, str(folder))
-    _say(outcome, folder)
+    _print_outcome(outcome, folder)
     for sentence in (said.ruled_out, *found.remarks, said.next):
         if sentence:
             print(sentence)

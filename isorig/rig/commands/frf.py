@@ -116,7 +116,7 @@ def frf(
         shown = [(f"{stem}: {item.label}" if several else item.label, item) for stem, each in found.items() for item in each[0]]
         _pictures(shown, output, view, band)
         for stem, each in found.items():
-            _tell(*each, output / stem if several else output, f"{stem}.h5" if several else name)
+            _write_tables(*each, output / stem if several else output, f"{stem}.h5" if several else name)
         remarks = [
             f"{stem}: {text}" if several else text for stem, each in found.items() for text in (*each[1], *each[2])
         ]  # fmt: skip
@@ -177,7 +177,7 @@ def _pictures(
             save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
 
 
-def _tell(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:
+def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:
     import numpy as np
 
     from isorig.rig.files.output import write_csv, write_json

@@ -38,7 +38,7 @@ def view(
     from isorig.rig.errors import PlanError, RecordingError
     from isorig.rig.files.recording import open_recording
     from isorig.rig.view.run_list import planned_as, planned_by
-    from isorig.rig.view.screen import Screen
+    from isorig.rig.view.screen import ScreenServer
     from isorig.rig.view.sources import replayed, watched
     from isorig.rig.view.state import Subject
 
@@ -58,7 +58,7 @@ def view(
     subject = Subject(title=campaign.name, mode="replay" if replay else "watch", planned=planned, notes=notes)
     end = math.inf if seconds is None else time.monotonic() + seconds
     try:
-        drawn = Screen(subject, readings).run(lambda: time.monotonic() > end, lambda address: print(address, flush=True))
+        drawn = ScreenServer(subject, readings).run(lambda: time.monotonic() > end, lambda address: print(address, flush=True))
     except KeyboardInterrupt:
         return
     print(f"{drawn.frames} frames with {drawn.values} values were drawn", file=sys.stderr)

@@ -28,7 +28,7 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+class CampaignOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the summary.
 
     `cut_short` states that the time limit ended the search for causes; `refusal` is the reason why a recording could not be used,
@@ -57,7 +57,7 @@ def diagnose_file(
     tolerance: float = 0.0,
     limit: float | None = None,
     page: bool = True,
-) -> Outcome:
+) -> CampaignOutcome:
     """Diagnose one recording into a folder.
 
     Parameters
@@ -112,7 +112,7 @@ def diagnose_files(
     again: bool = False,
     tolerance: float = 0.0,
     limit: float | None = None,
-) -> Iterator[Outcome]:
+) -> Iterator[CampaignOutcome]:
     """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
 
     Parameters
@@ -141,7 +141,7 @@ def diagnose_files(
         else:
             left.append((str(file.resolve()), str(folder.resolve()), baseline, tolerance, limit))
     for job, outcome in shared_out(_answer, left, scheduler):
-        yield outcome if isinstance(outcome, Outcome) else _refused(Path(job[0]), str(outcome))
+        yield outcome if isinstance(outcome, CampaignOutcome) else _refused(Path(job[0]), str(outcome))
 
 
 def time_limit(seconds: float | None) -> float | None:
@@ -157,7 +157,7 @@ def time_limit(seconds: float | None) -> float | None:
     return None if seconds is not None and math.isinf(seconds) else seconds
 
 
-def _answer(job: tuple[str, str, Baseline, float, float | None]) -> Outcome:
+def _answer(job: tuple[str, str, Baseline, float, float | None]) -> CampaignOutcome:
     file, folder, baseline, tolerance, limit = job
     try:
         return diagnose_file(Path(file), Path(folder), baseline, tolerance=tolerance, limit=limit)
@@ -165,8 +165,8 @@ def _answer(job: tuple[str, str, Baseline, float, float | None]) -> Outcome:
         return _refused(Path(file), str(refusal))
 
 
-def _refused(file: Path, why: str) -> Outcome:
-    return Outcome(campaign=file.stem, verdict="refused", refusal=why)
+def _refused(file: Path, why: str) -> CampaignOutcome:
+    return CampaignOutcome(campaign=file.stem, verdict="refused", refusal=why)
 
 
 def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | None = None) -> Iterator[tuple[J, R | Exception]]:
@@ -257,10 +257,10 @@ def answered(folder: Path, origin: dict[str, str], *, tolerance: float = 0.0, li
     return found.origin == origin and found.tolerance == tolerance and enough
 
 
-def _outcome(found: Findings) -> Outcome:
+def _outcome(found: Findings) -> CampaignOutcome:
     from isorig.rig.report.conclusion import conclude
 
-    return Outcome(
+    return CampaignOutcome(
         campaign=Path(found.origin["recording"]).stem, verdict=found.verdict,
         causes="+".join(step.cause for step in found.steps), locations="+".join(step.location for step in found.steps),
         holdout_baseline=found.holdout.baseline, holdout_extended=found.holdout.extended,
@@ -269,10 +269,10 @@ def _outcome(found: Findings) -> Outcome:
     )  # fmt: skip
 
 
-def summary(outcomes: Sequence[Outcome]) -> str:
+def summary(outcomes: Sequence[CampaignOutcome]) -> str:
     """The summary of many campaigns as CSV, in the order of their names."""
     text = io.StringIO()
-    table = csv.DictWriter(text, Outcome.__struct_fields__, lineterminator="\n")
+    table = csv.DictWriter(text, CampaignOutcome.__struct_fields__, lineterminator="\n")
     table.writeheader()
     for outcome in sorted(outcomes, key=lambda o: o.campaign):
         table.writerow({key: cell(value) for key, value in msgspec.structs.asdict(outcome).items()})

@@ -264,12 +264,12 @@ def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[st
     return name
 
 
-def _told(part: _Part) -> str:
+def _run_text(part: _Part) -> str:
     return re.split(r"[./]", part.group)[-1] or part.table.path.stem
 
 
 def _configuration(part: _Part) -> str:
-    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", _told(part), re.IGNORECASE)
+    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", _run_text(part), re.IGNORECASE)
     return UNLOCKED if locked is None else "locked"
 
 
@@ -277,7 +277,7 @@ def _run(
     part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str
 ) -> list[str]:  # fmt: skip
     table, group = part.table, part.group
-    text = _told(part)
+    text = _run_text(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)

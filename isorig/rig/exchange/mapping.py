@@ -21,11 +21,11 @@ from isorig.rig.files.tomlfile import read_toml
 RESERVED = ("gaps", "timing", "spectra")
 
 
-class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class MappingPart(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Any part of a mapping."""
 
 
-class ChannelMap(Part, frozen=True):
+class ChannelMap(MappingPart, frozen=True):
     """The source of a channel: physical value = column / sensitivity + offset, in `unit`, then converted to SI.
 
     Parameters
@@ -57,7 +57,7 @@ class ChannelMap(Part, frozen=True):
     direction: str = ""
 
 
-class RunMap(Part, frozen=True):
+class RunMap(MappingPart, frozen=True):
     """A run: its file, configuration and gain, and the part of the file.
 
     Parameters
@@ -105,7 +105,7 @@ class RunMap(Part, frozen=True):
     sources: dict[str, str] = {}
 
 
-class Mapping(Part, frozen=True):
+class Mapping(MappingPart, frozen=True):
     """A mapping. `rig` contains known values (SI); `description` is the file with another rig's description."""
 
     channels: dict[str, ChannelMap]

@@ -14,7 +14,7 @@ from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
 
 
-class _Said:
+class _Warnings:
     """Collects the warnings of a package instead of printing them."""
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ def read_tdms(path: Path) -> ForeignTable:
         raise PlanError("reading TDMS needs the package npTDMS; install isorig[tdms]") from None
     columns: dict[str, Column] = {}
     empty: list[str] = []
-    said = _Said()
+    said = _Warnings()
     # The package's loggers print directly.
     console = log.log_manager.console_handler
     console.addFilter(said.keep)

@@ -29,7 +29,7 @@ UNDECIDED = 3
 AGAIN = "diagnose the recording again with this version of the program"
 
 
-class TakenRun(msgspec.Struct, frozen=True, kw_only=True):
+class ExistingRun(msgspec.Struct, frozen=True, kw_only=True):
     """An existing run, as far as its drive can be generated again: `drive_rms` and `drive_peak` are of the recorded channel."""
 
     id: str
@@ -85,7 +85,7 @@ class Rivals(msgspec.Struct, frozen=True, kw_only=True):
     sample_rate: float
     noise: Mapping[str, float]
     known: dict[str, float | str]
-    runs: list[TakenRun]
+    runs: list[ExistingRun]
     explains: FittedModel
     open: list[OpenSet]
     named: list[tuple[str, str]]
@@ -103,7 +103,7 @@ def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin:
         campaign=origin["recording"], verdict=diagnosis.verdict, baseline=origin["baseline"],
         sample_rate=campaign.runs[0].sample_rate, noise=noise_levels(campaign, tuple(each.channel for each in model.drives)),
         known={**campaign.known, **({} if campaign.description is None else {"description": campaign.description})},
-        runs=[_taken(campaign, run, drive) for run in campaign.runs], explains=_model("", "", diagnosis.extended),
+        runs=[_existing_run(campaign, run, drive) for run in campaign.runs], explains=_model("", "", diagnosis.extended),
         open=_open(diagnosis), named=[(step.cause, step.location) for step in diagnosis.steps],
         ruled_out=[(item.cause, item.location) for item in diagnosis.considered if item.standing == "ruled out"],
         worst=max(diagnosis.discrepancies, key=lambda d: d.size).run if diagnosis.discrepancies else "",
@@ -135,9 +135,9 @@ def read_rivals(folder: Path) -> Rivals:
     return found
 
 
-def _taken(campaign: Campaign, run: Run, drive: str) -> TakenRun:
+def _existing_run(campaign: Campaign, run: Run, drive: str) -> ExistingRun:
     values = run.read(drive)
-    return TakenRun(
+    return ExistingRun(
         id=run.id, configuration=run.configuration, excitation=run.excitation, gain=run.gain, seconds=run.duration,
         start_time=campaign.seconds_since_start(run), drive_rms=float(values.std()), drive_peak=float(np.abs(values).max()),
         band=run.band, period=None if run.period is None else run.period / run.sample_rate, repeat_of=run.repeat_of,

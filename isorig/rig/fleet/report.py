@@ -27,8 +27,8 @@ from isorig.rig.fleet.sentences import (
     rigs_in_order,
     state_of,
 )
-from isorig.rig.report.charts import Chart, Mark, Panel, Trace
-from isorig.rig.report.page import Cell, Link, Page, Report, Section, Table, build_report
+from isorig.rig.report.charts import Chart, ChartTrace, Mark, Panel
+from isorig.rig.report.page import Cell, Page, PageLink, Report, Section, Table, build_report
 from isorig.rig.report.sections import number, words
 from isorig.rig.report.sparkline import sparkline
 
@@ -109,7 +109,7 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
         campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
         rows.append(
             (
-                day(campaign.date), Link(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
+                day(campaign.date), PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
                 "; ".join(part for part in (what, named) if part), "not searched for" if found is None else explained(found),
             )
         )  # fmt: skip
@@ -130,7 +130,7 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
         last = rig.campaigns[-1]
         rows.append(
             (
-                Link(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), day(last.date),
+                PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), day(last.date),
                 last.verdict, *(_spark(rig.tracks[name]) if name in rig.tracks else "–" for name in names),
             )
         )  # fmt: skip
@@ -156,7 +156,7 @@ def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
             track = fleet.rigs[rigs[k]].tracks[name]
             rows.append(
                 (
-                    Link(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
+                    PageLink(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
                     f"{track.plain(track.followed.level):.4g} {track.unit}", f"{track.plain(found.middle):.4g} {track.unit}",
                     difference_words(found.away[k]),
                 )
@@ -272,9 +272,9 @@ def _chart(rig: TrackedRig) -> Chart:
     for panel, track in enumerate(tracks):
         value = np.exp(track.series.value) if track.log else track.series.value
         spread = value * track.series.std if track.log else track.series.std
-        traces.append(Trace(name="campaign", x=track.series.time, y=value, spread=spread, panel=panel, style="points"))
+        traces.append(ChartTrace(name="campaign", x=track.series.time, y=value, spread=spread, panel=panel, style="points"))
         x, y = _levels(track)
-        traces.append(Trace(name="level", x=x, y=y, role="extended", panel=panel))
+        traces.append(ChartTrace(name="level", x=x, y=y, role="extended", panel=panel))
         marks += [
             Mark(begin=float(track.series.time[max(c.earliest - 1, 0)]), end=float(track.series.time[c.latest]), panel=panel)
             for c in track.followed.changes

@@ -16,7 +16,7 @@ from isorig.analysis.spectra.gain_levels import by_drive, by_level, level_of
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.impact import HammerTest, hammer_test
 from isorig.analysis.spectra.inputs import Estimator
-from isorig.analysis.spectra.limits import SLIGHT, Limits, magnitude_limits
+from isorig.analysis.spectra.limits import SLIGHT, MagnitudeLimits, magnitude_limits
 from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
 from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
@@ -79,7 +79,7 @@ class Transfer(Frf):
         return size if self.alone else f"{self.configuration}, {size}"
 
     @cached_property
-    def limits(self) -> Limits:
+    def limits(self) -> MagnitudeLimits:
         """The 95 % limits of its magnitude."""
         return magnitude_limits(self.frf, self.reference_density)
 
@@ -369,7 +369,7 @@ def about(item: Transfer) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _about_limits(limits: Limits, k: int) -> dict[str, Any]:
+def _about_limits(limits: MagnitudeLimits, k: int) -> dict[str, Any]:
     # Of one frequency bin; null where there is none.
     low, high, leakage, noise = (
         float(rows[k]) if np.isfinite(rows[k]) else None

@@ -175,7 +175,7 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
     runs = [
         InvestigationRun(
             plan=planned(item.run, name), description=now.described(item.run), why=reasons(item, proposal, now),
-            pictures=[picture_of(pair) for pair in item.choice.foreseen] if item.choice is not None else [],
+            pictures=[picture_of(pair) for pair in item.choice.predicted_pairs] if item.choice is not None else [],
             promised=item.choice.probability if item.choice is not None else None,
         )
         for name, item in zip(names, proposal.runs, strict=True)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from isorig.analysis.proposals.choice import Choice, Foreseen
+from isorig.analysis.proposals.choice import Choice, PredictedPair
 from isorig.analysis.proposals.policy import CANNOT, WILL
 from isorig.analysis.wording import capitalized
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, reasons, summary
-from isorig.rig.report.charts import Chart, Panel, Trace
+from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number
 
@@ -35,8 +35,8 @@ def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) 
     """A section for each proposed run, and one for the limits."""
     sections = []
     for name, item in zip(names, proposal.runs, strict=True):
-        foreseen = () if item.choice is None else item.choice.foreseen
-        charts = [prediction_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(foreseen)]
+        predicted_pairs = () if item.choice is None else item.choice.predicted_pairs
+        charts = [prediction_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(predicted_pairs)]
         tables = [] if item.choice is None else [_distances(item.choice)]
         text = [f"{capitalized(now.described(item.run))}.", *reasons(item, proposal, now)]
         sections.append(Section(title=f"Run {name}", text=text, tables=tables, charts=charts))
@@ -69,7 +69,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True):
     distance: float
 
 
-def picture_of(pair: Foreseen) -> Picture:
+def picture_of(pair: PredictedPair) -> Picture:
     """The displayed part of a prediction."""
     apart = np.abs(pair.of_truth - pair.of_rival)
     width = min(round(SHOWN * pair.sample_rate), len(apart))
@@ -94,10 +94,10 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
         "standard errors over the whole run.",
         panels=[Panel(label=shown.channel), Panel(label="difference", height=0.6)],
         traces=[
-            Trace(name=shown.truth, x=t, y=truth, role="first"),
-            Trace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),
-            Trace(name="difference", x=t, y=truth - rival, role="third", panel=1),
-            Trace(name="allowed", x=t, y=np.zeros(len(t)), spread=np.full(len(t), shown.allowed), role="noise", panel=1),
+            ChartTrace(name=shown.truth, x=t, y=truth, role="first"),
+            ChartTrace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),
+            ChartTrace(name="difference", x=t, y=truth - rival, role="third", panel=1),
+            ChartTrace(name="allowed", x=t, y=np.zeros(len(t)), spread=np.full(len(t), shown.allowed), role="noise", panel=1),
         ],
     )  # fmt: skip
 

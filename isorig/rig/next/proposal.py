@@ -19,7 +19,7 @@ from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, largest, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
 from isorig.analysis.proposals.policy import BROAD, CANNOT, KEPT, MOST_RUNS
-from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn
+from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn_models
 from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.noise import noise_levels
@@ -317,7 +317,7 @@ def _compared(
     with deadline:
         seen = comparison.seen(prospects, now.limits, tell)
     surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
-    models = [model for variant in surviving for model in (drawn(variant, KEPT, 5) if variant.free else (variant.model,))]
+    models = [model for variant in surviving for model in (drawn_models(variant, KEPT, 5) if variant.free else (variant.model,))]
 
     def kept(one: Prospect) -> LargestMotions:
         return simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
@@ -386,7 +386,7 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
         if not peaks.beyond(now.limits):
             ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
             ranked.append((max(ratios, default=0.0), one))
-    models = drawn(now.explains, KEPT, 5)
+    models = drawn_models(now.explains, KEPT, 5)
     for ratio, one in sorted(ranked, key=lambda item: -item[0]):
         peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
         if ratio > 1.0 and not peaks.beyond(now.limits):

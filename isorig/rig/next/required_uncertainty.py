@@ -9,8 +9,8 @@ from math import isfinite
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.proposals.policy import KEPT, MOST_RUNS
-from isorig.analysis.proposals.precision import KnownPrecision, Precise, candidate_peaks, design, figure_of
-from isorig.analysis.proposals.prediction import drawn
+from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, candidate_peaks, design, figure_of
+from isorig.analysis.proposals.prediction import drawn_models
 from isorig.rig.errors import PlanError
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation
 from isorig.rig.next.runs import prospect
@@ -66,7 +66,7 @@ def propose_for(
         raise PlanError(f"--for {wanted.name}: {error}") from None
     runs = [replace(run, seconds=min(2.0 * run.seconds, now.limits.seconds or run.seconds)) for run in now.menu()]
     prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs if run.repeat_of is None]
-    models = drawn(variant, KEPT, 5)
+    models = drawn_models(variant, KEPT, 5)
     found = design(
         known, prospects, now.limits, lambda one: candidate_peaks(models, one), wish=wanted.std, configuration=now.configuration,
         budget=budget, most=MOST_RUNS, deadline=Deadline(work), progress=tell,
@@ -87,7 +87,7 @@ def propose_for(
     )  # fmt: skip
 
 
-def _proposed(item: Precise, wanted: RequiredUncertainty) -> Proposed:
+def _proposed(item: PreciseRun, wanted: RequiredUncertainty) -> Proposed:
     text = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
     return Proposed(run=item.prospect.run, remarks=(text,), peaks=item.peaks)
 

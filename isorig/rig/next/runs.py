@@ -11,7 +11,7 @@ from isorig.analysis.proposals.menu import CandidateRun, Excited
 from isorig.analysis.proposals.prediction import Prospect
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import RunPlan
-from isorig.rig.files.rivals import TakenRun
+from isorig.rig.files.rivals import ExistingRun
 from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 
 #: Seconds between two runs.
@@ -48,14 +48,14 @@ def prospect(run: CandidateRun, sample_rate: float, start_time: float, scale: fl
     return Prospect(run=run, drive=scale * run.gain * values, sample_rate=sample_rate, start_time=start_time)
 
 
-def drive_scale(taken: Sequence[TakenRun]) -> float:
+def drive_scale(taken: Sequence[ExistingRun]) -> float:
     """The recorded drive of the runs so far divided by the planned one: the median over runs with a known drive."""
     ratios = [run.drive_rms / (run.gain * HEAD_PER_GAIN) for run in taken if run.excitation in ("random", "multisine", "sweep")]
     ratios += [run.drive_peak / (run.gain * MOVE_PER_GAIN) for run in taken if run.excitation == "moves"]
     return float(np.median(ratios)) if ratios else 1.0
 
 
-def in_hand(taken: Sequence[TakenRun], plans: Mapping[str, RunPlan], sample_rate: float, scale: float) -> list[Prospect]:
+def in_hand(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sample_rate: float, scale: float) -> list[Prospect]:
     """The runs so far with their drives: exact if their plan is known, otherwise another realization of the same kind.
 
     A run at rest contains no information about the rig, and an unknown drive cannot be generated again: both are left out.

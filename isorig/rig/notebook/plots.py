@@ -18,7 +18,7 @@ from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
 from isorig.rig.frf.figures import Figure, View, frf_view, ratio_figure
 from isorig.rig.frf.transfer import Transfer
-from isorig.rig.report.before_after import Record
+from isorig.rig.report.before_after import HeldOutRecord
 from isorig.rig.report.sections import unit
 from isorig.rig.report.sketch import picture
 
@@ -45,7 +45,7 @@ def records_figure(records: Mapping[str, Mapping[str, tuple[FloatArray, FloatArr
     return figure
 
 
-def second_figure(record: Record) -> Figure:
+def second_figure(record: HeldOutRecord) -> Figure:
     """A channel, measured and simulated, and the residuals below."""
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.wording import sized_unit
-from isorig.rig.report.charts import Chart, Panel, Role, Style, Trace
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, Style
 from isorig.rig.report.sections import unit, words
 
 #: Names and roles of the curves.
@@ -99,11 +99,11 @@ def force_chart(at: PlaceForce, over: Over) -> Chart:
     x_scale, x_name = sized_unit(float(np.abs(x).max(initial=0.0)), x_unit)
     y_scale, y_name = sized_unit(float(np.abs(y).max(initial=0.0)), force_unit)
     some = slice(None, None, max(1, len(x) // DOTS))
-    traces = [Trace(name="measured, samples", x=x[some] / x_scale, y=y[some] / y_scale, role="noise", style="dots")]
+    traces = [ChartTrace(name="measured, samples", x=x[some] / x_scale, y=y[some] / y_scale, role="noise", style="dots")]
     for (name, role), one in [(("measured, mean", "measured"), at.measured), *at.models.items()]:
         at_x, mean = mean_over(*xy(one))
         style: Style = "dash" if name == BASELINE[0] else "solid"
-        traces.append(Trace(name=name, x=at_x / x_scale, y=mean / y_scale, role=role, style=style))
+        traces.append(ChartTrace(name=name, x=at_x / x_scale, y=mean / y_scale, role=role, style=style))
     without = " without the linear spring's" if over == "velocity" and at.spring else ""
     return Chart(
         name=f"force-{at.place}",
@@ -115,9 +115,10 @@ def force_chart(at: PlaceForce, over: Over) -> Chart:
 
 def _force_over_time(at: PlaceForce) -> Chart:
     y_scale, y_name = sized_unit(float(np.abs(at.measured.force).max(initial=0.0)), "N m" if at.rotary else "N")
-    traces = [Trace(name="measured", x=at.time, y=at.measured.force / y_scale)]
+    traces = [ChartTrace(name="measured", x=at.time, y=at.measured.force / y_scale)]
     traces += [
-        Trace(name=name, x=at.time, y=one.force / y_scale, role=role, style="dash") for (name, role), one in at.models.items()
+        ChartTrace(name=name, x=at.time, y=one.force / y_scale, role=role, style="dash")
+        for (name, role), one in at.models.items()
     ]
     return Chart(
         name=f"force-{at.place}", caption=f"Force in the {words(at.place)} over time, run {at.run}, held-out data.",
@@ -137,7 +138,7 @@ def mean_over(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class HeldOutRecord:
     """A channel of a run on held-out data: measured and simulated, each shape (samples,), in `unit`; `noise` is its sensor's."""
 
     run: str
@@ -156,9 +157,9 @@ class Record:
         return self.start + np.arange(len(self.measured)) / self.sample_rate
 
 
-def worst_second(records: Sequence[Record]) -> Record | None:
+def worst_second(records: Sequence[HeldOutRecord]) -> HeldOutRecord | None:
     """The second in which the first model's error relative to its channel's `size` is largest; None without a record."""
-    worst: tuple[float, int, Record] | None = None
+    worst: tuple[float, int, HeldOutRecord] | None = None
     for record in records:
         n = max(round(SECOND * record.sample_rate), 2)
         if len(record.measured) < n or record.size <= 0.0:
@@ -178,18 +179,18 @@ def worst_second(records: Sequence[Record]) -> Record | None:
     return replace(record, measured=record.measured[part], models=models, start=record.start + k / record.sample_rate)
 
 
-def second_chart(records: Sequence[Record]) -> Chart | None:
+def second_chart(records: Sequence[HeldOutRecord]) -> Chart | None:
     """The second in which the first model's error is largest (`worst_second`), with the residuals below."""
     record = worst_second(records)
     if record is None:
         return None
     measured, seconds = record.measured, record.time
-    traces = [Trace(name="measured", x=seconds, y=measured)]
+    traces = [ChartTrace(name="measured", x=seconds, y=measured)]
     for (name, role), values in record.models.items():
-        traces.append(Trace(name=name, x=seconds, y=values, role=role, style="dash"))
-        traces.append(Trace(name=name, x=seconds, y=values - measured, role=role, panel=1))
+        traces.append(ChartTrace(name=name, x=seconds, y=values, role=role, style="dash"))
+        traces.append(ChartTrace(name=name, x=seconds, y=values - measured, role=role, panel=1))
     if record.noise > 0.0:
-        band = Trace(
+        band = ChartTrace(
             name="sensor noise, ±2 σ", x=seconds[[0, -1]], y=np.zeros(2), spread=np.full(2, 2.0 * record.noise), role="noise",
             panel=1, style="dot",
         )  # fmt: skip
@@ -207,7 +208,7 @@ def second_chart(records: Sequence[Record]) -> Chart | None:
 def bars_chart(name: str, caption: str, label: str, names: Sequence[str], sets: Mapping[tuple[str, Role], FloatArray]) -> Chart:
     """Positive values by name as bars on a logarithmic axis, a set for each model and for the noise; NaN leaves a bar out."""
     traces = [
-        Trace(name=title, x=list(names), y=np.asarray(values, dtype=float), role=role, style="bars")
+        ChartTrace(name=title, x=list(names), y=np.asarray(values, dtype=float), role=role, style="bars")
         for (title, role), values in sets.items()
     ]
     return Chart(name=name, caption=caption, panels=[Panel(label="")], traces=traces, x_label=label, x_log=True)

@@ -20,7 +20,7 @@ MOST_POINTS = 1500
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trace:
+class ChartTrace:
     """One line or one set of bars.
 
     Parameters
@@ -109,7 +109,7 @@ class Chart:
     name: str
     caption: str
     panels: Sequence[Panel]
-    traces: Sequence[Trace]
+    traces: Sequence[ChartTrace]
     x_label: str = "frequency, Hz"
     x_log: bool = True
     x_ends: tuple[float, float] | None = None
@@ -155,7 +155,7 @@ def spread_over(frequency: FloatArray, most: int = MOST_POINTS) -> slice | np.nd
     return np.unique(np.clip(np.searchsorted(frequency, wanted), 0, n - 1))
 
 
-def _trace(trace: Trace) -> dict[str, Any]:
+def _trace(trace: ChartTrace) -> dict[str, Any]:
     named = isinstance(trace.x, Sequence)
     return {
         "name": trace.name,

@@ -14,7 +14,7 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.wording import state
 from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
-from isorig.rig.report.charts import Chart, Panel, Role, Trace
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
@@ -193,7 +193,7 @@ def _curve_chart(step: Step, curve: Curve) -> Chart:
         caption=f"{step.location}: {quantity} over {curve.over}, with the standard uncertainty. The runs cover {low:.3g} to "
         f"{high:.3g} {curve.unit}; outside of this the curve is an extrapolation.",
         panels=[Panel(label=f"{quantity}, {curve.value_unit}")],
-        traces=[Trace(name="free shape", x=x, y=value, spread=std, role="extended")],
+        traces=[ChartTrace(name="free shape", x=x, y=value, spread=std, role="extended")],
         x_label=f"{curve.over}, {curve.unit}", x_log=False,
     )  # fmt: skip
 

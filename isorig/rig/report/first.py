@@ -14,7 +14,7 @@ from isorig.rig.report.before_after import second_chart
 from isorig.rig.report.charts import Role
 from isorig.rig.report.frequency import isolation_chart
 from isorig.rig.report.misfit import Simulated
-from isorig.rig.report.page import Answer, First, Section
+from isorig.rig.report.page import AnsweredQuestion, First, Section
 from isorig.rig.report.place import held_out_records
 from isorig.rig.report.sections import channels_table
 from isorig.rig.report.sketch import sketch
@@ -71,17 +71,17 @@ def _runs(campaign: Campaign) -> str:
     return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}at gain {gains}."
 
 
-def _next(found: Characterization, advice: Sequence[str]) -> Answer:
+def _next(found: Characterization, advice: Sequence[str]) -> AnsweredQuestion:
     short = "Nothing is missing" if not advice else "Measure again" if found.adequate else "Search for the cause"
-    return Answer(question="What next?", short=short, text=advice[:1] or [NOTHING])
+    return AnsweredQuestion(question="What next?", short=short, text=advice[:1] or [NOTHING])
 
 
-def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> Answer:
+def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> AnsweredQuestion:
     question = "Does the isolation work?"
     measured = None if compared is None else compared.isolated.get("measured")
     if measured is None:
         reason = "No gain was measured both unlocked and locked above the isolation frequency, so the recording does not show it."
-        return Answer(question=question, short="Not known", text=[reason])
+        return AnsweredQuestion(question=question, short="Not known", text=[reason])
     wish = campaign.known.get(WISH, PROMISED)
     low, high = measured.interval
     verdict = "Yes" if low >= wish else "No" if high < wish else "Perhaps"
@@ -95,7 +95,7 @@ def _job(campaign: Campaign, found: Characterization, compared: Compared | None)
         if WISH in campaign.known
         else f"The recording gives no requirement ({WISH}): {_percent(PROMISED)} is from the thesis's first simulation of a move."
     )
-    return Answer(question=question, short=short, text=[text, stated, *_bonded(campaign, found)])
+    return AnsweredQuestion(question=question, short=short, text=[text, stated, *_bonded(campaign, found)])
 
 
 def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
@@ -111,7 +111,7 @@ def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
     ]
 
 
-def _model(found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy]) -> Answer:
+def _model(found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy]) -> AnsweredQuestion:
     question = "What is wrong with the model?"
     costs = _cost(compared.isolated) if compared is not None else ""
     if found.adequate:
@@ -130,7 +130,7 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
                 f" Its error is largest at the {worst.channel}, {where}, from "
                 f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
             )
-    return Answer(question=question, short=short, text=[text, *([costs] if costs else [])])
+    return AnsweredQuestion(question=question, short=short, text=[text, *([costs] if costs else [])])
 
 
 def _cost(isolated: dict[str, Isolated]) -> str:

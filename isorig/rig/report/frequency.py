@@ -11,7 +11,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.model.prediction import predicted
-from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Style, Trace, spread_over
+from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over
 from isorig.rig.report.page import Report, Section, build_report
 from isorig.rig.report.sections import per
 from isorig.rig.wire_bonder.isolation import Compared, Model, compared_isolation, isolation_sentences
@@ -114,15 +114,15 @@ def frf_chart(
         style = styles.get(label, "solid")
         turned = np.degrees(np.angle(frf.value[kept]))
         traces += [
-            Trace(name=label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
-            Trace(name=label, x=f, y=_unjoined(turned), role=role, panel=1, style=style),
-            Trace(name=label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
+            ChartTrace(name=label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
+            ChartTrace(name=label, x=f, y=_unjoined(turned), role=role, panel=1, style=style),
+            ChartTrace(name=label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
         ]
     for _, item in simulated:
         frf = item.within_band()
         kept = spread_over(frf.frequency)
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        traces.append(Trace(name="simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
+        traces.append(ChartTrace(name="simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
     about = measured[0][1]
     ratio = per(*(name or "unknown unit" for name in about.units))
     return Chart(
@@ -156,7 +156,7 @@ def isolation_chart(found: Compared) -> Chart:
     for name, ratio in found.ratios.items():
         kept = spread_over(ratio.frequency)
         traces.append(
-            Trace(
+            ChartTrace(
                 name=name, x=ratio.frequency[kept], y=ratio.ratio[kept], spread=ratio.std[kept], role=roles[name],
                 style="solid" if name == "measured" else "dash",
             )
@@ -165,7 +165,7 @@ def isolation_chart(found: Compared) -> Chart:
     stuck = np.isin(ratio.gain, [gain for gain, share in found.stuck.items() if share > 0.5])
     if stuck.any():
         ends = ratio.frequency[stuck][[0, -1]]
-        traces.append(Trace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dot"))
+        traces.append(ChartTrace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dot"))
     return Chart(
         name="isolation-ratio",
         caption="Acceleration of the heatblock divided by acceleration of the head, unlocked divided by locked: 1 means no "

@@ -10,7 +10,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.report.charts import Chart, Panel, Role, Trace, spread_over
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
 from isorig.rig.report.sections import label, unit
 
 #: Points of an amplitude spectrum, number of segments, and seconds of a time interval.
@@ -52,14 +52,14 @@ def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated], ab
     for panel, name in enumerate(trial.channels):
         frequency, measured = _amplitude(trial.measured[panel], rate)
         kept = spread_over(frequency, LINES)
-        traces.append(Trace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
+        traces.append(ChartTrace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
         for (title, role), responses in models.items():
             _, error = _amplitude(responses[trial.run.id][name] - trial.measured[panel], rate)
-            traces.append(Trace(name=f"error of the {title}", x=frequency[kept], y=error[kept], role=role, panel=panel))
+            traces.append(ChartTrace(name=f"error of the {title}", x=frequency[kept], y=error[kept], role=role, panel=panel))
         quiet = np.full(2, trial.noise[panel] * np.sqrt(2.0 / rate))
         if quiet[0] > 0.0:
             ends = frequency[[0, -1]]
-            traces.append(Trace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
+            traces.append(ChartTrace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
     return Chart(
         name=f"misfit-{trial.run.id}",
         caption=f"{label(trial.run, alone)}{about}",
@@ -87,10 +87,10 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
         seconds = np.arange(trial.samples)[part] / rate
         traces = []
         for panel, name in enumerate(trial.channels):
-            traces.append(Trace(name="measured", x=seconds, y=trial.measured[panel][part], panel=panel))
+            traces.append(ChartTrace(name="measured", x=seconds, y=trial.measured[panel][part], panel=panel))
             for (title, role), responses in models.items():
                 y = responses[trial.run.id][name][part]
-                traces.append(Trace(name=title, x=seconds, y=y, role=role, panel=panel, style="dash"))
+                traces.append(ChartTrace(name=title, x=seconds, y=y, role=role, panel=panel, style="dash"))
         charts.append(
             Chart(
                 name=f"time-{trial.run.id}",
@@ -115,7 +115,8 @@ def scores_chart(scores: Mapping[tuple[str, Role], Score], trials: Sequence[Tria
         caption="rms(predicted − measured) / rms(measured) of each run and channel on held-out data.",
         panels=[Panel(label="")],
         traces=[
-            Trace(name=title, x=names, y=score.error.ravel(), role=role, style="bars") for (title, role), score in scores.items()
+            ChartTrace(name=title, x=names, y=score.error.ravel(), role=role, style="bars")
+            for (title, role), score in scores.items()
         ],
         x_label="held-out error, share of the signal",
     )

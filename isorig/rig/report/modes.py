@@ -11,8 +11,8 @@ from isorig.analysis.spectra.modal import ModalModel, ModeShape
 from isorig.analysis.spectra.operating import OperatingModes
 from isorig.analysis.spectra.poles import Pole
 from isorig.analysis.wording import sized
-from isorig.rig.report.charts import SERIES, Chart, Panel, Role, Trace
-from isorig.rig.report.page import Report, Section, Shape, Table, build_report
+from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role
+from isorig.rig.report.page import AnimatedShape, Report, Section, Table, build_report
 from isorig.rig.report.sections import per
 
 #: Poles by what the order before them agrees with: their name in the legend, and their role.
@@ -29,7 +29,7 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
         *found.warnings,
     ]
     size = np.sqrt(np.mean(np.abs(found.measured) ** 2, axis=(0, 1)))
-    over = Trace(name="rms of all transfer functions", x=found.frequency, y=size)
+    over = ChartTrace(name="rms of all transfer functions", x=found.frequency, y=size)
     lines = [mode.frequency for mode in found.modes]
     stabilization = [_stabilization(over, f"rms magnitude\n{per(*units)}", found.poles, lines)] if found.poles else []
     charts = [*stabilization, *_curves(found, units)]
@@ -49,7 +49,7 @@ def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequenc
         *found.warnings,
     ]
     traces = [
-        Trace(name=name, x=found.frequency, y=power, role=SERIES[k % len(SERIES)])
+        ChartTrace(name=name, x=found.frequency, y=power, role=SERIES[k % len(SERIES)])
         for k, (name, power) in enumerate(zip(found.responses, found.power, strict=True))
     ]
     densities = Chart(
@@ -57,7 +57,7 @@ def operating_page(found: OperatingModes, name: str, unit: str, remarks: Sequenc
         panels=[Panel(label=f"density\n({unit})²/Hz", log=True)], traces=traces, x_log=False, link="modes", peaks=True,
         x_ends=(float(found.frequency[0]), float(found.frequency[-1])),
     )  # fmt: skip
-    over = Trace(name="mean density", x=found.frequency, y=np.mean(found.power, axis=0))
+    over = ChartTrace(name="mean density", x=found.frequency, y=np.mean(found.power, axis=0))
     lines = [mode.frequency for mode in found.modes]
     sections = [
         _listed(found, text, "variation of the envelope", [f"{mode.variation:.2f}" for mode in found.modes]),
@@ -78,7 +78,7 @@ def _listed(found: ModalModel | OperatingModes, text: Sequence[str], what: str, 
         for k, (mode, value) in enumerate(zip(modes, values, strict=True))
     ]  # fmt: skip
     shapes = [
-        Shape(
+        AnimatedShape(
             amplitudes=dict(zip(found.responses, mode.shape.tolist(), strict=True)),
             caption=f"Mode {k + 1}: {sized(mode.frequency, 'Hz', digits=4)}, damping {sized(mode.damping, '1')}",
         )
@@ -93,16 +93,16 @@ def _counted(modes: int, frequency: FloatArray) -> str:
     return f"{number} from {frequency[0]:.4g} to {frequency[-1]:.4g} Hz"
 
 
-def _stabilization(over: Trace, label: str, found: Sequence[Pole], lines: Sequence[float]) -> Chart:
+def _stabilization(over: ChartTrace, label: str, found: Sequence[Pole], lines: Sequence[float]) -> Chart:
     # Poles by order below a curve over frequency, with the identified modes as lines.
     traces = [over]
     for status, (name, role) in POLES.items():
         poles = [(pole.frequency, pole.order) for pole in found if pole.status == status]
         if poles:
             frequency, order = (np.array(column, dtype=float) for column in zip(*poles, strict=True))
-            traces.append(Trace(name=name, x=frequency, y=order, role=role, style="markers", panel=1))
+            traces.append(ChartTrace(name=name, x=frequency, y=order, role=role, style="markers", panel=1))
     traces += [
-        Trace(
+        ChartTrace(
             name="identified modes", x=np.full(2, line), y=np.array([0.0, max(pole.order for pole in found)]),
             role="extended", panel=1, style="dot",
         )
@@ -123,8 +123,8 @@ def _curves(found: ModalModel, units: Sequence[str]) -> list[Chart]:
         for i, response in enumerate(found.responses):
             role = SERIES[i % len(SERIES)]
             traces += [
-                Trace(name=response, x=found.frequency, y=np.abs(found.measured[i, j]), role=role),
-                Trace(name=f"{response}, fitted", x=found.frequency, y=np.abs(found.fitted[i, j]), role=role, style="dash"),
+                ChartTrace(name=response, x=found.frequency, y=np.abs(found.measured[i, j]), role=role),
+                ChartTrace(name=f"{response}, fitted", x=found.frequency, y=np.abs(found.fitted[i, j]), role=role, style="dash"),
             ]
         charts.append(
             Chart(

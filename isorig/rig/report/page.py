@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 
 
 @dataclass(frozen=True, kw_only=True)
-class Link:
+class PageLink:
     """A cell that links to another page of the same report."""
 
     text: str
@@ -32,7 +32,7 @@ class Sparkline:
     description: str
 
 
-Cell = str | Link | Sparkline
+Cell = str | PageLink | Sparkline
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Table:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shape:
+class AnimatedShape:
     """A mode shape, which the page animates: complex amplitudes by place, the largest near 1, and a caption."""
 
     amplitudes: Mapping[str, complex]
@@ -65,12 +65,12 @@ class Section:
     title: str
     text: Sequence[str] = ()
     tables: Sequence[Table] = ()
-    shapes: Sequence[Shape] = ()
+    shapes: Sequence[AnimatedShape] = ()
     charts: Sequence[Chart] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class AnsweredQuestion:
     """A question answered on the first screen: the answer in a few words, and explaining sentences."""
 
     question: str
@@ -96,7 +96,7 @@ class First:
 
     sketch: str
     measured: Section
-    answers: Sequence[Answer] = ()
+    answers: Sequence[AnsweredQuestion] = ()
     pictures: Sequence[Chart] = ()
 
 
@@ -130,7 +130,7 @@ def build_report(report: Report) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(HERE), autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.tests["link"] = lambda cell: isinstance(cell, Link)
+    environment.tests["link"] = lambda cell: isinstance(cell, PageLink)
     environment.tests["sparkline"] = lambda cell: isinstance(cell, Sparkline)
     return environment.get_template("page.html").render(
         report=report,

@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.fitting.score import held_out
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
-from isorig.rig.report.before_after import Force, Over, PlaceForce, Record
+from isorig.rig.report.before_after import Force, HeldOutRecord, Over, PlaceForce
 from isorig.rig.report.charts import Role
 from isorig.rig.report.misfit import Simulated
 from isorig.rig.report.sections import words
@@ -137,7 +137,7 @@ def _record(trial: Trial, rows: FloatArray) -> Run:
 
 def held_out_records(
     trials: Sequence[Trial], judged: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]
-) -> list[Record]:
+) -> list[HeldOutRecord]:
     """Every channel of every run on held-out data, with the models' simulations by name and role.
 
     Parameters
@@ -161,7 +161,7 @@ def held_out_records(
         part = slice(part.start, part.stop - round(ENDS * trial.sample_rate))
         for row, name in enumerate(trial.channels):
             found.append(
-                Record(
+                HeldOutRecord(
                     run=trial.run.id, channel=name, unit=trial.run.channel(name).unit, sample_rate=trial.sample_rate,
                     start=part.start / trial.sample_rate, measured=trial.measured[row][part],
                     models={key: responses[trial.run.id][name][part] for key, responses in models.items()},

@@ -76,7 +76,7 @@ class _Plan:
     def __init__(self, model: RigModel, marks: Marks) -> None:
         self._model, self._marks = model, marks
         self._all: list[Joint] = [*model.links, *model.contacts]
-        riders = _riders(model)
+        riders = _rotations(model)
         names = [body.name for body in model.bodies if body.name not in riders]
         levels = self._distances(names)
         self._boxes = {name: self._box(name, levels[name], [r for r, host in riders.items() if host == name]) for name in names}
@@ -344,7 +344,7 @@ class _Plan:
         return f'<g transform="{way}" {told}{kind}>{halo if faulty else ""}{drawn}</g>'
 
 
-def _riders(model: RigModel) -> dict[str, str]:
+def _rotations(model: RigModel) -> dict[str, str]:
     # A coordinate that only arms use is a motion of the body that they belong to: {coordinate: body}.
     joints: list[Joint] = [*model.links, *model.contacts]
     own = {end for joint in joints for end in (joint.a, joint.b)} | {*model.imposed}

@@ -6,7 +6,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.estimate_pairs import Doubles
 from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.report.charts import Chart, Panel, Trace
+from isorig.rig.report.charts import Chart, ChartTrace, Panel
 
 
 def surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
@@ -29,7 +29,7 @@ def _chart(name: str, caption: str, label: str, x: FloatArray, measured: FloatAr
     return Chart(
         name=name, caption=caption, panels=[Panel(label="force, N")], x_label=label, x_log=False,
         traces=[
-            Trace(name="baseline", x=x, y=simulated, role="simulated", style="markers"),
-            Trace(name="measured", x=x, y=measured, role="measured", style="markers"),
+            ChartTrace(name="baseline", x=x, y=simulated, role="simulated", style="markers"),
+            ChartTrace(name="measured", x=x, y=measured, role="measured", style="markers"),
         ],
     )  # fmt: skip

@@ -13,8 +13,8 @@ from pathlib import Path
 import msgspec
 
 from isorig.rig.errors import REFUSALS
-from isorig.rig.view.messages import Begin, PageRequest, Standing
-from isorig.rig.view.screen import Screen
+from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState
+from isorig.rig.view.screen import ScreenServer
 from isorig.rig.view.sources import watched
 from isorig.rig.view.state import Subject
 
@@ -33,15 +33,15 @@ def main() -> None:
     with suppress(AttributeError, OSError):
         os.nice(NICE)
     heard = _lines()
-    begin = msgspec.json.decode(next(heard), type=Begin)
+    begin = msgspec.json.decode(next(heard), type=SessionBegin)
     output, over = Path(begin.output), threading.Event()
     subject = Subject(title=output.name, mode="session", planned=begin.planned)
-    screen = Screen(subject, watched(output, over.is_set), _say)
+    screen = ScreenServer(subject, watched(output, over.is_set), _say)
 
     def listen() -> None:
-        standing = Standing()
+        standing = SessionState()
         for line in heard:
-            standing = msgspec.json.decode(line, type=Standing)
+            standing = msgspec.json.decode(line, type=SessionState)
             screen.stand(standing)
         if standing.phase != "over":
             screen.stand(msgspec.structs.replace(standing, phase="over", may=(), text=GONE))

@@ -11,14 +11,14 @@ from isorig.rig.acquire.notes import Note
 from isorig.rig.view.run_list import Planned
 
 #: The requests of an operator.
-RequiredUncertainty = Literal["stop", "again", "next", "note"]
+RequestKind = Literal["stop", "again", "next", "note"]
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Any message."""
 
 
-class Begin(Message, frozen=True):
+class SessionBegin(Message, frozen=True):
     """The subject of a session's screen: the recording, and the runs of the plan."""
 
     output: str
@@ -28,12 +28,12 @@ class Begin(Message, frozen=True):
 class PageRequest(Message, frozen=True, tag="asked", tag_field="say"):
     """A pressed button: the request, the run that the page showed, and the text of a note."""
 
-    do: RequiredUncertainty
+    do: RequestKind
     run: str
     text: str = ""
 
 
-class Drawn(Message, frozen=True, tag="drawn", tag_field="say"):
+class FrameDrawn(Message, frozen=True, tag="drawn", tag_field="say"):
     """The page has drawn a frame: its number, and how many values it contained."""
 
     frame: int
@@ -47,7 +47,7 @@ class Judgement(Message, frozen=True):
     advice: tuple[str, ...]
 
 
-class Standing(Message, frozen=True):
+class SessionState(Message, frozen=True):
     """State of a session.
 
     Parameters
@@ -80,7 +80,7 @@ class Standing(Message, frozen=True):
     phase: Literal["begins", "asks", "checks", "measures", "finishes", "over"] = "begins"
     run: str = ""
     last: str = ""
-    may: tuple[RequiredUncertainty, ...] = ()
+    may: tuple[RequestKind, ...] = ()
     text: str = ""
     judged: dict[str, Judgement] = {}
     stopped: tuple[str, ...] = ()

@@ -1,7 +1,7 @@
 """The screen of a session, in a separate process: the session's process never waits for a page.
 
-The two exchange lines of JSON over the screen's standard input and output. First the session sends the subject (`Begin`) and the
-screen sends the address of its page; then the session sends its state, and the screen sends the requests of pages.
+The two exchange lines of JSON over the screen's standard input and output. First the session sends the subject (`SessionBegin`)
+and the screen sends the address of its page; then the session sends its state, and the screen sends the requests of pages.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import msgspec
 
 from isorig.rig.errors import OutputError
 from isorig.rig.process.interpreter import python
-from isorig.rig.view.messages import Begin, PageRequest, Standing
+from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import Planned
 
@@ -48,8 +48,8 @@ class SessionScreen:
 
     def __init__(self, desk: Desk, planned: tuple[Planned, ...], output: Path) -> None:
         self._desk = desk
-        self._begin = Begin(output=str(output.absolute()), planned=planned)
-        self._newest: Standing | None = desk.standing
+        self._begin = SessionBegin(output=str(output.absolute()), planned=planned)
+        self._newest: SessionState | None = desk.standing
         self._changed = threading.Condition()
         self._ended = False
         self._notes = ThreadPoolExecutor(1, "notes")
@@ -88,7 +88,7 @@ class SessionScreen:
             self._process.kill()
             self._process.wait()
 
-    def _tell(self, standing: Standing) -> None:
+    def _tell(self, standing: SessionState) -> None:
         with self._changed:
             self._newest = standing
             self._changed.notify_all()

@@ -17,7 +17,7 @@ from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.view.messages import Judgement, PageRequest, RequiredUncertainty, Standing
+from isorig.rig.view.messages import Judgement, PageRequest, RequestKind, SessionState
 from isorig.rig.view.run_list import Planned
 
 #: Seconds between two checks for the operator's answer, so that Ctrl-C is handled meanwhile.
@@ -48,21 +48,21 @@ class Desk:
     def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:
         self._planned = {item.id: item for item in planned}
         self._output, self._asks = output, asks
-        self.listeners: list[Callable[[Standing], None]] = []
+        self.listeners: list[Callable[[SessionState], None]] = []
         self._changed = threading.Condition()
         # The runs that this session has measured; in a resumed session, earlier runs are repeated on request only.
         self._past: set[str] = set()
         self._again = ""
-        self._answers: list[RequiredUncertainty] = []
+        self._answers: list[RequestKind] = []
         self._stop = False
         self._set_up = ""
         self._last = ""
         # The started run, until it is reported as measured.
         self._begun = ""
-        self._standing = Standing(notes=tuple(dict.fromkeys([*notes_in(output), *separate_notes(output)])))
+        self._standing = SessionState(notes=tuple(dict.fromkeys([*notes_in(output), *separate_notes(output)])))
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> SessionState:
         """State of the session."""
         return self._standing
 
@@ -83,7 +83,7 @@ class Desk:
     def equations(self, told: EquationsReport) -> None:
         """Show what the equations of motion tell of the current run."""
         with self._changed:
-            self._stand(equations=told)
+            self._change(equations=told)
 
     def decide(self, name: str) -> Decision:
         """Decides on the next run."""
@@ -106,7 +106,7 @@ class Desk:
                 "stopped": tuple(key for key in now.stopped if key != name), "seconds": 0.0, "overloads": 0, "damaged": 0,
                 "equations": None,
             }  # fmt: skip
-            self._stand(phase="checks", run=name, may=("note",), text="", **fresh)
+            self._change(phase="checks", run=name, may=("note",), text="", **fresh)
         return "take"
 
     def stopped(self) -> bool:
@@ -138,7 +138,7 @@ class Desk:
             elif request.do == "again":
                 self._again = now.run if now.phase == "measures" else self._last
                 text = f"{self._again} will be repeated."
-            self._stand(text=text, may=tuple(item for item in now.may if item != request.do))
+            self._change(text=text, may=tuple(item for item in now.may if item != request.do))
             if now.phase in ("asks", "finishes"):
                 self._answers.append(request.do)
                 self._changed.notify_all()
@@ -147,7 +147,7 @@ class Desk:
     def over(self, text: str) -> None:
         """Declare the session over."""
         with self._changed:
-            self._stand(phase="over", may=(), text=text)
+            self._change(phase="over", may=(), text=text)
 
     def _settle(self) -> None:
         with self._changed:
@@ -165,11 +165,11 @@ class Desk:
         otherwise = f", or repeat {self._last}." if self._last else "."
         return f"{begin} {name} (gain {run.gain:g}, {run.seconds:g} s){otherwise}"
 
-    def _wait(self, phase: str, name: str, question: str) -> RequiredUncertainty:
+    def _wait(self, phase: str, name: str, question: str) -> RequestKind:
         with self._changed:
             self._answers.clear()
-            may: tuple[RequiredUncertainty, ...] = ("next", "again", "note") if self._last else ("next", "note")
-            self._stand(phase=phase, run=name, may=may, text=question)
+            may: tuple[RequestKind, ...] = ("next", "again", "note") if self._last else ("next", "note")
+            self._change(phase=phase, run=name, may=may, text=question)
             while not self._answers:
                 self._changed.wait(LISTEN)
             return self._answers[0]
@@ -182,7 +182,7 @@ class Desk:
             if self._standing.phase != "measures":
                 may = ("stop", "again", "note")
             counts = {"seconds": live.seconds, "overloads": live.overloads, "damaged": live.damaged}
-            self._stand(phase="measures", run=live.run, may=may, **counts)
+            self._change(phase="measures", run=live.run, may=may, **counts)
 
     def _taken(self, item: MeasuredRun) -> None:
         with self._changed:
@@ -191,7 +191,7 @@ class Desk:
             self._past.add(item.id)
             judged = {**self._standing.judged, item.id: Judgement(good=item.verdict.good, advice=item.verdict.advice)}
             stopped = (*self._standing.stopped, item.id) if self._stop else self._standing.stopped
-            self._stand(phase="checks", last=item.id, judged=judged, stopped=stopped, may=("note",))
+            self._change(phase="checks", last=item.id, judged=judged, stopped=stopped, may=("note",))
 
     def _note(self, text: str) -> bool:
         with self._changed:
@@ -204,10 +204,10 @@ class Desk:
         except OutputError:
             return False
         with self._changed:
-            self._stand(notes=(*self._standing.notes, note))
+            self._change(notes=(*self._standing.notes, note))
         return True
 
-    def _stand(self, **changed: object) -> None:
+    def _change(self, **changed: object) -> None:
         self._standing = msgspec.structs.replace(self._standing, **changed)
         for listener in self.listeners:
             listener(self._standing)

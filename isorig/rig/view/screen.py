@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from isorig.rig.errors import RigError
-from isorig.rig.view.messages import PageRequest, Standing
+from isorig.rig.view.messages import PageRequest, SessionState
 from isorig.rig.view.server import FRAME, PageTally, Server
 from isorig.rig.view.snapshot import Board, Plot, Snapshot
 from isorig.rig.view.sources import Reading
@@ -21,7 +21,7 @@ LAST = 1.5
 PATIENCE = 10
 
 
-class Screen:
+class ScreenServer:
     """One page about one session or recording.
 
     Parameters
@@ -40,11 +40,11 @@ class Screen:
         self._subject, self._readings = subject, readings
         self._board = Board(subject.planned, judge=subject.mode != "session")
         self._picture = Snapshot()
-        self._standing: Standing | None = Standing() if subject.mode == "session" else None
+        self._standing: SessionState | None = SessionState() if subject.mode == "session" else None
         self._failed: Exception | None = None
         self._server = Server(content=self._content, ask=ask)
 
-    def stand(self, standing: Standing) -> None:
+    def stand(self, standing: SessionState) -> None:
         """Update the session's state."""
         self._standing = standing
 

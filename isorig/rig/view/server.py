@@ -21,7 +21,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from isorig.rig.view.frames import frame
-from isorig.rig.view.messages import Drawn, PageRequest
+from isorig.rig.view.messages import FrameDrawn, PageRequest
 from isorig.rig.view.snapshot import Plot
 
 #: Seconds between two frames.
@@ -199,7 +199,7 @@ class _Socket(_Guarded, WebSocketHandler):
     def on_message(self, message: str | bytes) -> None:
         """The page has drawn a frame, or sends a request; any other message ends the connection."""
         try:
-            said = msgspec.json.decode(message, type=PageRequest | Drawn)
+            said = msgspec.json.decode(message, type=PageRequest | FrameDrawn)
         except (msgspec.DecodeError, UnicodeDecodeError):
             self.close(1008, "not understood")
             return

@@ -159,7 +159,7 @@ class Board:
         if averaged or run.id != self._picture.shown:
             plots, texts = self._averages(plots, track, drive)
         self._picture = Snapshot(
-            runs={name: _seen(item) for name, item in self._tracks.items()}, shown=run.id,
+            runs={name: _shown_run(item) for name, item in self._tracks.items()}, shown=run.id,
             grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run, self._rig)),
             averaged=texts.get("averaged", self._picture.averaged), isolated=texts.get("isolated", self._picture.isolated),
         )  # fmt: skip
@@ -196,7 +196,7 @@ class Board:
         return Judgement(good=verdict.good, advice=verdict.advice)
 
 
-def _seen(track: _Track) -> ShownRun:
+def _shown_run(track: _Track) -> ShownRun:
     return ShownRun(
         planned=track.planned, seconds=track.seconds, lost=track.lost, levels=track.levels.levels(), whole=track.whole,
         judged=track.judged,

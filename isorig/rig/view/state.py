@@ -13,7 +13,7 @@ from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 from isorig.rig.view.levels import ChannelLevel
-from isorig.rig.view.messages import Standing
+from isorig.rig.view.messages import SessionState
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.snapshot import ShownRun, Snapshot
 
@@ -33,7 +33,7 @@ class Subject:
     notes: Sequence[Note] = ()
 
 
-def state_of(subject: Subject, picture: Snapshot, standing: Standing | None) -> dict[str, Any]:
+def state_of(subject: Subject, picture: Snapshot, standing: SessionState | None) -> dict[str, Any]:
     """All that the page shows except its plots, as plain values."""
     age = time.monotonic() - picture.grown if picture.grown else None
     runs = _runs(subject, picture, standing)
@@ -63,7 +63,7 @@ def _equations(told: EquationsReport) -> dict[str, Any]:
     return {"text": told.sentence, "limit": told.limit, "bars": bars}
 
 
-def _phase(subject: Subject, picture: Snapshot, standing: Standing | None, age: float | None) -> str:
+def _phase(subject: Subject, picture: Snapshot, standing: SessionState | None, age: float | None) -> str:
     if standing is not None:
         return standing.phase
     if not picture.runs:
@@ -73,7 +73,7 @@ def _phase(subject: Subject, picture: Snapshot, standing: Standing | None, age: 
     return "measures" if age is not None and age < QUIET else "quiet"
 
 
-def _runs(subject: Subject, picture: Snapshot, standing: Standing | None) -> list[dict[str, Any]]:
+def _runs(subject: Subject, picture: Snapshot, standing: SessionState | None) -> list[dict[str, Any]]:
     planned = {item.id: item for item in subject.planned}
     planned |= {name: run.planned for name, run in picture.runs.items() if name not in planned}
     now = standing.run if standing is not None and standing.phase == "measures" else ""
@@ -107,7 +107,7 @@ def _about(name: str, runs: list[dict[str, Any]], *, known: bool) -> dict[str, A
     return None if number is None else {**runs[number], "number": number + 1, "count": len(runs) if known else None}
 
 
-def _judged(name: str, picture: Snapshot, standing: Standing | None) -> tuple[bool, Sequence[str]] | None:
+def _judged(name: str, picture: Snapshot, standing: SessionState | None) -> tuple[bool, Sequence[str]] | None:
     if standing is not None and name in standing.judged:
         return standing.judged[name].good, standing.judged[name].advice
     run = picture.runs.get(name)
@@ -122,7 +122,7 @@ def _channel(level: ChannelLevel, runs: Mapping[str, ShownRun]) -> dict[str, Any
     }  # fmt: skip
 
 
-def _advice(picture: Snapshot, standing: Standing | None, lasting: bool) -> list[str]:
+def _advice(picture: Snapshot, standing: SessionState | None, lasting: bool) -> list[str]:
     if lasting and picture.advice:
         return list(picture.advice)
     for name in reversed(list(picture.runs)):
@@ -132,7 +132,7 @@ def _advice(picture: Snapshot, standing: Standing | None, lasting: bool) -> list
     return []
 
 
-def _verdict(subject: Subject, picture: Snapshot, standing: Standing | None) -> str:
+def _verdict(subject: Subject, picture: Snapshot, standing: SessionState | None) -> str:
     # Only the post-run checks: a diagnosis is another command.
     judged = {name: found for name in picture.runs if (found := _judged(name, picture, standing)) is not None}
     if not judged:

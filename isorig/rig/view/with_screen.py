@@ -11,7 +11,7 @@ from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
-from isorig.rig.view.messages import PageRequest, Standing
+from isorig.rig.view.messages import PageRequest, SessionState
 from isorig.rig.view.process import SessionScreen
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import planned_by
@@ -69,7 +69,7 @@ class _Questions:
         self._terminal, self._display = terminal, display
         self._asked = ""
 
-    def stands(self, standing: Standing) -> None:
+    def stands(self, standing: SessionState) -> None:
         asked = standing.text if standing.phase in ("asks", "finishes") and standing.may else ""
         if asked and asked != self._asked:
             self._display.each(lambda: self._terminal.asked(standing.run, asked))

@@ -16,7 +16,7 @@ from isorig.analysis.wording import of_signal
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.report.charts import Chart, Panel, Role, Trace
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, provenance_section, words
@@ -137,18 +137,18 @@ def _set_up_section(item: SetUp) -> Section:
     kept = (frf.frequency >= item.band[0]) & (frf.frequency <= item.band[1])
     f, value = frf.frequency[kept], frf.value[kept]
     traces = [
-        Trace(name="measured", x=f, y=np.abs(value), spread=frf.magnitude_std[kept]),
-        Trace(name="measured", x=f, y=np.degrees(np.angle(value)), panel=1),
-        Trace(name="measured", x=f, y=frf.coherence[kept], panel=2),
+        ChartTrace(name="measured", x=f, y=np.abs(value), spread=frf.magnitude_std[kept]),
+        ChartTrace(name="measured", x=f, y=np.degrees(np.angle(value)), panel=1),
+        ChartTrace(name="measured", x=f, y=frf.coherence[kept], panel=2),
     ]
     if item.fit is not None:
         x, fitted = item.fit.frequency, item.fit.fitted
-        traces.append(Trace(name="fit", x=x, y=np.abs(fitted), role="simulated"))
-        traces.append(Trace(name="fit", x=x, y=np.degrees(np.angle(fitted)), role="simulated", panel=1))
+        traces.append(ChartTrace(name="fit", x=x, y=np.abs(fitted), role="simulated"))
+        traces.append(ChartTrace(name="fit", x=x, y=np.degrees(np.angle(fitted)), role="simulated", panel=1))
     if half.mode is not None:
         points = half.amplitude * np.array([0.5**0.5, 1.0, 0.5**0.5])
         traces.append(
-            Trace(
+            ChartTrace(
                 name="half-power points", x=np.array([half.low, half.peak, half.high]), y=points, role="second", style="markers"
             )
         )
@@ -192,18 +192,18 @@ def _surface_section(surface: ErrorSurface) -> Section:
             name="error-surface-fit", caption="Head to table at the surface's minimum.", x_log=False,
             panels=[Panel(label="|table / head|, m/s² per m/s²", log=True)],
             traces=[
-                Trace(name="measured", x=surface.frequency, y=surface.measured),
-                Trace(name="simulated", x=surface.frequency, y=surface.simulated, role="simulated"),
+                ChartTrace(name="measured", x=surface.frequency, y=surface.measured),
+                ChartTrace(name="simulated", x=surface.frequency, y=surface.simulated, role="simulated"),
             ],
         ),
         Chart(
             name="error-over-mass", caption="The error over the table's mass, at the best damping.", x_label="table mass, kg",
-            panels=[Panel(label="mean relative error")], traces=[Trace(name="error", x=surface.mass, y=surface.error[row])],
+            panels=[Panel(label="mean relative error")], traces=[ChartTrace(name="error", x=surface.mass, y=surface.error[row])],
         ),
         Chart(
             name="error-over-damping", caption="The error over the table's damping, at the best mass.", x_label="damping ratio",
             panels=[Panel(label="mean relative error")],
-            traces=[Trace(name="error", x=surface.damping, y=surface.error[:, column])],
+            traces=[ChartTrace(name="error", x=surface.damping, y=surface.error[:, column])],
         ),
     ]  # fmt: skip
     return Section(title="Effective table: error surface", text=[text], charts=charts)

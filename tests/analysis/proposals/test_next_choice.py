@@ -12,13 +12,13 @@ from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.proposals.choice import Comparison, Question, choose, parted
+from isorig.analysis.proposals.choice import Comparison, Question, choose, distinguishing_probability
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import largest, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
 from isorig.analysis.proposals.policy import CANNOT, TRUSTED, USABLE, WILL
 from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of, transfer
-from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn, left, refit
+from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn_models, left, refit
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep
 from isorig.analysis.simulate.natural import natural_modes
@@ -104,15 +104,15 @@ def test_motion_without_bound_is_an_infinite_distance() -> None:
 
 @pytest.mark.parametrize(("size", "chance"), [(0.0, 0.0), (CANNOT, 0.0), (np.sqrt(CANNOT * WILL), 0.5), (WILL, 1.0), (1e9, 1.0)])
 def test_probability_that_a_run_distinguishes(size: float, chance: float) -> None:
-    assert parted(size) == pytest.approx(chance)
+    assert distinguishing_probability(size) == pytest.approx(chance)
 
 
 def test_draws_follow_the_covariance() -> None:
-    models = drawn(variant(one_mass(), std=0.05), 400, 1)
+    models = drawn_models(variant(one_mass(), std=0.05), 400, 1)
     assert models[0] == one_mass()
     spread = np.std(np.log([m.get("links.spring.stiffness") for m in models[1:]]))
     assert spread == pytest.approx(0.05, rel=0.15)
-    wide = np.std(np.log([m.get("links.spring.damping") for m in drawn(variant(one_mass(), std=9.0), 400, 1)[1:]]))
+    wide = np.std(np.log([m.get("links.spring.damping") for m in drawn_models(variant(one_mass(), std=9.0), 400, 1)[1:]]))
     assert wide == pytest.approx(TRUSTED, rel=0.15)
 
 
@@ -206,7 +206,7 @@ def test_the_chosen_run_distinguishes_within_the_limits() -> None:
     assert first.prospect.run.gain == 40.0
     assert first.probability > 0.9
     assert min(apart.distance for apart in first.apart) > WILL
-    assert {(pair.truth.cause, pair.rival.cause) for pair in first.foreseen} <= {
+    assert {(pair.truth.cause, pair.rival.cause) for pair in first.predicted_pairs} <= {
         ("end_stop", "hardening_stiffness"), ("hardening_stiffness", "end_stop")
     }  # fmt: skip
 

@@ -19,7 +19,7 @@ from isorig.analysis.deadline import Deadline
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.analysis.proposals import policy
-from isorig.analysis.proposals.choice import Chosen, Comparison, PairDistance, PredictedPair, Question, choose
+from isorig.analysis.proposals.choice import Chosen, ComparedRuns, Comparison, PairDistance, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, menu, rest
@@ -57,7 +57,7 @@ class Made(Comparison):
     def distances(self, pairs: object) -> list[PairDistance]:
         return []
 
-    def foreseen(self, *_: object, **__: object) -> tuple[()]:
+    def predicted_pairs(self, *_: object, **__: object) -> tuple[()]:
         return ()
 
 
@@ -70,7 +70,7 @@ def chosen(
         one = prospect(1.0, seed=seed, seconds=16.0 if seed == long else 8.0)
         setup = "locked" if seed == locked else "unlocked"
         runs.append((replace(one, run=replace(one.run, configuration=setup)), {"seed": seed}))
-    seen = PredictedPair(pairs=runs, refused={})  # type: ignore[arg-type]
+    seen = ComparedRuns(pairs=runs, refused={})  # type: ignore[arg-type]
     return choose(Made(gains), seen, limits or Limits(), lambda _: NOTHING, configuration="unlocked", budget=budget)
 
 
@@ -124,7 +124,7 @@ def test_pictures_of_the_nearest_pairs() -> None:
     models = tuple(replace(one, free=one.free[:1], covariance=one.covariance[:1, :1]) for one in models)
     comparison = Comparison(Question(truths=models, rivals=models), NOISE, [])
     ((one, pairs),) = comparison.seen([prospect(20.0)], Limits(), quiet).pairs
-    found = comparison.foreseen(one, pairs)
+    found = comparison.predicted_pairs(one, pairs)
     assert len(found) == policy.SHOWN
     assert all(a.distance <= b.distance for a, b in pairwise(found))
     assert all(pair.distance > policy.CANNOT for pair in found)

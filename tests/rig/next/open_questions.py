@@ -11,7 +11,7 @@ from isorig.analysis import laws
 from isorig.analysis.diagnose.causes.at_link import added
 from isorig.analysis.fitting.solve import base_parameters, positive
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.files.rivals import NAME, FittedModel, OpenSet, Rivals, TakenRun, fitted_model
+from isorig.rig.files.rivals import NAME, ExistingRun, FittedModel, OpenSet, Rivals, fitted_model
 from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Stiffening of the hidden spring at 4 mm, and a stop that does about the same to small swings.
@@ -46,7 +46,7 @@ def end_stop() -> FittedModel:
 def rivals(*open_sets: OpenSet, verdict: str = "explained", explains: FittedModel | None = None, **changes: object) -> Rivals:
     """A diagnosis of two runs."""
     runs = [
-        TakenRun(
+        ExistingRun(
             id=f"u{gain:g}", configuration="unlocked", excitation="random", gain=gain, seconds=20.0, start_time=start,
             drive_rms=3.8 * gain / 70.0, drive_peak=4.0 * 3.8 * gain / 70.0, band=(0.5, 20.0),
         )

@@ -17,7 +17,7 @@ from isorig.analysis.proposals.menu import CandidateRun
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.cli import main
-from isorig.rig.diagnose.many import Outcome
+from isorig.rig.diagnose.many import CampaignOutcome
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import investigation as investigation_module
@@ -69,12 +69,12 @@ class Lab:
             recording.write_text(json.dumps(held))
         return Measured(names=held)
 
-    def diagnose(self, recording: Path, folder: Path, *rest: object, **options: object) -> Outcome:
+    def diagnose(self, recording: Path, folder: Path, *rest: object, **options: object) -> CampaignOutcome:
         self._break(f"diagnose {folder.name}")
         self.diagnosed.append(folder.name)
         number = int(folder.name.removeprefix("diagnosis-"))
         written(folder, self.answers[min(number, len(self.answers)) - 1])
-        return Outcome(campaign="lab", cut_short=self.cut_short)
+        return CampaignOutcome(campaign="lab", cut_short=self.cut_short)
 
     def propose(self, now: object, **options: object) -> Proposal:
         self._break(f"propose {len(self.diagnosed)}")

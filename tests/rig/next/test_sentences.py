@@ -81,7 +81,7 @@ def test_a_cause_is_named_once() -> None:
         probability=0.9,
         gained=0.4,
         peaks=LargestMotions(drive=1.0, force=1.0, stroke={}, channels={}, speed={}),
-        foreseen=(),
+        predicted_pairs=(),
     )
     said = " ".join(reasons(Proposed(run=run, choice=choice), Proposal(kind="untested"), at(model, Limits())))
     assert said.count("backlash at wall") == 1

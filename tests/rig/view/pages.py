@@ -13,8 +13,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from isorig.rig.view.frames import read_frame
-from isorig.rig.view.messages import PageRequest, Standing
-from isorig.rig.view.screen import Screen
+from isorig.rig.view.messages import PageRequest, SessionState
+from isorig.rig.view.screen import ScreenServer
 from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject
 
@@ -124,7 +124,7 @@ class Served:
 
     def __init__(self, readings: Iterator[Reading], subject: Subject) -> None:
         self.asked: list[PageRequest] = []
-        self.screen = Screen(subject, readings, self.asked.append)
+        self.screen = ScreenServer(subject, readings, self.asked.append)
         self.over, self._listening = threading.Event(), threading.Event()
         self.address = ""
         self._thread = threading.Thread(target=lambda: self.screen.run(self.over.is_set, self._up), daemon=True)
@@ -148,7 +148,7 @@ class Served:
 
 @contextmanager
 def served(
-    readings: Iterable[Reading] = (), subject: Subject | None = None, standing: Standing | None = None
+    readings: Iterable[Reading] = (), subject: Subject | None = None, standing: SessionState | None = None
 ) -> Iterator[Served]:
     """A screen that is served while the block lasts."""
     screen = Served(iter(readings), subject or Subject(title="lab.h5", mode="session")).begin()

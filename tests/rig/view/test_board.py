@@ -19,7 +19,7 @@ from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import write
 from isorig.rig.view.frames import frame, read_frame
 from isorig.rig.view.levels import Levels
-from isorig.rig.view.messages import Judgement, Standing
+from isorig.rig.view.messages import Judgement, SessionState
 from isorig.rig.view.responses import MEMORY, RESOLUTION, GrowingSpectra
 from isorig.rig.view.run_list import Planned, planned_as
 from isorig.rig.view.snapshot import Board, Snapshot
@@ -156,7 +156,7 @@ def test_overloads_are_latched_by_channel_and_run_and_losses_are_reported() -> N
 
     runs = (run("a", loud), run("b", values, (Gap(first_tick=7, count=30),)))
     picture = seen(Campaign(runs=runs), judge=False)
-    state = state_of(Subject(title="x", mode="watch"), picture, Standing(phase="measures", run="b"))
+    state = state_of(Subject(title="x", mode="watch"), picture, SessionState(phase="measures", run="b"))
     assert {channel["name"]: channel["over"] for channel in state["channels"]} == {"head": [], "motor": ["a"], "table": []}
     assert state["lost"] == 30
     assert any("30 samples were lost" in line for line in state["advice"])
@@ -178,7 +178,7 @@ def test_a_repeated_run_replaces_the_first_on_the_screen(campaign: Campaign) -> 
 
 def test_the_screen_reports_the_session_s_own_verdict(campaign: Campaign) -> None:
     judged = {"u70a": Judgement(good=False, advice=("motor clipped 3 times.",)), "u7": Judgement(good=True, advice=())}
-    standing = Standing(phase="asks", run="l70", last="u7", may=("next", "note"), judged=judged, stopped=("u70a",))
+    standing = SessionState(phase="asks", run="l70", last="u7", may=("next", "note"), judged=judged, stopped=("u70a",))
     subject = Subject(title="lab.h5", mode="session", planned=planned_as(campaign.runs))
     state = state_of(subject, seen(replace(campaign, runs=campaign.runs[:2]), judge=False), standing)
     assert state["verdict"] == "Provisional, 2 of 3 runs checked: repeat u70a."

@@ -21,7 +21,7 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, acquire
 from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.files.recording import read
-from isorig.rig.view.messages import PageRequest, Standing
+from isorig.rig.view.messages import PageRequest, SessionState
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import planned_by
 from isorig.rig.view.with_screen import viewed
@@ -40,7 +40,7 @@ class Session:
     def __init__(self, folder: Path, plan: Plan, port: str, *, asks: bool) -> None:
         self.output, self.watcher = folder / "c.h5", Watcher()
         self.desk = Desk(planned_by(plan), self.output, asks=asks)
-        self.stood: list[Standing] = []
+        self.stood: list[SessionState] = []
         self.desk.listeners.append(self.stood.append)
         self._plan, self._port = plan, port
         self.thread = threading.Thread(target=self._run, daemon=True)
@@ -54,7 +54,7 @@ class Session:
         settle_notes(self.output)
         self.desk.over("ended")
 
-    def waits(self, phase: str, run: str) -> Standing:
+    def waits(self, phase: str, run: str) -> SessionState:
         """Until the session stands so."""
         until(lambda: (self.desk.standing.phase, self.desk.standing.run) == (phase, run))
         return self.desk.standing
@@ -186,7 +186,7 @@ def test_no_wish_starts_what_the_plan_does_not_say(tmp_path_factory: pytest.Temp
         # The session has not begun: it waits for nobody, no run lasts, and a note needs one of these.
         assert not desk.ask(PageRequest(do=do, run=run, text="x"))
     assert not desk.stopped()
-    assert desk.standing == Standing()
+    assert desk.standing == SessionState()
 
 
 def test_a_second_screen_shows_what_the_terminal_shows(tmp_path: Path) -> None:
@@ -293,7 +293,7 @@ def test_a_slow_disk_for_notes_delays_no_page(tmp_path: Path, monkeypatch: pytes
 def test_a_suspended_terminal_delays_no_page(tmp_path: Path) -> None:
     plan, output, going = plan_of({"id": "a", "seconds": 2.0}, {"id": "b", "seconds": 2.0}), tmp_path / "c.h5", threading.Event()
     stands = replace(Watcher().operator, watch=lambda live: going.wait())
-    stood: list[Standing] = []
+    stood: list[SessionState] = []
     with (
         ramp_instrument(speed=4.0) as (port, _),
         viewed(plan, output, stands, Terminal(json=False), asks=False) as (desk, operator),

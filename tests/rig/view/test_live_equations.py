@@ -16,7 +16,7 @@ from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.cli import main
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read
-from isorig.rig.view.messages import Standing
+from isorig.rig.view.messages import SessionState
 from isorig.rig.view.snapshot import Snapshot
 from isorig.rig.view.state import Subject, state_of
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
@@ -85,9 +85,9 @@ def test_analyzers_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 def test_the_page_shows_a_bar_for_each_equation() -> None:
     told = EquationsReport(run="a", seconds=8.0, residuals={"motor": 40.0, "table": 0.4}, limit=2.0, known=True, text="a cause")
-    state = state_of(Subject(title="c.h5", mode="session"), Snapshot(), Standing(phase="measures", run="a", equations=told))
+    state = state_of(Subject(title="c.h5", mode="session"), Snapshot(), SessionState(phase="measures", run="a", equations=told))
     assert state["equations"] == {
         "text": "a, from 8 s: a cause, certain", "limit": 2.0,
         "bars": [{"name": "motor", "residual": 40.0}, {"name": "table", "residual": 0.4}],
     }  # fmt: skip
-    assert state_of(Subject(title="c.h5", mode="session"), Snapshot(), Standing())["equations"] is None
+    assert state_of(Subject(title="c.h5", mode="session"), Snapshot(), SessionState())["equations"] is None

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from pages import Socket, request, served, until
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.rig.view.messages import PageRequest, Standing
+from isorig.rig.view.messages import PageRequest, SessionState
 from isorig.rig.view.sources import Reading, beginning_of
 
-NOW = Standing(phase="measures", run="u70", may=("stop", "again", "note"))
+NOW = SessionState(phase="measures", run="u70", may=("stop", "again", "note"))
 
 
 def growing(seconds: float, rate: float = 1024.0) -> Iterator[Reading]:
