@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.fitting.trials import FIT_SHARE, Trial
 
 #: Simulation steps per sample of the finest grid, on which models are judged.
 FINEST = 8
@@ -53,8 +53,8 @@ def ends(trials: Sequence[Trial]) -> Division:
     """Fits use the beginnings of all runs, and are judged by the ends."""
     return Division(
         fits=tuple(trials), judged=tuple(refined(trial) for trial in trials),
-        how="the last 40 % of every run (the last moves of a run that comes to rest, all of a run marked as held out), held out "
-        "from the fits; free-run simulation from the run's first sample",
+        how=f"the last {100.0 * (1.0 - FIT_SHARE):.0f} % of every run (the last moves of a run that comes to rest, all of a run "
+        "marked as held out), held out from the fits; free-run simulation from the run's first sample",
     )  # fmt: skip
 
 

@@ -96,7 +96,7 @@ def acquire(
     reopen_notes(output)
     wire = port or planned.instrument.port
     with ended_by_signals(), Terminal(json=json) as terminal:
-        own = Operator(lock=_silent if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
+        own = Operator(lock=(lambda configuration: None) if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
         equations = (view or until_known) and not planned.instrument.analyzer
         shown = viewed(planned, output, own, terminal, asks=not yes) if view else nullcontext((None, own))
         try:
@@ -138,7 +138,3 @@ def _show(terminal: Terminal, desk: Desk | None, told: EquationsReport) -> None:
     if desk is not None:
         desk.equations(told)
     terminal.equations(told)
-
-
-def _silent(configuration: str) -> None:
-    """Do not ask anyone."""

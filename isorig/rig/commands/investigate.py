@@ -85,7 +85,9 @@ def investigate(
         )
     output.mkdir(parents=True, exist_ok=True)
     with Terminal(json=False) as terminal:
-        operator = Operator(lock=_silent if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken)
+        operator = Operator(
+            lock=(lambda configuration: None) if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken
+        )
         measure = measuring(wire, operator, None if yes else terminal.consent, force=force)
         terms = Terms(
             most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits), work=WORK,
@@ -94,7 +96,3 @@ def investigate(
         investigation = go_on(own, output, begun, terms)
     print(investigation.ended or "Stopped by the operator; the same command continues the investigation.")
     print(f"{investigation.seconds:g} s measured in {len(investigation.runs)} runs", output / PAGE, sep="\n")
-
-
-def _silent(configuration: str) -> None:
-    """Do not ask anyone."""

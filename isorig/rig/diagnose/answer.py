@@ -10,7 +10,9 @@ import msgspec
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.budget import Budget
 from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Step
+from isorig.analysis.fitting.score import RESAMPLED
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.rig.diagnose.coverage import missing
@@ -79,8 +81,8 @@ def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, s
                 threshold=diagnosis.enough,
                 baseline_rig=diagnosis.calibration,
                 how="Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in "
-                "cases of doubt the threshold is 1.2 times the largest such ratio of data simulated with the baseline and its "
-                "noise.",
+                f"cases of doubt the threshold is {POLICY.beyond_calibration:g} times the largest such ratio of data simulated "
+                "with the baseline and its noise.",
             ),
             tolerance=diagnosis.tolerance,
             cut_short=diagnosis.cut_short,
@@ -101,7 +103,7 @@ def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, s
                 extended_interval=improvement.after,
                 removed=improvement.removed if diagnosis.steps else 0.0,
                 removed_interval=improvement.removed_interval,
-                interval="95 % of 400 draws of held-out blocks (bootstrap)",
+                interval=f"95 % of {RESAMPLED} draws of held-out blocks (bootstrap)",
                 how=f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
             ),
         )

@@ -21,7 +21,7 @@ from isorig.rig.errors import RigError
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.view.levels import ChannelLevel, Levels
 from isorig.rig.view.messages import Judgement
-from isorig.rig.view.responses import GrowingSpectra, groups_of, ratio_rows, transfer_rows
+from isorig.rig.view.responses import RESOLUTION, GrowingSpectra, groups_of, ratio_rows, transfer_rows
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Reading, beginning_of
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -75,7 +75,7 @@ class Snapshot:
     shown: str = ""
     grown: float = 0.0
     plots: Mapping[str, Plot] = field(default_factory=dict)
-    averaged: str = "No average yet: the first needs two seconds of a run with a broad-band drive."
+    averaged: str = f"No average yet: the first needs {1.0 / RESOLUTION:g} seconds of a run with a broad-band drive."
     isolated: str = ""
     advice: tuple[str, ...] = ()
 
