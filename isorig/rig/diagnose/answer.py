@@ -16,36 +16,16 @@ from isorig.analysis.fitting.score import RESAMPLED
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.rig.diagnose.coverage import missing
-from isorig.rig.files.findings import (
-    Adequacy,
-    Budgets,
-    CauseAt,
-    ClosestForm,
-    DoubtfulValue,
-    ErrorBudget,
-    Findings,
-    FittedBaseline,
-    FittedExtension,
-    FreeShape,
-    HeldOut,
-    HeldValue,
-    Misfit,
-    NamedCause,
-    OtherCause,
-    Share,
-    TriedCause,
-    Value,
-    Verdict,
-    as_read,
-    write_findings,
-)
+from isorig.rig.files import findings as stored
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import write_rivals
 from isorig.rig.report.diagnosis import diagnosis_page
 
 
-def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str], limit: float | None = None) -> Findings:
+def findings_of(
+    diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str], limit: float | None = None
+) -> stored.Findings:
     """The content of findings.json, as a reader of the file gets it.
 
     The baseline of a rig with its own description is that description, whatever friction it has.
@@ -63,20 +43,20 @@ def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, s
     """
     improvement = diagnosis.improvement
     baseline, extended = (_budget(budget) for budget in diagnosis.budgets)
-    return as_read(
-        Findings(
+    return stored.as_read(
+        stored.Findings(
             origin=dict(origin),
-            doubts=[msgspec.convert(doubt, DoubtfulValue, from_attributes=True) for doubt in diagnosis.doubts],
-            verdict=msgspec.convert(diagnosis.verdict, Verdict),
-            baseline=FittedBaseline(
+            doubts=[msgspec.convert(doubt, stored.DoubtfulValue, from_attributes=True) for doubt in diagnosis.doubts],
+            verdict=msgspec.convert(diagnosis.verdict, stored.Verdict),
+            baseline=stored.FittedBaseline(
                 name="description" if campaign.description is not None else origin["baseline"],
                 parameters=parameters(diagnosis.baseline),
             ),
-            extended=FittedExtension(parameters=parameters(diagnosis.extended)),
-            discrepancies=[msgspec.convert(found, Misfit, from_attributes=True) for found in diagnosis.discrepancies],
+            extended=stored.FittedExtension(parameters=parameters(diagnosis.extended)),
+            discrepancies=[msgspec.convert(found, stored.Misfit, from_attributes=True) for found in diagnosis.discrepancies],
             evidence=[sign.text for sign in diagnosis.signs],
             remarks=missing(campaign, diagnosis.baseline.model),
-            adequacy=Adequacy(
+            adequacy=stored.Adequacy(
                 worst=diagnosis.worst,
                 threshold=diagnosis.enough,
                 baseline_rig=diagnosis.calibration,
@@ -88,14 +68,19 @@ def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, s
             cut_short=diagnosis.cut_short,
             time_limit_s=limit,
             steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
-            candidates=[msgspec.convert(candidate, TriedCause, from_attributes=True) for candidate in diagnosis.considered],
-            budget=Budgets(baseline=baseline, extended=extended),
+            candidates=[
+                msgspec.convert(candidate, stored.TriedCause, from_attributes=True) for candidate in diagnosis.considered
+            ],
+            budget=stored.Budgets(baseline=baseline, extended=extended),
             indistinguishable=[
-                [CauseAt(cause=cause, location=place) for cause, place in ((step.cause, step.location), *step.indistinguishable)]
+                [
+                    stored.CauseAt(cause=cause, location=place)
+                    for cause, place in ((step.cause, step.location), *step.indistinguishable)
+                ]
                 for step in diagnosis.steps
                 if step.indistinguishable
             ],
-            holdout=HeldOut(
+            holdout=stored.HeldOut(
                 baseline=diagnosis.baseline_error,
                 extended=diagnosis.extended_error,
                 noise_floor=diagnosis.floor,
@@ -110,19 +95,21 @@ def findings_of(diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, s
     )
 
 
-def parameters(fitted: Fit) -> dict[str, Value]:
+def parameters(fitted: Fit) -> dict[str, stored.Value]:
     """Fitted values with standard uncertainties and units, by path."""
     std = fitted.std
-    return {path: Value(value=value, std=std[path], unit=unit_of(path, fitted.model)) for path, value in fitted.values.items()}
+    return {
+        path: stored.Value(value=value, std=std[path], unit=unit_of(path, fitted.model)) for path, value in fitted.values.items()
+    }
 
 
-def _share(share: tuple[float, float, float]) -> Share:
+def _share(share: tuple[float, float, float]) -> stored.Share:
     value, low, high = share
-    return Share(value=value, low=low, high=high)
+    return stored.Share(value=value, low=low, high=high)
 
 
-def _budget(budget: Budget) -> ErrorBudget:
-    return ErrorBudget(
+def _budget(budget: Budget) -> stored.ErrorBudget:
+    return stored.ErrorBudget(
         **{nature: _share(share) for nature, share in budget.shares.items()},
         by_channel={name: dict(shares) for name, shares in budget.by_channel.items()},
         by_configuration={name: dict(shares) for name, shares in budget.by_configuration.items()},
@@ -130,31 +117,31 @@ def _budget(budget: Budget) -> ErrorBudget:
     )
 
 
-def held(step: Step, fitted: Fit) -> dict[str, HeldValue]:
+def held(step: Step, fitted: Fit) -> dict[str, stored.HeldValue]:
     """The parameters of a step's law that no fit changes, by name."""
     laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
     fixed = [path for path in physical_parameters(fitted.model) if path.rpartition(".")[0] in laws]
     return {
-        path.rpartition(".")[2]: HeldValue(value=fitted.model.get(path), unit=unit_of(path, fitted.model))
+        path.rpartition(".")[2]: stored.HeldValue(value=fitted.model.get(path), unit=unit_of(path, fitted.model))
         for path in fixed
         if path not in fitted.values
     }
 
 
-def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> NamedCause:
-    return NamedCause(
+def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> stored.NamedCause:
+    return stored.NamedCause(
         cause=step.cause,
         location=step.location,
         kind=step.kind,
         form=step.form,
-        closest_form=ClosestForm(cause=step.closest[0], share=step.closest[1]) if step.closest else None,
+        closest_form=stored.ClosestForm(cause=step.closest[0], share=step.closest[1]) if step.closest else None,
         level="form" if step.form else "kind",
         share=_share(share),
-        curve=msgspec.convert(step.curve, FreeShape, from_attributes=True) if step.curve else msgspec.UNSET,
-        parameters={name: Value(value=value, std=std, unit=unit) for name, (value, std, unit) in step.parameters.items()},
+        curve=msgspec.convert(step.curve, stored.FreeShape, from_attributes=True) if step.curve else msgspec.UNSET,
+        parameters={name: stored.Value(value=value, std=std, unit=unit) for name, (value, std, unit) in step.parameters.items()},
         held=held(step, fitted),
         confidence=step.confidence,
-        rivals=[msgspec.convert(rival, OtherCause, from_attributes=True) for rival in step.rivals],
+        rivals=[msgspec.convert(rival, stored.OtherCause, from_attributes=True) for rival in step.rivals],
         evidence=list(step.evidence),
         holdout_error_before=step.before,
         holdout_error_after=step.after,
@@ -169,7 +156,7 @@ def write_answer(
     *,
     limit: float | None = None,
     page: bool = True,
-) -> Findings:
+) -> stored.Findings:
     """Write findings.json, both models, rivals.json and report.html into a folder.
 
     findings.json is written last: where it is, the answer is complete.
@@ -191,5 +178,5 @@ def write_answer(
     write_rivals(folder, diagnosis, campaign, origin)
     if html is not None:
         write_text(folder / "report.html", html)
-    write_findings(folder, findings)
+    stored.write_findings(folder, findings)
     return findings
