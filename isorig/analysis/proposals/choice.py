@@ -103,7 +103,7 @@ class Choice:
         Distances with this run alone, for every true cause and rival.
     peaks
         Peaks of the remaining models in it.
-    foreseen
+    predicted_pairs
         The predictions for causes that the run distinguishes, the closest pairs first.
     """
 
