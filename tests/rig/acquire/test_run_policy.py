@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.simulate.excitation import random
+from isorig.analysis.spectra.welch import estimate
 from isorig.drivers.block import Block
+from isorig.rig.acquire.incoherence import incoherence
 from isorig.rig.acquire.levels import advice
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import plan_of
@@ -67,3 +72,30 @@ def test_few_blocks_show_a_rate_that_is_a_quarter_off(rate: float, wrong: bool) 
     for k in range(3):
         watched.add(Block(first_tick=200 * k, samples=np.zeros((200, 1)), host_time=200 * (k + 1) / rate))
     assert (watched.wrong is not None) is wrong
+
+
+def in_band(seed: int) -> np.ndarray:
+    """A minute of noise from 1 to 200 Hz, rms 1, with the noise of a good sensor."""
+    signal = random(samples=60_000, sample_rate=1000.0, rms=1.0, band=(1.0, 200.0), seed=seed)
+    return signal + np.random.default_rng(seed).normal(0.0, 1e-4, len(signal))
+
+
+def reason(motion: np.ndarray, other: np.ndarray, *, level: float = 1.0, repeat: bool = False) -> str:
+    """Why a motion is incoherent with its drive, by another run: a repeat, or one at another level of the drive."""
+    first, second = run(head=in_band(1), x=motion), run(head=level * in_band(1 if repeat else 2), x=other)
+    first, second = replace(first, band=(1.0, 200.0)), replace(second, id="b", band=(1.0, 200.0))
+    spectra = estimate([first], references=["head"], resolution=0.5)
+    return incoherence(first, spectra, "x", "head", others=[second]).kind
+
+
+@pytest.mark.parametrize(("ratio", "kind"), [(0.25, "nonlinear"), (0.35, "undecided"), (0.65, "undecided"), (0.75, "noise")])
+def test_what_two_runs_with_one_drive_do_not_share_is_noise(ratio: float, kind: str) -> None:
+    disturbance = 2.0 * in_band(3)
+    motion = in_band(1) + disturbance
+    # Half the power of the difference is the share that is not repeated.
+    assert reason(motion, motion + np.sqrt(2.0 * ratio) * 2.0 * in_band(4), repeat=True) == kind
+
+
+@pytest.mark.parametrize(("level", "kind"), [(1.1, "undecided"), (1.3, "nonlinear"), (0.7, "nonlinear")])
+def test_another_level_of_the_drive_differs_by_a_fifth(level: float, kind: str) -> None:
+    assert reason(in_band(1) + 2.0 * in_band(3), 3.0 * level * in_band(2) + 2.0 * in_band(4), level=level) == kind
