@@ -21,7 +21,7 @@ from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stret
 Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
 SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
-#: Number of consecutive equal samples at a record's extreme that indicates a limit.
+#: Number of flat tops at a record's extreme that indicates a limit.
 ROWS = 3
 #: A channel below this share of the strongest of its kind is dead.
 DEAD = 1e-4

@@ -95,12 +95,8 @@ def plot_campaign(campaign: Campaign, *others: Campaign, channels: Sequence[str]
     """The first run, with the same run of other campaigns (a prediction, an earlier recording) overlaid."""
     first = campaign.runs[0]
     same = [next((run for run in other.runs if run.id == first.id), other.runs[0]) for other in others]
-    named = [_renamed(run, f"{run.id} ({k + 2})") for k, run in enumerate(same)]
+    named = [replace(run, id=f"{run.id} ({k + 2})") for k, run in enumerate(same)]
     return plot_run(first, *named, channels=channels, **more)
-
-
-def _renamed(run: Run, name: str) -> Run:
-    return replace(run, id=name)
 
 
 @shows(Response, "plot")
