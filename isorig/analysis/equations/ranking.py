@@ -172,13 +172,16 @@ class Regressions:
     def _bent(self, balance: Balance, element: Element, shape: Shape) -> float:
         # Residual of an equation without friction with a shape. The time domain is better where the slow part of an integrated
         # deflection shifts a curve over it, where rare events count, and for friction, which holds while the element slides:
-        # there the ratio of the residuals counts.
+        # there the ratio of the residuals counts. Rigs that are moved and rest have few segments that tell.
         before = self.on.prepared[balance.name].solved.residual
+        moved = self.on.in_time(balance, element, sliding=True)
+        if moved is not None and moved[0].rests:
+            return before * self.on.in_motion(balance, element, shape)
         left = self.on.shaped(balance, element, shape).residual
         if left <= self.least or before < self.least:
             return left
         if shape.name == "dry friction":
-            return min(left, before * self.on.dry(balance, element))
+            return min(left, before * self.on.in_motion(balance, element, shape))
         found = self.on.in_time(balance, element)
         if found is None or found[0].residual(found[1]) < HINTS:
             return left
@@ -234,8 +237,9 @@ class Regressions:
                 for name, pair in slid.items():
                     after[name], added = self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])
             if narrow:
-                exact, added = self._ringing(spectral, row, (frequency, damping))
-                after |= exact
+                exact, inertia = self._ringing(spectral, row, (frequency, damping))
+                if inertia > 0.0:
+                    after, added = after | exact, inertia
             if after:
                 add("added_motion", body, "resonator", after, 3, frequency=frequency, damping=damping, mass=added)
 
@@ -257,6 +261,8 @@ class Regressions:
         from scipy.optimize import minimize
 
         def left(place: FloatArray) -> float:
+            if place[1] > np.log(NARROW * self.on.rate / self.on.length / (damping * frequency)):
+                return np.inf  # no longer narrow
             after, _ = self._ringing(spectral, row, (frequency * float(np.exp(place[0])), damping * float(np.exp(place[1]))))
             return float(sum(np.log10(max(value, 1.0)) for value in after.values()))
 
@@ -517,13 +523,38 @@ class Regressions:
             after = dict(after)
             for name in slid:
                 sliding, base = self.on.sliding[name]
+                if what == "delay" and channel not in orders and not inside and not sliding.integrated:
+                    after[name], value = self._late(name, channel)
+                    continue
                 signals = [self._faulty(name, what, channel, source, base)]
                 after[name], factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
                 if not inside:
                     # The record is true (1 + error), so the true signal is less by the error.
                     value = 1.0 / (1.0 + factor) if what == "gain" else factor
+            if not inside and not min(values[0], LATE[0] / self.on.rate if what == "delay" else np.inf) < value < values[-1]:
+                continue
             if after:
                 add("sensor", channel, what, after, 1, source or "", value=value)
+
+    def _late(self, name: str, channel: str) -> tuple[float, float]:
+        # Residual of a sliding equation with a drive that acts later or earlier than its record tells, and by how much in s: a
+        # command changes at once, so its derivative does not tell.
+        sliding, base = self.on.sliding[name]
+        balance = self.on.balance_of(name)
+        element, sign = next((e, s) for e, s in balance.crossing if e.contact is not None)
+        weight = float(np.sign(sign) * np.real(self.on.force_row(balance)[channel, -1]))
+        best = (np.inf, 0.0)
+        grid, step = LATE / self.on.rate, float(LATE[1] - LATE[0]) / self.on.rate
+        for _ in range(ROUNDS + 1):
+            for value in grid:
+                shifts = {}
+                for record, signals in zip(self.on.records, self.on.signals, strict=True):
+                    force = weight * signals[channel, -1]
+                    time = np.arange(len(force)) / self.on.rate
+                    shifts[record.index] = self.on.thinned(np.interp(time + value, time, force) - force)
+                best = min(best, (self._loaded(element, sliding, base, shifts, -1.0), float(value)))
+            grid, step = np.linspace(best[1] - step, best[1] + step, FINER), step / 4.0
+        return best
 
     def _errors(
         self, channel: str, errors: Callable[[FloatArray, float, float], list[FloatArray]]

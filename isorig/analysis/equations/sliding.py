@@ -19,8 +19,10 @@ from isorig.analysis.equations.motion import lowpass_gain
 #: Distance of the knots of the slow part, and length of a block, in periods of the rig's lowest mode. Chosen: with five periods a
 #: knot, the spline cannot follow the motion itself.
 KNOT_PERIODS, BLOCK_KNOTS = 5.0, 10
-#: Number of blocks of a run where the deflection has no unknown part.
+#: Number of blocks of the moving part of a run where the deflection has no unknown part.
 BLOCKS = 8
+#: Length of such a block in lengths of the low-pass: near reversals no samples are used.
+LONGER = 4
 #: Samples next to a reversal that are left out: the converter's filter spreads the step of the friction over them. A low-pass
 #: spreads it over this share of its period, also next to samples that stick.
 REVERSAL, SPREAD = 5, 0.6
@@ -29,6 +31,9 @@ TAPS = 2.0
 #: Velocity below which a contact counts as not sliding, as a share of the largest rms velocity of the runs. Chosen: integrated
 #: noise and the sampling filter blur the moment of a reversal.
 SLOW = 0.1
+#: Share of the time with such a velocity above which an element is moved and rests. Chosen: a sine or a random motion is as slow
+#: for less than a tenth of the time.
+RESTS = 0.25
 #: Largest number of samples in use: neighbours repeat each other.
 MOST_SAMPLES = 20_000
 #: Samples for each knot of the slow part: there are fewer blocks where knots are close.
@@ -168,11 +173,13 @@ class Sliding:
         self.reach = REVERSAL if np.isinf(edge) else max(REVERSAL, round(SPREAD * rate / edge))
         self.spread = 0 if np.isinf(edge) else self.reach
         self.taps = _taps(rate, edge)
+        self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
         knots = BLOCK_KNOTS if integrated else 1
         if not integrated:
-            self.knot = max(shortest // BLOCKS, 8)
+            moving = max(int((np.abs(run.velocity) > SLOW * self.speed).sum()) for run in runs)
+            self.knot = min(max(min(shortest, moving) // BLOCKS, LONGER * len(self.taps), 8), shortest // 2)
         elif BLOCK_KNOTS * self.knot > shortest // 2:
             knots = max(shortest // 2 // self.knot, 1)
             self.knot = min(self.knot, shortest // 2)
@@ -196,7 +203,6 @@ class Sliding:
             for block in self.blocks[1::2]:
                 block.held_out = True
         self.swing = max((float(np.abs(run.deflection).max()) for run in self.runs if len(run.deflection)), default=1e-3)
-        self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
         self.stiffness, self.damping = stiffness, 0.0
         self.count = self.select()
 
@@ -207,7 +213,8 @@ class Sliding:
         every = max(1, total // MOST_SAMPLES)
         for block in self.blocks:
             inside = masks[block.run.run][block.first : block.first + self.length]
-            inside[: len(self.taps) // 2] = inside[len(inside) - len(self.taps) // 2 :] = False
+            if self.integrated:  # the slow part is known inside of the block only
+                inside[: len(self.taps) // 2] = inside[len(inside) - len(self.taps) // 2 :] = False
             block.used = np.flatnonzero(inside)[::every]
         # Held-out samples outside the range of the others would be extrapolated.
         seen = [self._deflection(block) for block in self.blocks if not block.held_out and len(block.used) >= self.fewest]
@@ -242,6 +249,12 @@ class Sliding:
     def usable(self) -> bool:
         """Whether enough blocks slide for a fit and a check of it."""
         return any(b.held_out for b in self.active) and any(not b.held_out for b in self.active)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the element is at rest for a good part of the time although its position is measured: it is moved."""
+        still = np.concatenate([np.abs(run.velocity) <= SLOW * self.speed for run in self.runs])
+        return not self.integrated and float(np.mean(still)) > RESTS
 
     @property
     def allowed(self) -> float:
@@ -380,8 +393,9 @@ class Sliding:
 
         Where the force went through a low-pass, both go through it.
         """
-        used = block.used if len(self.taps) == 1 else np.arange(self.length)
-        place = block.first + used
+        beyond = 0 if self.integrated else len(self.taps) // 2
+        used = block.used if len(self.taps) == 1 else np.arange(-beyond, self.length + beyond)
+        place = np.clip(block.first + used, 0, len(block.run.force) - 1)
         d, v = block.run.deflection[place] + block.run.slow[place], block.run.velocity[place] + block.run.slow_velocity[place]
         matrix, motion = columns(d, v, block.run, place), np.zeros((len(used), 0))
         if values is not None:
@@ -389,7 +403,7 @@ class Sliding:
             slope = (columns(d + step, v, block.run, place) - matrix) @ values / step
             motion = self._spread(used, slope[:, None] * self._value[used] + self.damping * self._slope[used])
         if len(self.taps) > 1:
-            both = convolve1d(np.column_stack([matrix, motion]), self.taps, axis=0, mode="nearest")[block.used]
+            both = convolve1d(np.column_stack([matrix, motion]), self.taps, axis=0, mode="nearest")[block.used + beyond]
             matrix, motion = both[:, : matrix.shape[1]], both[:, matrix.shape[1] :]
         return matrix, motion
 

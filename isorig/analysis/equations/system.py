@@ -19,7 +19,7 @@ from isorig.analysis.equations.motion import (
     low_passed,
     usable_stop,
 )
-from isorig.analysis.equations.sliding import ROUNDS, Columns, Sliding, SlidingFit, SlidingRun
+from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
@@ -42,7 +42,7 @@ SURE = 0.5
 FEWEST_PERIODS = 3.0
 #: Share of the signal's edge at which a record of displacements is cut before its second derivative.
 EDGE = 1.0
-#: Seconds at both ends of a run that are left out, in periods of the lowest mode.
+#: Seconds at both ends of a run that are left out where anything is integrated, in periods of the lowest mode.
 ENDS = 2.5
 #: Index of dry friction in the columns of an equation in the time domain: after spring and damper.
 FRICTION_COLUMN = 2
@@ -317,20 +317,21 @@ class Equations:
                     self._in_time[key] = found, self._settled(found, element, sign)
         return self._in_time[key]
 
-    def dry(self, balance: Balance, element: Element) -> float:
-        """The ratio by which dry friction reduces what an equation without any leaves, while the element slides."""
+    def in_motion(self, balance: Balance, element: Element, shape: Shape) -> float:
+        """The ratio by which a shape reduces what an equation without friction leaves, while the element moves."""
         found = self.in_time(balance, element, sliding=True)
         if found is None:
             return 1.0
         sliding, with_friction = found
-        plain, state = self.base_columns(element), sliding.state()
-
-        def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
-            return np.delete(plain(d, v, run, place), FRICTION_COLUMN, axis=1)
-
-        without = sliding.fit(columns, np.delete(with_friction.values, FRICTION_COLUMN), ROUNDS)
+        state, values = sliding.state(), np.delete(with_friction.values, FRICTION_COLUMN)
+        without = sliding.fit(self.base_columns(element, dry=False), values, ROUNDS)
+        if shape.name == "dry friction":
+            fitted = with_friction
+        else:
+            sliding.restore(state)
+            fitted = self._with_shape(element, sliding, without, shape, self.own_frequency(element, balance), dry=False)
         sliding.restore(state)
-        return (sliding.residual(with_friction) - 1.0) / (sliding.residual(without) - 1.0)
+        return (sliding.residual(fitted) - 1.0) / (sliding.residual(without) - 1.0)
 
     def integrated(self, element: Element) -> bool:
         """Whether an element's deflection is an integral, so that its slow part is unknown."""
@@ -348,8 +349,8 @@ class Equations:
             start[0], start[1] = abs(sign) * element.link.stiffness, abs(sign) * element.link.damping
         return sliding.settle(self.base_columns(element), start)
 
-    def base_columns(self, element: Element) -> Columns:
-        """Spring, damper and dry friction of an element, its laws, and the columns that do not depend on its motion."""
+    def base_columns(self, element: Element, *, dry: bool = True) -> Columns:
+        """Spring, damper, and `dry` friction of an element, its laws, and the columns that do not depend on its motion."""
         laws = law_columns(element)
         friction = element.contact.law if element.contact is not None else None
         shaped = friction is not None and not friction.remembers and not isinstance(friction, Coulomb)
@@ -358,7 +359,7 @@ class Equations:
             rubbing: FloatArray = np.sign(v)
             if shaped and friction is not None:
                 rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), NO_LINK)
-            parts = [d, v, rubbing]
+            parts = [d, v, rubbing] if dry else [d, v]
             if laws:
                 parts.append(law_forces(self.model, element, d, v, run.time[place], self.rate / self.every, run, place))
             return np.column_stack([*parts, run.fixed[place]])
@@ -392,7 +393,8 @@ class Equations:
             force, d, v, columns = self.thinned(low_passed(force, self.rate, edge)), *map(self.thinned, (d, v, columns))
             n = len(force)
             usable = np.zeros(n, dtype=bool)
-            margin = min(round(ENDS / self.lowest * self.rate / self.every), n // 10)
+            ends = ENDS / self.lowest if any(self.combos.orders.values()) else TAPS / edge
+            margin = min(round(ends * self.rate / self.every), n // 10)
             usable[margin : n - margin] = True
             runs.append(
                 SlidingRun(
@@ -523,8 +525,10 @@ class Equations:
         """The slow parts of a fit by `slid`."""
         return self._slid[id(sliding), shape.name][1]
 
-    def _with_shape(self, element: Element, sliding: Sliding, base: SlidingFit, shape: Shape, own: float) -> SlidingFit:
-        columns = self.columns_with(element, sliding, shape, own)
+    def _with_shape(
+        self, element: Element, sliding: Sliding, base: SlidingFit, shape: Shape, own: float, *, dry: bool = True
+    ) -> SlidingFit:
+        columns = self.columns_with(element, sliding, shape, own, dry=dry)
         few = sliding.active[0]
         at = few.first + few.used[:2]
         before = len(base.values)
@@ -532,9 +536,9 @@ class Equations:
         values = np.concatenate([base.values, np.zeros(count)])
         return sliding.fit(columns, values, ROUNDS, shape.penalty(count, before, sliding.power, sliding.allowed))
 
-    def columns_with(self, element: Element, sliding: Sliding, shape: Shape, own: float) -> Columns:
-        """The columns of a sliding equation with a shape."""
-        plain = self.base_columns(element)
+    def columns_with(self, element: Element, sliding: Sliding, shape: Shape, own: float, *, dry: bool = True) -> Columns:
+        """The columns of a sliding equation with a shape, and with `dry` friction."""
+        plain = self.base_columns(element, dry=dry)
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
             course = Course(

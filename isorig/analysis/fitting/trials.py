@@ -29,6 +29,8 @@ FIT_SHARE = 0.6
 BLOCKS, STILL_MOVES = 100, 0.5 * (1.0 - FIT_SHARE)
 #: Share of the motion in the fit data of such a run. Chosen: at least half of two equal moves, and not the last of three.
 BETWEEN = (0.4, 0.8)
+#: Motion, as a share of its largest value, up to which a run is calm between two moves, and above which a decaying one lasts.
+CALM, FADED = 0.01, 1e-3
 #: Share of its rms above which a drive acts. A drive that fades in does not act before: a rig held by friction moves like one
 #: with a stiffer spring, which does not represent the rest of the run.
 ACTS = 1.0
@@ -273,7 +275,8 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
 def fit_samples(measured: FloatArray) -> int:
     """Number of leading samples of a run for fits: `FIT_SHARE` of it, or, if its end is at rest, some of its moves.
 
-    The fit data of a run that comes to rest end at the calmest moment, so that whole moves are held out.
+    The fit data of a run that comes to rest end at the calmest moment, so that whole moves are held out; those of a single move
+    that decays end after `FIT_SHARE` of its time.
 
     Parameters
     ----------
@@ -286,10 +289,12 @@ def fit_samples(measured: FloatArray) -> int:
     if course[-1] - course[round(FIT_SHARE * BLOCKS) - 1] >= STILL_MOVES:
         return round(FIT_SHARE * int(measured.shape[1]))
     moving = np.diff(course, prepend=0.0)
-    between = np.flatnonzero((course >= BETWEEN[0]) & (course <= BETWEEN[1]))
-    if not len(between):
-        between = np.flatnonzero(course >= FIT_SHARE)[:1]
-    last = between[moving[between] <= moving[between].min()][-1]
+    between = np.flatnonzero((course >= BETWEEN[0]) & (course <= BETWEEN[1]) & (moving <= CALM * moving.max()))
+    if len(between):
+        last = between[moving[between] <= moving[between].min()][-1]
+    else:  # one move that decays
+        lasting = np.flatnonzero(moving > FADED * moving.max())
+        last = lasting[round(FIT_SHARE * len(lasting)) - 1]
     return int(sum(part.shape[1] for part in parts[: last + 1]))
 
 
