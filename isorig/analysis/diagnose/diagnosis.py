@@ -363,11 +363,13 @@ class _Search:
         )  # fmt: skip
 
     def _job(self, stages: Sequence[_Stage], division: Division, floors: FloatArray, left: float, *, forms_only: bool) -> Job:
+        step = stages[-1].step
         job = Job(
             campaign=self._campaign, guesses=self._guesses, current=stages[-1].fit, now=stages[-1].score,
             equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
             progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
             allowed=lambda model: _allowed(self.floors(model, division.judged)),
+            rubbing=step.location if step and step.kind == "friction_shape" else "",
         )  # fmt: skip
         self.first = self.first or job
         return job

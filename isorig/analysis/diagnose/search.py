@@ -101,6 +101,8 @@ class Job:
         Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
     allowed
         The same as `floors` for another model, which may amplify noise on the drive.
+    rubbing
+        Place at which the step before found dry friction; empty for none.
     """
 
     campaign: Campaign
@@ -116,6 +118,7 @@ class Job:
     steps: int = 1
     forms_only: bool = False
     allowed: Callable[[RigModel], FloatArray]
+    rubbing: str = ""
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -299,6 +302,9 @@ def sources(job: Job) -> Iterator[Source]:
         yield Screened(job=job, places=possible)
     elif not job.judged_by_drive and job.suspects is not None:
         yield Suspected(job=job, found=job.suspects)
+    elif job.rubbing and not job.judged_by_drive:
+        # The equations leave out what friction does near reversals; other laws of it replace the one that was found.
+        yield Screened(job=job, kinds={"friction_shape"}, only=job.rubbing)
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
@@ -418,13 +424,26 @@ class Suspected:
 
 @dataclass(frozen=True, kw_only=True)
 class Screened:
-    """Candidates of some kinds (None: all) at some places (None: all), chosen by one linear step of each from the current fit."""
+    """Candidates chosen by one linear step of each from the current fit.
+
+    Parameters
+    ----------
+    job
+        What the search is about.
+    kinds, places
+        Those of the candidates; None for all.
+    only
+        The only place, also of candidates that are always tried; empty for none.
+    """
 
     job: Job
     kinds: Collection[Kind] | None = None
     places: Places | None = None
+    only: str = ""
 
     def _sought(self, candidate: Candidate) -> bool:
+        if self.only:
+            return candidate.location == self.only and kind_of(candidate.cause) in (self.kinds or ())
         kind = self.kinds is None or kind_of(candidate.cause) in self.kinds
         return candidate.cause in ALWAYS or (kind and (self.places is None or self.places.includes(candidate.location)))
 
