@@ -263,7 +263,7 @@ class Suspects:
         return [model for left, model in models if (left or 0.0) <= SAME * least][:most]
 
     def _begun(self, candidate: Candidate, current: Sequence[Free]) -> _Begun:
-        key = *candidate.key, tuple(free.path for free in candidate.free), candidate.shape
+        key = *candidate.key, tuple(free.path for free in candidate.free), candidate.shape, candidate.starts[0].encoded
         if key not in self._fits:
             self._fits[key] = self._begin(candidate, current)
         return self._fits[key]

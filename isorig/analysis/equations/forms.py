@@ -139,7 +139,7 @@ def fitted_form(
     """Parameters of an element's laws from its recorded force, and the rms of the remaining force in N.
 
     Integrated deflections have an unknown common offset, and accelerations no mean: an offset of the deflection and a constant
-    force are fitted along.
+    force are fitted along, and the former is kept small where it makes no difference.
 
     Parameters
     ----------
@@ -173,14 +173,14 @@ def fitted_form(
         try:
             trial = model.replace(values)
         except ModelError:
-            return np.full(len(force.force) + held_points, 1e3)
+            return np.full(len(force.force) + held_points + 1, 1e3)
         predicted = _predicted(trial, element, force, swing * float(coordinates[-1]))
         assert predicted is not None
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.
         values = {**beside, **values}
         held = [(values[f.path] - sum(weight * values[path] for path, weight in f.follows)) / f.give for f in own if f.follows]
-        return np.concatenate([left - left.mean(), HELD * np.array(held)])
+        return np.concatenate([left - left.mean(), HELD * np.array(held), coordinates[-1:]])
 
     swing = float(np.abs(force.deflection).max())
     held_points = sum(bool(f.follows) for f in own)

@@ -518,23 +518,25 @@ class Regressions:
                 if not inside:
                     break
                 grid, step = np.linspace(value - step, value + step, FINER), step / 4.0
-            if inside and not values[0] < value < values[-1]:
-                continue  # at the end of the grid it is no optimum
             after = dict(after)
             for name in slid:
-                sliding, base = self.on.sliding[name]
-                if what == "delay" and channel not in orders and not inside and not sliding.integrated:
-                    after[name], value = self._late(name, channel)
-                    continue
-                signals = [self._faulty(name, what, channel, source, base)]
-                after[name], factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
-                if not inside:
-                    # The record is true (1 + error), so the true signal is less by the error.
-                    value = 1.0 / (1.0 + factor) if what == "gain" else factor
-            if not inside and not min(values[0], LATE[0] / self.on.rate if what == "delay" else np.inf) < value < values[-1]:
-                continue
+                after[name], fault = self._sliding_fault(name, what, channel, source, alone=not inside)
+                value = value if inside else fault
+            least = LATE[0] / self.on.rate if what == "delay" and not inside else values[0]
+            if not least < value < values[-1]:
+                continue  # at the end of the grid, or beyond, it is no optimum
             if after:
                 add("sensor", channel, what, after, 1, source or "", value=value)
+
+    def _sliding_fault(self, name: str, what: str, channel: str, source: str | None, *, alone: bool) -> tuple[float, float]:
+        # Residual of a sliding equation with a fault of a channel, and its value; `alone` if no other equation contains it.
+        sliding, base = self.on.sliding[name]
+        if what == "delay" and channel not in self.on.combos.orders and alone and not sliding.integrated:
+            return self._late(name, channel)
+        signals = [self._faulty(name, what, channel, source, base)]
+        residual, factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
+        # The record is true (1 + error), so the true signal is less by the error.
+        return residual, 1.0 / (1.0 + factor) if what == "gain" else factor
 
     def _late(self, name: str, channel: str) -> tuple[float, float]:
         # Residual of a sliding equation with a drive that acts later or earlier than its record tells, and by how much in s: a

@@ -49,6 +49,8 @@ CLIP, DAMPED = 0.1, 1e-3
 FLOOR = 0.05
 #: Residual of a block in multiples of the median (or of what is allowed) above which its slow part may be wrong.
 SOUND = 3.0
+#: Share of its residual without a shape that a block may have with it and be sound all the same: rare events are in few blocks.
+EXPLAINED = 0.5
 #: Factor of a step that is taken back, and the smallest such factor.
 BACK, LEAST = 0.3, 0.05
 #: Decrease of the mean logarithm of the blocks' residuals below which a fit ends.
@@ -129,7 +131,8 @@ class SlidingFit:
     geometric, arithmetic
         Mean square residual of the held-out blocks, N^2: geometric and arithmetic mean over blocks.
     sound
-        Indices of the active blocks whose residual is not far above the median: in a few the slow part may be wrong.
+        Indices of the active blocks whose residual is not far above the median, or that a shape explains: in a few the slow part
+        may be wrong.
     """
 
     values: FloatArray
@@ -337,7 +340,9 @@ class Sliding:
         count = np.array([item.count for item in tested])
         geometric = float(np.exp(np.mean(np.log(np.maximum(power, 0.0) + FLOOR * self.allowed))))
         powers = np.array([item.power for item in best[3]])
-        sound = np.flatnonzero(powers <= SOUND * max(float(np.median(powers)), self.allowed))
+        begun = np.array([item.block.base if np.isfinite(item.block.base) else 0.0 for item in best[3]])
+        usual = SOUND * max(float(np.median(powers)), self.allowed)
+        sound = np.flatnonzero((powers <= usual) | (powers <= EXPLAINED * begun))
         return SlidingFit(
             values=best[1],
             geometric=geometric,

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import BoolArray, FloatArray
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import FitError, ModelError, SimulationError
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_motion
@@ -271,6 +271,9 @@ def fit(
     def build(coordinates: FloatArray) -> RigModel:
         return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
 
+    def within(coordinates: FloatArray) -> FloatArray:
+        return np.array([f.encode(f.decode(c)) for f, c in zip(free, coordinates, strict=True)])
+
     # Rows of the tethers and of the curves' smoothness, below those of the data: ties @ coordinates - ties_at.
     hold = np.diag([_tethered(f, tether) for f in free])
     bend, straight = bending(model, free)
@@ -305,7 +308,10 @@ def fit(
         before = foretold = cost
         for _ in range(6 if fresh else 1):
             there = theta + _limited(_damped_step(normal, gradient, damping), free)
-            trial = np.array([f.encode(f.decode(c)) for f, c in zip(free, there, strict=True)])
+            trial = within(there)
+            at_bound = (trial == within(theta)) & (there != trial)
+            if at_bound.any():  # the others step as if it were no parameter
+                trial = within(theta + _limited(_damped_step(normal, gradient, damping, held=at_bound), free))
             candidate = misfit(trial)
             evaluations += 1
             new = cost_of(candidate, trial)
@@ -329,10 +335,10 @@ def fit(
     )  # fmt: skip
 
 
-def _damped_step(normal: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
+def _damped_step(normal: FloatArray, gradient: FloatArray, damping: float, held: BoolArray | None = None) -> FloatArray:
     # Parameters that are not identifiable stay: their steps would be rounding, and would shorten all others.
     scale = np.diag(normal)
-    live = np.flatnonzero(scale > FAINT)
+    live = np.flatnonzero(scale > FAINT if held is None else (scale > FAINT) & ~held)
     step = np.zeros(len(gradient))
     step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
     return step

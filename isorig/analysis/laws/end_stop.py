@@ -1,8 +1,8 @@
-"""Stops at both ends of a stroke."""
+"""Stops at the ends of a stroke."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -12,11 +12,15 @@ from isorig.analysis.laws.elements import Element, Exit, State
 
 
 class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
-    """Second spring beyond `stroke` (m) on each side: contact_stiffness N/m, contact_damping N s/m, compression only."""
+    """Second spring beyond `stroke` (m): contact_stiffness N/m, contact_damping N s/m, compression only.
+
+    It acts at both ends of the stroke, or only at the `end` of positive (1) or negative (-1) elongation.
+    """
 
     stroke: float
     contact_stiffness: float
     contact_damping: float = 0.0
+    end: Literal[-1, 0, 1] = 0
     parameters: ClassVar[dict[str, Parameter]] = {
         "stroke": Parameter("m", 2e-3, 2e-2),
         "contact_stiffness": Parameter("N/m", 1e3, 3e5),
@@ -29,29 +33,25 @@ class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
         self.require("contact_stiffness", least=0.0)
         self.require("contact_damping", least=0.0)
 
+    @property
+    def _ends(self) -> tuple[int, ...]:
+        return (self.end,) if self.end else (1, -1)
+
     def element(self, link: LinkConstants) -> Element:
         # Free, or pressing at either end; a damped stop separates before the stroke is left, because it never pulls.
-        stroke, k, c = self.stroke, self.contact_stiffness, self.contact_damping
-        free = State(exits=(Exit(to=1, const=stroke, d=-1.0), Exit(to=2, const=stroke, d=1.0)))
-        if c == 0.0:
-            return Element(
-                states=(
-                    free,
-                    State(const=-k * stroke, d=k, exits=(Exit(to=0, const=-stroke, d=1.0),)),
-                    State(const=k * stroke, d=k, exits=(Exit(to=0, const=-stroke, d=-1.0),)),
-                )
-            )
-        return Element(
-            states=(
-                free,
-                State(const=-k * stroke, d=k, v=c, exits=(Exit(to=3, const=-k * stroke, d=k, v=c),)),
-                State(const=k * stroke, d=k, v=c, exits=(Exit(to=4, const=-k * stroke, d=-k, v=-c),)),
-                State(exits=(Exit(to=0, const=-stroke, d=1.0), Exit(to=1, const=k * stroke, d=-k, v=-c))),
-                State(exits=(Exit(to=0, const=-stroke, d=-1.0), Exit(to=2, const=k * stroke, d=k, v=c))),
-            )
-        )
+        stroke, k, c, ends = self.stroke, self.contact_stiffness, self.contact_damping, self._ends
+        states = [State(exits=tuple(Exit(to=1 + i, const=stroke, d=-way) for i, way in enumerate(ends)))]
+        for i, way in enumerate(ends):
+            parted = Exit(to=1 + len(ends) + i, const=-k * stroke, d=way * k, v=way * c)
+            left = Exit(to=0, const=-stroke, d=way)
+            states.append(State(const=-way * k * stroke, d=k, v=c, exits=(parted if c else left,)))
+        for i, way in enumerate(ends if c else ()):
+            pressed = Exit(to=1 + i, const=k * stroke, d=-way * k, v=-way * c)
+            states.append(State(exits=(Exit(to=0, const=-stroke, d=way), pressed)))
+        return Element(states=tuple(states))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         side, over = np.sign(d), np.abs(d) - self.stroke
         pressed = self.contact_stiffness * over + self.contact_damping * v * side
-        return np.asarray(np.where(over > 0.0, np.maximum(pressed, 0.0) * side, 0.0))
+        acts = (over > 0.0) & np.isin(side, self._ends)
+        return np.asarray(np.where(acts, np.maximum(pressed, 0.0) * side, 0.0))

@@ -97,14 +97,19 @@ class LinkCause(Cause):
         path = f"links.{place}.laws.{len(link.link.laws)}"
         free = tuple(replace(one, path=f"{path}.{one.path}") for one in self.free(link))
         names = [one.path.removeprefix(f"{path}.") for one in free]
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(self.starts(link, evidence)),
-            free=free, dropped=self.dropped(place), plausible=self.plausible(link, evidence, path),
-            reported=tuple(
-                Reported(name=self.names.get(name, name), path=f"{path}.{name}", unit=self.law.parameters[name].unit)
-                for name in names
-            ),
-        )  # fmt: skip
+        for starts in self.variants(link, evidence):
+            yield Candidate(
+                cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(starts), free=free,
+                dropped=self.dropped(place), plausible=self.plausible(link, evidence, path),
+                reported=tuple(
+                    Reported(name=self.names.get(name, name), path=f"{path}.{name}", unit=self.law.parameters[name].unit)
+                    for name in names
+                ),
+            )  # fmt: skip
+
+    def variants(self, link: LinkInRuns, evidence: Evidence) -> Iterable[Iterable[RigModel]]:
+        """The starting points of each variant of the law: variants differ in what no fit changes."""
+        yield self.starts(link, evidence)
 
     def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
         """The rig with the law at one or more starting values."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from math import log
+from typing import Literal
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns, blocked_throughout
 from isorig.analysis.diagnose.causes.backlash import INSIDE
@@ -13,8 +14,9 @@ from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import EndStop as EndStopLaw
 from isorig.analysis.model.rig_model import Link, RigModel
 
-#: Stroke as a share of the largest deflection, and stiffness of the contact as a multiple of the spring's, at the starts.
-STARTS = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3))
+#: Stroke as a share of the largest deflection, and stiffness of the contact as a multiple of the spring's, at the starts: of
+#: stops at both ends, and at one.
+STARTS, ONE_END = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3)), (0.6, 3.0)
 #: Smallest stroke of a stop with a weak spring inside, as a share of the largest deflection: with a smaller one it is play.
 LEAST_STROKE = 0.3
 
@@ -30,11 +32,12 @@ class EndStop(LinkCause):
     phrase = "an end stop in the {place} at {stroke}, contact stiffness {contact_stiffness}"
     signs = frozenset({"amplitude", "blocked by the lock", "stiffens"})
 
+    def variants(self, link: LinkInRuns, evidence: Evidence) -> Iterable[Iterable[RigModel]]:
+        yield self.starts(link, evidence)
+        yield (link.having(_stop(link, ONE_END, end)) for end in (1, -1))
+
     def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
-        for share, factor in STARTS:
-            stiffness = factor * link.stiffness
-            law = EndStopLaw(stroke=share * link.deflection, contact_stiffness=stiffness, contact_damping=_slight(link))
-            yield link.having(law)
+        return (link.having(_stop(link, start)) for start in STARTS)
 
     def free(self, link: LinkInRuns) -> Iterable[Free]:
         slight = _slight(link)
@@ -57,6 +60,12 @@ class EndStop(LinkCause):
             reach = 1e3 * runs.deflection.get(link.name, 0.0)
             yield link.name, f"The runs deflect it by at most {reach:.3g} mm; a stop beyond that is not identifiable."
         yield from blocked_throughout(model, runs)
+
+
+def _stop(link: LinkInRuns, start: tuple[float, float], end: Literal[-1, 0, 1] = 0) -> EndStopLaw:
+    share, factor = start
+    stroke, stiffness = share * link.deflection, factor * link.stiffness
+    return EndStopLaw(stroke=stroke, contact_stiffness=stiffness, contact_damping=_slight(link), end=end)
 
 
 def _slight(link: LinkInRuns) -> float:
