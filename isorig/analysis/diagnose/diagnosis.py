@@ -173,17 +173,21 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     """
     found = _at_described_places(campaign, model, tolerance, progress)
     guided = with_guides(model)
-    if found.verdict in ("adequate", "explained") or found.cut_short or guided is model:
+    if found.verdict == "adequate" or found.cut_short or guided is model or _ends_well(found):
         return found
     progress("no described place explains the whole error; looking for friction on the ground where nothing joins a body to it")
     again = _at_described_places(campaign, guided, tolerance, progress)
     added = {link.name for link in guided.links} - {link.name for link in model.links}
-    there = any(step.location in added and step.kind == "friction_shape" for step in again.steps)
+    there = [step.location for step in again.steps if step.location in added and step.kind == "friction_shape"]
     if not there or again.extended_error * POLICY.matters > found.extended_error:
         return found
     text = "Places: the description has no {}, but friction there, on the ground, explains the records; add this link."
-    places = " and the ".join(step.location for step in again.steps if step.location in added)
-    return replace(again, signs=(Sign(text=text.format(places)), *again.signs))
+    return replace(again, signs=(Sign(text=text.format(" and the ".join(there))), *again.signs))
+
+
+def _ends_well(found: Diagnosis) -> bool:
+    # Whether the causes leave too little for a further one to count.
+    return found.verdict == "explained" and found.extended_error <= POLICY.guides * found.baseline_error
 
 
 def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, progress: Progress) -> Diagnosis:

@@ -79,6 +79,9 @@ class Policy:
         five exceeds five sixths of all draws on average.
     beyond_calibration
         Required ratio of the measured error to that of such simulated data. Chosen: one draw of such data scatters.
+    guides
+        Share of the baseline's error above which causes at described places leave room for friction on the ground where the
+        description joins nothing. Chosen: what a reader still sees.
     refitted
         Decrease of the errors' mean logarithm above which a model refitted from the parameters after a step is a different model.
         Chosen: a tenth, about twice the value of `matters`.
@@ -107,6 +110,7 @@ class Policy:
     calibrations: int = 5
     scatter: float = 1.25
     beyond_calibration: float = 1.2
+    guides: float = 0.1
     refitted: float = 0.1
 
 

@@ -244,8 +244,19 @@ class Suspects:
         return of_curve < bare and left <= STANDS_ALIKE * of_curve and beyond <= STANDS * (bare**2 - of_curve**2)
 
     def _located(self, evidence: Evidence) -> Evidence:
+        # With the frequencies that the equations show, and the recorded motion of suspected elements, not the simulated one.
         found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
-        return replace(evidence, misfit_frequencies=found) if found else evidence
+        deflection, speed = dict(evidence.deflection), dict(evidence.speed)
+        for item in self.chosen:
+            _, force = self._solved(item)
+            if force is None:
+                continue
+            for name in self.places.get(item.place, frozenset()):
+                deflection[name] = float(np.abs(force.deflection).max())
+                speed[name] = float(np.abs(force.velocity).max())
+        return replace(
+            evidence, misfit_frequencies=found or evidence.misfit_frequencies, deflection=deflection, speed=speed
+        )  # fmt: skip
 
     def started(self, candidate: Candidate, current: Sequence[Free]) -> list[RigModel]:
         """Starting points of a candidate: the rig's parameters and its own ones from the equations where these determine them.

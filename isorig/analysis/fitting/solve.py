@@ -271,9 +271,6 @@ def fit(
     def build(coordinates: FloatArray) -> RigModel:
         return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
 
-    def within(coordinates: FloatArray) -> FloatArray:
-        return np.array([f.encode(f.decode(c)) for f, c in zip(free, coordinates, strict=True)])
-
     # Rows of the tethers and of the curves' smoothness, below those of the data: ties @ coordinates - ties_at.
     hold = np.diag([_tethered(f, tether) for f in free])
     bend, straight = bending(model, free)
@@ -307,11 +304,7 @@ def fit(
         gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
         for _ in range(6 if fresh else 1):
-            there = theta + _limited(_damped_step(normal, gradient, damping), free)
-            trial = within(there)
-            at_bound = (trial == within(theta)) & (there != trial)
-            if at_bound.any():  # the others step as if it were no parameter
-                trial = within(theta + _limited(_damped_step(normal, gradient, damping, held=at_bound), free))
+            trial = _stepped(theta, free, normal, gradient, damping)
             candidate = misfit(trial)
             evaluations += 1
             new = cost_of(candidate, trial)
@@ -333,6 +326,19 @@ def fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
     )  # fmt: skip
+
+
+def _stepped(theta: FloatArray, free: Sequence[Free], normal: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
+    # Where a step leads; parameters that would leave their bounds stay there, and the others step as if these were known.
+    def within(coordinates: FloatArray) -> FloatArray:
+        return np.array([f.encode(f.decode(c)) for f, c in zip(free, coordinates, strict=True)])
+
+    there = theta + _limited(_damped_step(normal, gradient, damping), free)
+    trial = within(there)
+    stays = (trial == within(theta)) & (there != trial)
+    if stays.any():
+        trial = within(theta + _limited(_damped_step(normal, gradient, damping, stays), free))
+    return trial
 
 
 def _damped_step(normal: FloatArray, gradient: FloatArray, damping: float, held: BoolArray | None = None) -> FloatArray:

@@ -16,7 +16,7 @@ from isorig.analysis.model.rig_model import Link, RigModel
 
 #: Stroke as a share of the largest deflection, and stiffness of the contact as a multiple of the spring's, at the starts: of
 #: stops at both ends, and at one.
-STARTS, ONE_END = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3)), (0.6, 3.0)
+STARTS, ONE_END = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3)), ((0.6, 3.0), (0.25, 3.0))
 #: Smallest stroke of a stop with a weak spring inside, as a share of the largest deflection: with a smaller one it is play.
 LEAST_STROKE = 0.3
 
@@ -34,7 +34,7 @@ class EndStop(LinkCause):
 
     def variants(self, link: LinkInRuns, evidence: Evidence) -> Iterable[Iterable[RigModel]]:
         yield self.starts(link, evidence)
-        yield (link.having(_stop(link, ONE_END, end)) for end in (1, -1))
+        yield (link.having(_stop(link, start, end)) for start in ONE_END for end in (1, -1))
 
     def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
         return (link.having(_stop(link, start)) for start in STARTS)
