@@ -96,7 +96,7 @@ class Policy:
     matters: float = 1.05
     worth: float = 0.15
     rest: float = 0.1
-    later: float = 0.05
+    later: float = 0.03
     of_rest: float = 0.5
     of_rest_here: float = 0.8
     form_share: float = 0.9
