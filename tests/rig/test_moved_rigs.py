@@ -1,20 +1,22 @@
 """Rigs that are moved step by step or by a displacement, as a laboratory records them, simulated by scipy with one hidden cause.
 
-Two carts with encoders behind a force held from sample to sample that acts late, and a damper whose stroke is imposed and whose
-force is the response.
+Carts with encoders behind a force held from sample to sample that acts late, with and without dry friction, or pulled and
+released; a floor with a stop at one end; and a damper whose stroke is imposed and whose force is the response.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import isorig as iso
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
@@ -28,6 +30,11 @@ RATE, COUNT, LEVELS = 400.0, 2.27e-5, (4.0, 7.0, 5.5)
 MASSES, SPRINGS, DAMPERS = (0.8, 0.6), (480.0, 390.0), (2.2, 1.6)
 #: Rate of the damper's records in Hz, its damping in N s/m, and amplitude (m) and frequency (Hz) of each run.
 FAST, OIL, STROKES = 1000.0, 900.0, ((0.01, 1.0), (0.006, 2.0), (0.015, 0.6))
+
+#: Mass in kg, spring in N/m and damper in N s/m of the single cart, and its dry friction in N.
+MASS, SPRING, DAMPER, DRY = 1.7, 520.0, 2.4, 0.9
+#: The same of the floor, and its stop in m and N/m.
+FLOOR, STRUT, FILM, GAP, BUMPER = 5.2, 9.0e4, 25.0, 4.0e-4, 3.2e5
 
 
 def command(time: FloatArray, level: float) -> FloatArray:
@@ -72,6 +79,91 @@ def carts(late: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
     return runs, tree
 
 
+def rubbed(time: FloatArray, push: Callable[[float], float], changes: Sequence[float], start: float) -> FloatArray:
+    """Displacement of the single cart with dry friction under a force that is constant between changes."""
+    found, y = np.zeros(len(time)), np.array([start, 0.0])
+
+    def turns(_: float, y: FloatArray) -> float:
+        return float(y[1])
+
+    turns.terminal = True  # type: ignore[attr-defined]
+    for begin, end in pairwise([0.0, *changes, float(time[-1])]):
+        now, force = begin, push(0.5 * (begin + end))
+        while now < end:
+            pull = force - SPRING * y[0]
+            if y[1] == 0.0 and abs(pull) <= DRY:
+                found[time >= now] = y[0]
+                break
+            way = np.sign(y[1] or pull)
+            y[1] += 1e-9 * way
+            turns.direction = -way  # type: ignore[attr-defined]
+
+            def slope(_: float, y: FloatArray, force: float = force, way: float = way) -> Sequence[float]:
+                return [y[1], (force - SPRING * y[0] - DAMPER * y[1] - DRY * way) / MASS]
+
+            solved = solve_ivp(slope, (now, end), y, events=turns, dense_output=True, rtol=1e-9, atol=1e-12)
+            inside = (time >= now) & (time <= solved.t[-1])
+            found[inside], now, y = solved.sol(time[inside])[0], float(solved.t[-1]), solved.y[:, -1]
+            y[1] = 0.0 if solved.status == 1 else y[1]
+    return found
+
+
+def cart(late: float, seed: int, start: float = 0.0) -> tuple[list[Run], dict[str, Any]]:
+    """A cart with dry friction behind a late drive, or released from `start`, and its description with spring and damper off."""
+    draw, time, runs = np.random.default_rng(seed), np.arange(int(9 * RATE)) / RATE, []
+    for k, level in enumerate((0.0,) if start else LEVELS):
+        changes = [0.5 + 2.0 * j + late for j in range(5)]
+        x = rubbed(time, lambda t, level=level: float(command(np.array([t - late]), level)[0]), changes, start)  # type: ignore[misc]
+        counted = np.round(x / COUNT + draw.normal(0.0, 0.05, len(time))) * COUNT
+        runs.append(run(f"r{k}", RATE, level, {"motor": ("force", command(time, level)), "x": ("displacement", counted)}))
+    off = (1.0 + 0.2 * draw.uniform(-1.0, 1.0, 2)).tolist()
+    released = {"initial_position": {"cart": 0.95 * start}} if start else {}
+    tree = {
+        "name": "cart", "bodies": [{"name": "cart", "mass": MASS}],
+        "links": [{"name": "spring", "a": "cart", "b": "ground", "stiffness": SPRING * off[0], "damping": DAMPER * off[1]}],
+        "drive": {"channel": "motor", "quantity": "force", "pushes": {"cart": 1.0}},
+        "sensors": [{"channel": "x", "body": "cart", "quantity": "displacement"}],
+        "free": ["links.spring.stiffness", "links.spring.damping", *(f"configurations.normal.{key}.cart" for key in released)],
+        "configurations": {"normal": released},
+    }  # fmt: skip
+    return runs, tree
+
+
+def floor(seed: int) -> tuple[list[Run], dict[str, Any]]:
+    """A floor on struts that hits a bumper on one side only, with an accelerometer."""
+    draw, rate, runs = np.random.default_rng(seed), 500.0, []
+    time = np.arange(int(16 * rate)) / rate
+    tones = np.arange(6.0, 60.0, 0.37)
+    for k, level in enumerate((0.5, 1.0)):
+        phase = draw.uniform(0.0, 2.0 * np.pi, len(tones))
+        size = level * 9.0 / np.sqrt(len(tones)) * np.sqrt(2.0)
+
+        def pushed(t: FloatArray | float, phase: FloatArray = phase, size: float = size) -> FloatArray:
+            turns = np.cos(2.0 * np.pi * np.multiply.outer(np.asarray(t), tones) + phase)
+            return np.asarray(size * turns.sum(axis=-1) * np.minimum(np.asarray(t) / 0.3, 1.0))
+
+        fine = np.arange(len(time) * 8) / rate / 8.0
+        force = CubicSpline(fine, pushed(fine))
+
+        def pull(x: FloatArray, v: FloatArray) -> FloatArray:
+            return np.asarray(STRUT * x + FILM * v + BUMPER * np.maximum(x - GAP, 0.0))
+
+        found = solve_ivp(
+            lambda t, y, force=force, pull=pull: [y[1], (float(force(t)) - pull(y[0], y[1])) / FLOOR], (0.0, time[-1]),
+            [0.0, 0.0], t_eval=time, method="LSODA", rtol=1e-8, atol=1e-12, max_step=1e-3,
+        )  # fmt: skip
+        a = (pushed(time) - pull(found.y[0], found.y[1])) / FLOOR + draw.normal(0.0, 1e-3, len(time))
+        runs.append(run(f"r{k}", rate, level, {"shaker": ("force", pushed(time)), "a": ("acceleration", a)}))
+    tree = {
+        "name": "floor", "bodies": [{"name": "floor", "mass": FLOOR}],
+        "links": [{"name": "struts", "a": "floor", "b": "ground", "stiffness": 1.2 * STRUT, "damping": 0.8 * FILM}],
+        "drive": {"channel": "shaker", "quantity": "force", "pushes": {"floor": 1.0}},
+        "sensors": [{"channel": "a", "body": "floor", "quantity": "acceleration"}],
+        "free": ["links.struts.stiffness", "links.struts.damping"],
+    }  # fmt: skip
+    return runs, tree
+
+
 def damper(dry: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
     """A damper with dry friction whose stroke is imposed."""
     draw, time, runs = np.random.default_rng(seed), np.arange(int(12 * FAST)) / FAST, []
@@ -94,7 +186,7 @@ def damper(dry: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
 def diagnosed(made: tuple[list[Run], dict[str, Any]], folder: Path) -> dict[str, Any]:
     """The findings of the command."""
     runs, tree = made
-    text = description_text(from_tree({**tree, "configurations": {"normal": {}}}), {})
+    text = description_text(from_tree({"configurations": {"normal": {}}, **tree}), {})
     iso.write(folder / "a.h5", replace(Campaign(runs=tuple(runs), source="lab"), description=text))
     assert main(["diagnose", str(folder / "a.h5"), "-o", str(folder / "d")]) == 0
     return dict(json.loads((folder / "d" / "findings.json").read_text()))
@@ -123,3 +215,33 @@ def test_a_damper_with_an_imposed_stroke(dry: float, tmp_path: Path) -> None:
     assert (found["verdict"], step["kind"], step["location"]) == ("explained", "friction_shape", "oil")
     row = step["parameters"]["friction_force"]
     assert row["value"] == pytest.approx(dry, abs=max(3.0 * row["std"], 0.05 * dry))
+
+
+def near(step: Mapping[str, Any], name: str, truth: float, within: float) -> bool:
+    """Whether a value is within three standard uncertainties, or this share, of the truth."""
+    row = step["parameters"][name]
+    return abs(row["value"] - truth) <= max(3.0 * row["std"], within * abs(truth))
+
+
+def test_dry_friction_and_a_drive_that_acts_late(tmp_path: Path) -> None:
+    found = diagnosed(cart(0.016, 5), tmp_path)
+    steps = {(step["cause"], step["location"]): step for step in found["steps"]}
+    assert (found["verdict"], set(steps)) == ("explained", {("coulomb_friction", "spring"), ("channel_delay", "motor")})
+    assert near(steps["coulomb_friction", "spring"], "friction_force", DRY, 0.02)
+    assert near(steps["channel_delay", "motor"], "delay", -0.016, 0.05)
+
+
+def test_a_cart_with_dry_friction_that_is_released(tmp_path: Path) -> None:
+    found = diagnosed(cart(0.0, 6, start=0.03), tmp_path)
+    (step,) = found["steps"]
+    assert (found["verdict"], step["cause"], step["location"]) == ("explained", "coulomb_friction", "spring")
+    assert near(step, "friction_force", DRY, 0.02)
+
+
+def test_a_stop_at_one_end(tmp_path: Path) -> None:
+    found = diagnosed(floor(7), tmp_path)
+    (step,) = found["steps"]
+    assert (found["verdict"], step["cause"], step["location"]) == ("explained", "end_stop", "struts")
+    assert near(step, "stroke", GAP, 0.01)
+    assert near(step, "contact_stiffness", BUMPER, 0.03)
+    assert '"end":1' in (tmp_path / "d" / "model.json").read_text().replace(" ", "")

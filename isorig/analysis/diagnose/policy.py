@@ -28,7 +28,7 @@ class Policy:
         Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
     visible
         Rms excess error, as a share of the signal, above which a model that is not adequate is at most "partly explained".
-        Chosen: a misfit of a third of the signal is what a reader sees first in the records.
+        Chosen: what a reader sees at once in records and simulation drawn together.
     contributes
         Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove
         as much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)
@@ -89,7 +89,7 @@ class Policy:
 
     enough: float = ADEQUATE
     explained: float = 0.8
-    visible: float = 0.3
+    visible: float = 0.1
     contributes: float = 0.5
     main: float = 0.3
     certain: float = 0.95

@@ -17,7 +17,7 @@ from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
-from isorig.analysis.equations.ranking import Explanation, Ranking, ranking
+from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
@@ -353,8 +353,11 @@ def equations_of(campaign: Campaign, model: RigModel) -> Equations:
 
 
 def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
-    """Whether an explanation repairs an equation that does not hold without it."""
-    return any(value >= BROKEN and after[name] <= REPAIRED * value for name, value in before.items())
+    """Whether an explanation repairs an equation: a broken one in good part, or one that does not hold altogether."""
+    return any(
+        (value >= BROKEN and after[name] <= REPAIRED * value) or (value >= HOLDS and after[name] <= HINTS)
+        for name, value in before.items()
+    )
 
 
 def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) -> tuple[Explanation, ...]:

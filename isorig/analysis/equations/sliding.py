@@ -21,7 +21,7 @@ from isorig.analysis.equations.motion import lowpass_gain
 KNOT_PERIODS, BLOCK_KNOTS = 5.0, 10
 #: Number of blocks of the moving part of a run where the deflection has no unknown part.
 BLOCKS = 8
-#: Length of such a block in lengths of the low-pass: near reversals no samples are used.
+#: Length of such a block in lengths of the low-pass, if there are two: near reversals no samples are used.
 LONGER = 4
 #: Samples next to a reversal that are left out: the converter's filter spreads the step of the friction over them. A low-pass
 #: spreads it over this share of its period, also next to samples that stick.
@@ -182,7 +182,8 @@ class Sliding:
         knots = BLOCK_KNOTS if integrated else 1
         if not integrated:
             moving = max(int((np.abs(run.velocity) > SLOW * self.speed).sum()) for run in runs)
-            self.knot = min(max(min(shortest, moving) // BLOCKS, LONGER * len(self.taps), 8), shortest // 2)
+            moving = min(shortest, moving)
+            self.knot = max(moving // BLOCKS, min(LONGER * len(self.taps), moving // 2), 8)
         elif BLOCK_KNOTS * self.knot > shortest // 2:
             knots = max(shortest // 2 // self.knot, 1)
             self.knot = min(self.knot, shortest // 2)

@@ -26,7 +26,7 @@ from isorig.analysis.equations.columns import relaxing
 from isorig.analysis.equations.forms import element_force, fitted_form, start_values
 from isorig.analysis.equations.hidden import estimable, estimated
 from isorig.analysis.equations.motion import derivatives
-from isorig.analysis.equations.ranking import Explanation, ranking
+from isorig.analysis.equations.ranking import HINTS, Explanation, ranking
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.fitting.ladder import fit_baseline
@@ -285,7 +285,9 @@ def test_what_repairs_one_equation_is_suspected_beside_what_repairs_the_largest(
     ("before", "after", "own"),
     [
         (1.01 * BROKEN, 0.99 * REPAIRED * BROKEN, True),
-        (0.99 * BROKEN, 0.1, False),
+        (0.99 * BROKEN, 1.01 * HINTS, False),
+        (1.01 * HOLDS, 0.99 * HINTS, True),
+        (0.99 * HOLDS, 0.1, False),
         (2.0 * BROKEN, 1.01 * REPAIRED * 2.0 * BROKEN, False),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -86,12 +87,26 @@ def test_units_of_rotating_parts_follow_from_those_of_translating_parts() -> Non
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("law", laws.LAWS, ids=tag_of)
 def test_the_simulated_force_is_the_formulas(law: type[laws.Law], seed: int) -> None:
+    the_simulated_force_is_the_formulas(law.drawn(np.random.default_rng(seed)))
+
+
+@pytest.mark.parametrize("end", [1, -1])
+@pytest.mark.parametrize("damping", [0.0, 20.0])
+def test_a_stop_acts_at_one_end_only(end: Literal[1, -1], damping: float) -> None:
+    law = laws.EndStop(stroke=0.008, contact_stiffness=5e3, contact_damping=damping, end=end)
+    d, _, force, _ = simulated(law)
+    assert (end * force)[end * d > 1.1 * law.stroke].min() > 0.0
+    assert np.abs(force[end * d < 0.9 * law.stroke]).max() < 1e-6 * np.abs(force).max()
+    assert (end * d < -1.5 * law.stroke).any()
+    the_simulated_force_is_the_formulas(law)
+
+
+def the_simulated_force_is_the_formulas(drawn: laws.Law) -> None:
     """Laws that remember: their rates by scipy's integrator along the simulated motion."""
-    drawn = law.drawn(np.random.default_rng(seed))
     d, v, force, kept = simulated(drawn)
     t = np.arange(len(d)) / RATE
     memory = np.zeros((len(drawn.begun()), len(d)))
-    if law.remembers:
+    if drawn.remembers:
         position, speed = CubicSpline(t, d), CubicSpline(t, v)
         found = solve_ivp(
             lambda now, z: drawn.rates(float(position(now)), float(speed(now)), z), (0.0, t[-1]), drawn.begun(), t_eval=t,
@@ -105,7 +120,7 @@ def test_the_simulated_force_is_the_formulas(law: type[laws.Law], seed: int) -> 
         kept[np.unique(np.clip(met[:, None] + np.arange(-2, 4), 0, len(d) - 1))] = False
     kept &= np.isfinite(want)
     assert kept.sum() > 100
-    assert np.abs(force - want)[kept].max() < (2e-3 if law.remembers else 1e-5) * np.abs(want[kept]).max()
+    assert np.abs(force - want)[kept].max() < (2e-3 if drawn.remembers else 1e-5) * np.abs(want[kept]).max()
 
 
 @pytest.mark.parametrize("law", [kind for kind in laws.LAWS if kind.remembers], ids=tag_of)
