@@ -58,7 +58,7 @@ from isorig.analysis.fitting.ladder import (
 from isorig.analysis.fitting.score import Score, adequate, confidence, score
 from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Problem, fit
-from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
 
 #: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
@@ -71,6 +71,8 @@ PROMISING_LATER = 0.25
 UNSEEN: frozenset[Kind] = frozenset({"friction_shape", "memory", "known_value"})
 #: Number of screened candidates that are fitted, in addition to the best of each family.
 SCREENED = 6
+#: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a fifth of the signal.
+LOST = (0.2 / SIGNAL_SHARE) ** 2
 #: Families that can make bodies stick: no small step shows the effect of a larger force, so they count place by place.
 STICKING = ("friction", "memory")
 
@@ -338,7 +340,11 @@ class Suspected:
         # Values from the equations are usually close; a further cause that is not close from the start is none.
         job = self.job
         run = verified(starts, job.rungs[-1], job.progress)
-        return run if job.left < 1.0 or job.stays(run) else followed(starts, job.rungs, job.current, job.progress, job.promising)
+        if job.left < 1.0 or (job.stays(run) and run[0][1].cost < LOST):
+            return run
+        # Impacts soon make two motions differ, however close their parameters are.
+        again = followed(starts, job.rungs, job.current, job.progress, job.promising)
+        return run if job.stays(run) and not (again and again[0][1].cost < run[0][1].cost) else again
 
     def shapes(self, forms: Sequence[Entry]) -> Running:
         """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
