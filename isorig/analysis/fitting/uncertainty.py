@@ -220,7 +220,7 @@ class Known:
 
     def _of_this_fit(self, slope: FloatArray) -> float:
         bins = deviation(self.moves, slope) ** 2 + float(slope @ self.held @ slope)
-        variance, runs = max(bins, float(slope @ self.shaken @ slope)), float(slope @ self.runs @ slope)
+        variance, runs = max(bins, float(slope @ self.shaken @ slope), 0.0), float(slope @ self.runs @ slope)
         variance = runs if runs > self.ratio * variance else variance
         return float(np.sqrt(variance + (self.step @ slope) ** 2 + float(((self.bias * slope) ** 2).sum())))
 
