@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from small_rigs import carts, chain, guessed, played, rubbing
 
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.guides import guide_of, with_guides
+from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.model.rig_model import RigModel
 
 
 def test_friction_of_a_cart_that_its_description_does_not_join_to_the_ground() -> None:
@@ -21,3 +27,17 @@ def test_friction_of_a_cart_that_its_description_does_not_join_to_the_ground() -
 def test_only_bodies_with_a_measured_position_and_no_joint_to_the_ground_get_a_guide() -> None:
     assert [link.name for link in with_guides(carts()).links] == ["wall", "between", "second guide"]
     assert with_guides(chain()) == chain()
+
+
+@pytest.mark.parametrize(("share", "passes"), [(0.99, 1), (1.01, 2)])
+def test_guides_are_tried_where_causes_leave_a_visible_error(share: float, passes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[RigModel] = []
+
+    def explained(campaign: Campaign, model: RigModel, *_: object) -> SimpleNamespace:
+        tried.append(model)
+        left = share * POLICY.guides * 0.4
+        return SimpleNamespace(verdict="explained", baseline_error=0.4, extended_error=left, cut_short=False, steps=())
+
+    monkeypatch.setattr(diagnosis, "_at_described_places", explained)
+    diagnose(Campaign(runs=(), source="none"), guessed(carts(), 11))
+    assert len(tried) == passes
