@@ -28,7 +28,7 @@ class Policy:
         Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
     visible
         Rms excess error, as a share of the signal, above which a model that is not adequate is at most "partly explained".
-        Chosen: what a reader sees at once in records and simulation; the right causes of a measured friction damper leave 0.13 to 0.18.
+        Chosen: what a reader sees at once in records and simulation; the right causes of a measured friction damper leave less.
     contributes
         Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove
         as much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)

@@ -20,7 +20,7 @@ def errors(value: float) -> FloatArray:
     return np.full((6, 3), value)
 
 
-def after(share: float, before: float = 0.2) -> FloatArray:
+def after(share: float, before: float = 0.4) -> FloatArray:
     """Errors that are left when a share of the excess is removed."""
     return np.sqrt(FLOORS**2 + (1.0 - share) * (errors(before) ** 2 - FLOORS**2))
 
@@ -28,7 +28,7 @@ def after(share: float, before: float = 0.2) -> FloatArray:
 def stages(*shares: float, places: tuple[str, ...] = (), certain: tuple[bool, ...] = ()) -> list[Stage]:
     """The baseline and models that removed these shares so far."""
     steps = zip(shares, places or tuple(f"p{k}" for k in range(len(shares))), certain or (True,) * len(shares), strict=True)
-    return [Stage(error=errors(0.2)), *(Stage(error=after(s), place=place, certain=sure) for s, place, sure in steps)]
+    return [Stage(error=errors(0.4)), *(Stage(error=after(s), place=place, certain=sure) for s, place, sure in steps)]
 
 
 def test_every_threshold_says_what_it_means() -> None:
@@ -50,9 +50,9 @@ def test_a_tolerance_makes_a_small_error_adequate() -> None:
 
 
 def test_share_removed_counts_squares_beyond_the_floor() -> None:
-    assert share_removed(errors(0.2), after(0.37), FLOORS) == pytest.approx(0.37)
-    assert share_removed(errors(0.2), FLOORS, FLOORS) == 1.0
-    assert share_removed(errors(0.2), errors(0.2), FLOORS) == 0.0
+    assert share_removed(errors(0.4), after(0.37), FLOORS) == pytest.approx(0.37)
+    assert share_removed(errors(0.4), FLOORS, FLOORS) == 1.0
+    assert share_removed(errors(0.4), errors(0.4), FLOORS) == 0.0
     assert share_removed(FLOORS, FLOORS, FLOORS) == 0.0
 
 
@@ -115,7 +115,7 @@ def test_a_first_step_must_be_worth_it(share: float, counts: bool) -> None:
 def test_a_form_keeps_nine_tenths_of_the_gain() -> None:
     # The shape leaves much itself, so that the ratio of the errors does not decide.
     for share, stands in ((0.5 * POLICY.form_share + 0.01, True), (0.5 * POLICY.form_share - 0.01, False)):
-        assert form_stands(errors(0.2), after(0.5), after(share), FLOORS) is stands
+        assert form_stands(errors(0.4), after(0.5), after(share), FLOORS) is stands
     assert ratio(after(0.5 * POLICY.form_share - 0.01), after(0.5), FLOORS) < POLICY.form_alike
 
 
@@ -125,19 +125,19 @@ def test_a_form_with_a_much_larger_error_than_the_shape_is_not_the_cause() -> No
     for factor, stands in ((POLICY.form_close - 0.1, True), (POLICY.form_close + 0.1, False)):
         noisy = factor * shape * generator.uniform(0.6, 1.4, (6, 1))
         noisy *= factor * np.sqrt(np.mean(shape**2)) / np.sqrt(np.mean(noisy**2))
-        assert form_stands(errors(0.2), shape, noisy, FLOORS) is stands
+        assert form_stands(errors(0.4), shape, noisy, FLOORS) is stands
 
 
 def test_a_form_with_a_larger_error_in_every_run_is_not_the_cause() -> None:
     shape = errors(0.02)
     for factor, stands in ((POLICY.form_alike - 0.01, True), (POLICY.form_alike + 0.01, False)):
-        assert form_stands(errors(0.2), shape, factor * shape, FLOORS) is stands
+        assert form_stands(errors(0.4), shape, factor * shape, FLOORS) is stands
 
 
 def test_the_scatter_between_runs_is_known_from_two_runs_on() -> None:
     shape, factor = errors(0.02), POLICY.form_alike + 0.01
     for runs, stands in ((1, True), (2, False)):
-        before, floors = errors(0.2)[:runs], FLOORS[:runs]
+        before, floors = errors(0.4)[:runs], FLOORS[:runs]
         assert form_stands(before, shape[:runs], factor * shape[:runs], floors) is stands
 
 
@@ -148,7 +148,7 @@ def test_four_standard_errors_over_runs() -> None:
     for errors_over, stands in ((POLICY.form_errors - 0.2, True), (POLICY.form_errors + 0.2, False)):
         form = shape + (more - more.mean() + errors_over * spread)[:, None]
         assert ratio(form, shape, FLOORS) < POLICY.form_close
-        assert form_stands(errors(0.2), shape, form, FLOORS) is stands
+        assert form_stands(errors(0.4), shape, form, FLOORS) is stands
 
 
 def test_rivals_within_a_few_per_cent_do_not_differ() -> None:

@@ -43,13 +43,13 @@ def errors(value: float) -> FloatArray:
 
 
 def left(share: float) -> FloatArray:
-    """Errors when a share of the excess of errors of 0.2 is removed."""
-    return np.sqrt(FLOORS**2 + (1.0 - share) * (errors(0.2) ** 2 - FLOORS**2))
+    """Errors when a share of the excess of errors of 0.4 is removed."""
+    return np.sqrt(FLOORS**2 + (1.0 - share) * (errors(0.4) ** 2 - FLOORS**2))
 
 
 def way(*shares: float, certain: bool = True) -> list[Stage]:
     steps = [Stage(error=left(share), place=f"p{k}", certain=certain) for k, share in enumerate(shares)]
-    return [Stage(error=errors(0.2)), *steps]
+    return [Stage(error=errors(0.4)), *steps]
 
 
 def test_the_floor_counts_four_permille_of_the_signal_and_an_error_at_most_200_per_cent() -> None:
