@@ -368,6 +368,7 @@ def foreign_section(table: pd.DataFrame) -> str:
         count = own["outcome"].value_counts()
         others = (str(count.get(name, 0)) for name in ("disturbance", "one of two", "no name", "wrong"))
         rows.append((str(group), rate(int(count.get("right", 0)), len(own)), *others))
+    families = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in table["family"].value_counts().items())
     wrong = "; ".join(
         f"{one.named} for {one.hidden or 'a sound rig'} (seed {one.seed}, {one.family})"
         for one in table[table["outcome"] == "wrong"].itertuples()
@@ -375,10 +376,10 @@ def foreign_section(table: pd.DataFrame) -> str:
     return f"""
 ## Rigs of another program
 
-{len(table)} campaigns ({seeds_of(table)}) of wire bonders, chains, carts with encoders, stages, torsion drives, shaken bases and
-partly measured chains, simulated by another program behind converters with sharp filters, with descriptions up to a quarter off
-and a cause of the catalogue, a form outside it, two causes or none. An answer is right if it names the place and kind of every
-cause and nothing else; a sound rig must be adequate. A disturbance that is in the rig, named instead, counts apart. A diagnosis
+{len(table)} campaigns ({seeds_of(table)}) of rigs that `tests/blind/foreign/` simulates by a program of its own, behind
+converters with sharp filters and with descriptions up to a quarter off ({families}). They hide a cause of the catalogue, a
+form outside it, two causes or none. An answer is right if it names the place and kind of every cause and nothing else; a sound
+rig must be adequate. A disturbance that is in the rig, named instead, counts apart. A diagnosis
 takes {table["processor_s"].median():.0f} s of processor in the median, {table["processor_s"].max():.0f} s at most. Every campaign
 has a line in `docs/study/foreign.csv`, written by
 `python tests/blind/foreign/diagnosed.py --seeds {table["seed"].min()}-{table["seed"].max()} --csv docs/study/foreign.csv`.
