@@ -20,7 +20,9 @@ from isorig.analysis.equations.system import CUT, HOLDS, Equations
 
 #: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
 COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
-RESONATORS, CLOSER, WITHIN = 90, 13, 0.03
+RESONATORS, CLOSER, WITHIN = 180, 13, 0.02
+#: Highest frequency of an attached resonator as a share of the usable band. Chosen: above it, it is only a mass.
+HIGHEST = 0.85
 #: Half bandwidth, in frequency resolutions of the segments, below which a resonator rings beyond a segment, and evaluations of
 #: the search for such a one.
 NARROW, RINGING = 1.5, 30
@@ -201,7 +203,7 @@ class Regressions:
 
     def _bodies(self, add: _Add, before: Mapping[str, float]) -> None:
         band = self.on.spectra.frequency
-        frequencies = np.geomspace(max(2.0 * self.on.lowest, band[0] * 1.5), 0.5 * band[-1], RESONATORS)
+        frequencies = np.geomspace(max(2.0 * self.on.lowest, band[0] * 1.5), HIGHEST * band[-1], RESONATORS)
         for body in self.on.combos.measured:
             if body in self.on.model.imposed or body in self.on.hidden:
                 continue

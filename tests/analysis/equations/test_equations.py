@@ -190,6 +190,19 @@ def test_a_form_with_memory_is_fitted_to_the_recorded_force() -> None:
     assert values == pytest.approx([2000.0, 1.5], rel=0.1)
 
 
+def test_a_resonator_is_found_in_the_upper_half_of_the_usable_band() -> None:
+    # Second derivatives of encoders are noisy: the band ends near the modes.
+    rig, given = carts(), guessed(carts(), SEED + 16)
+    band = float(equations_of(played(rig, seed=SEED + 16), given).spectra.frequency[-1])
+    mass, own = 0.15, 2.0 * np.pi * 0.7 * band
+    added = Link(name="loose", a="part", b="first", stiffness=mass * own**2, damping=mass * 2.0 * 0.02 * own)
+    truth = replace(rig, bodies=(*rig.bodies, Body(name="part", mass=mass)), links=(*rig.links, added))
+    best = ranking(equations_of(played(truth, seed=SEED + 16), given)).explanations[0]
+    assert (best.kind, best.place, best.what) == ("added_motion", "first", "resonator")
+    assert best.values["frequency"] == pytest.approx(0.7 * band, rel=0.01)
+    assert best.values["mass"] == pytest.approx(mass, rel=0.1)
+
+
 def wavy(rig: RigModel, link: str, force: float, pitch: float) -> RigModel:
     at = np.linspace(-2.5 * pitch, 2.5 * pitch, 65)
     values = force * np.sin(2.0 * np.pi * at / pitch)
