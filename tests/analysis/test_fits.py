@@ -12,7 +12,7 @@ from isorig.analysis.diagnose.causes.extra_mode import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends
-from isorig.analysis.fitting.solve import Problem, base_parameters, jacobian_of, positive
+from isorig.analysis.fitting.solve import Free, Problem, base_parameters, fit, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
@@ -28,6 +28,7 @@ TAKES = (
     VirtualRun(id="l70", configuration="locked", gain=70.0, seconds=20.0, start=90.0),
 )
 CAMPAIGN = virtual_campaign(RIG, TAKES, seed=3)
+FRICTION = "contacts.isolation.law.friction_force"
 
 
 def test_what_judges_is_kept_from_fits() -> None:
@@ -56,7 +57,7 @@ def test_one_run_of_a_configuration_judges_no_beginning() -> None:
 def test_an_attached_resonator_starts_near_the_model_without_it() -> None:
     """A light rider far from a body's resonance must hardly show, or no slope leads from there."""
     trials = prepare(CAMPAIGN, RIG)
-    riders = ExtraMode().candidates(RIG, replace(observe(CAMPAIGN, RIG, trials, RIG), misfit_frequencies=(230.0,)))
+    riders = ExtraMode().candidates(RIG, replace(observe(CAMPAIGN, RIG, trials, RIG, RIG), misfit_frequencies=(230.0,)))
     for rider in riders:
         light = next(s for s in rider.starts if s.bodies[-1].mass == 0.01 * RIG.body(rider.location).mass)
         for trial in (trials[1], trials[3]):
@@ -68,9 +69,8 @@ def test_an_attached_resonator_starts_near_the_model_without_it() -> None:
 def test_a_mode_is_found_despite_a_larger_misfit() -> None:
     """A motor's sensor that reads high is missed over octaves; the rider is a peak in another channel."""
     table = RIG.body("table").mass
-    rider = ExtraMode().candidates(RIG, replace(observe(CAMPAIGN, RIG, prepare(CAMPAIGN, RIG), RIG), misfit_frequencies=(34.0,)))[
-        0
-    ]
+    evidence = observe(CAMPAIGN, RIG, prepare(CAMPAIGN, RIG), RIG, RIG)
+    rider = ExtraMode().candidates(RIG, replace(evidence, misfit_frequencies=(34.0,)))[0]
     assert rider.location == "table"
     hidden = next(s for s in rider.starts if s.bodies[-1].mass == 0.04 * table)
     low = RIG.replace({"sensors.motor.chain.gain": 0.4})
@@ -126,3 +126,19 @@ def test_derivatives_hold_along_a_narrow_valley() -> None:
     jacobian = jacobian_of(problem, at, here, free, middle)
     assert np.linalg.norm(central) < np.linalg.norm(jacobian, axis=0).max() / 3000.0
     assert np.linalg.norm(jacobian @ valley - central) < 0.1 * np.linalg.norm(central)
+
+
+@pytest.mark.parametrize(("low", "high", "start"), [(1.0, 12.0, 12.0), (6.0, 20.0, 6.0)])
+def test_a_fit_leaves_a_bound_at_which_it_starts(low: float, high: float, start: float) -> None:
+    problem = Problem(prepare(CAMPAIGN, RIG)[1:2])
+    done = fit(RIG.replace({FRICTION: start}), [Free(path=FRICTION, low=low, high=high)], problem)
+    assert done.values[FRICTION] == pytest.approx(9.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 8.0), (10.0, 20.0)])
+def test_a_fit_stays_at_the_bound_next_to_its_minimum(low: float, high: float) -> None:
+    problem = Problem(prepare(CAMPAIGN, RIG)[1:2])
+    table = next(path for path in RIG.free if path.endswith("damping"))
+    start = RIG.replace({FRICTION: min(max(9.0, low), high)})
+    done = fit(start, [Free(path=FRICTION, low=low, high=high), positive(table, RIG.get(table))], problem)
+    assert done.values[FRICTION] == pytest.approx(start.get(FRICTION))

@@ -97,7 +97,7 @@ def true_fit(campaign: Campaign, answer: Mapping[str, Any]) -> tuple[Candidate, 
     trials = prepare(campaign, base)
     cause = next(one for one in CATALOGUE if one.name == effect["cause"])
     found = []
-    for candidate in cause.candidates(base, observe(campaign, base, trials, base)):
+    for candidate in cause.candidates(base, observe(campaign, base, trials, base, base)):
         if candidate.location != effect["place"]:
             continue
         start = candidate.starts[0]

@@ -199,7 +199,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
     # Records in wrong units, or exchanged, have no cause in the rig: they are to be corrected first.
     contradicted = not explains_as_given(model, baseline) and bool(doubts_of_records(model, campaign))
-    search = _Search(campaign, (guess,), equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
+    search = _Search(campaign, model, guess, equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
     found = search.causes(baseline, ends)
     # A search may have led the baseline to a better fit.
     baseline = found.stages[0].fit
@@ -290,17 +290,17 @@ class _Search:
     # The search for causes, from a fitted baseline.
 
     def __init__(
-        self, campaign: Campaign, guesses: Sequence[RigModel], equations: Equations, trials: Sequence[Trial], progress: Progress,
-        tolerance: float, most_steps: int,
+        self, campaign: Campaign, described: RigModel, guess: RigModel, equations: Equations, trials: Sequence[Trial],
+        progress: Progress, tolerance: float, most_steps: int,
     ) -> None:  # fmt: skip
         self._most_steps = most_steps
-        self._campaign, self._guesses, self._trials, self._progress = campaign, guesses, trials, progress
+        self._campaign, self._described, self._guess, self._trials, self._progress = campaign, described, guess, trials, progress
         self._equations = equations
         self._tolerance = tolerance
         self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
         self.first: Job | None = None
         self.cut_short = False
-        self._drive_noise = drive_noise(campaign, guesses[0].drive.channel)
+        self._drive_noise = drive_noise(campaign, described.drive.channel)
         self._noise_floors: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
@@ -369,7 +369,7 @@ class _Search:
     def _job(self, stages: Sequence[_Stage], division: Division, floors: FloatArray, left: float, *, forms_only: bool) -> Job:
         step = stages[-1].step
         job = Job(
-            campaign=self._campaign, guesses=self._guesses, current=stages[-1].fit, now=stages[-1].score,
+            campaign=self._campaign, described=self._described, guess=self._guess, current=stages[-1].fit, now=stages[-1].score,
             equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
             progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
             allowed=lambda model: _allowed(self.floors(model, division.judged)),

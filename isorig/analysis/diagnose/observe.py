@@ -34,8 +34,10 @@ PEAK_NOISE, PEAK_LINES, PEAKS_APART = 0.02, 4, 0.3
 WANDERS = 0.2
 
 
-def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess: RigModel) -> Evidence:
-    """Evidence from the data, compared with the fitted baseline and with the rig before the fit."""
+def observe(
+    campaign: Campaign, model: RigModel, trials: Sequence[Trial], described: RigModel, guess: RigModel
+) -> Evidence:  # fmt: skip
+    """Evidence from the data, compared with the fitted baseline, with the description, and with the rig before the fit."""
     deflection, speed = swings(model, trials)
     rate = trials[0].sample_rate
     last = session_end(trials)
@@ -43,7 +45,7 @@ def observe(campaign: Campaign, model: RigModel, trials: Sequence[Trial], guess:
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        forces=forces(model, trials, deflection), push=push_of(model, peaks), guess=guess,
+        forces=forces(model, trials, deflection), push=push_of(model, peaks), described=described, guess=guess,
         configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 

@@ -83,8 +83,10 @@ class Job:
 
     Parameters
     ----------
-    campaign, guesses
-        The measurement, and the rig before any fit, the most trusted guess first.
+    campaign, described
+        The measurement, and the rig as it is described.
+    guess
+        The rig before any fit, with the values of the equations where these give some.
     current, now
         The model to be extended and its score.
     equations
@@ -108,7 +110,8 @@ class Job:
     """
 
     campaign: Campaign
-    guesses: Sequence[RigModel]
+    described: RigModel
+    guess: RigModel
     current: Fit
     now: Score
     equations: Equations
@@ -129,7 +132,7 @@ class Job:
 
     def evidence_of(self, model: RigModel) -> Evidence:
         """The same for a model that has other links."""
-        return observe(self.campaign, model, self.trials, self.guesses[0])
+        return observe(self.campaign, model, self.trials, self.described, self.guess)
 
     @cached_property
     def suspects(self) -> Suspects | None:
@@ -479,10 +482,9 @@ class Screened:
         if misfit(job.current.model, job.rungs[0].problem) > BENT:
             # A missing effect has biased all parameters: start from the likely ones before any fit, too.
             for candidate, free, model in tuple(starts):
-                for guess in job.guesses:
-                    paths = [f.path for f in free if f not in candidate.free and f.path in guess.free]
-                    with suppress(ModelError):  # values that exclude the candidate's own
-                        starts.append((candidate, free, model.replace(values_at(guess, paths))))
+                paths = [f.path for f in free if f not in candidate.free and f.path in job.guess.free]
+                with suppress(ModelError):  # values that exclude the candidate's own
+                    starts.append((candidate, free, model.replace(values_at(job.guess, paths))))
         return followed(starts, job.rungs, job.current, job.progress, job.promising)
 
     def shapes(self, forms: Sequence[Entry]) -> Running:

@@ -70,6 +70,10 @@ class Free:
         value = float(np.exp(min(coordinate, 700.0))) if self.log else coordinate
         return float(min(max(value, self.low), self.high))
 
+    def at_upper_bound(self, coordinate: float) -> bool:
+        """Whether less than half a finite difference remains between a search coordinate and the upper bound."""
+        return self.decode(coordinate + 0.5 * self.step) == self.high
+
 
 class Spread(Protocol):
     """What determines the uncertainty of fitted values."""
@@ -383,17 +387,18 @@ def jacobian_of(
     free: Sequence[Free],
     residual: FloatArray,
 ) -> FloatArray:
-    """Forward differences of the residual, shape (size, parameters)."""
+    """One-sided differences of the residual, shape (size, parameters)."""
     shifted = []
-    steps = np.array([parameter.step for parameter in free])
-    for i, parameter in enumerate(free):
+    # At an upper bound the other side is inside.
+    steps = np.array([-f.step if f.at_upper_bound(c) else f.step for f, c in zip(free, theta, strict=True)])
+    for i in range(len(free)):
         moved = theta.copy()
-        moved[i] += parameter.step
+        moved[i] += steps[i]
         try:
             shifted.append(build(moved))
         except ModelError:  # the step exceeded what physics allows; the other side is inside
-            moved[i] -= 2.0 * parameter.step
-            steps[i] = -parameter.step
+            moved[i] -= 2.0 * steps[i]
+            steps[i] = -steps[i]
             try:
                 shifted.append(build(moved))
             except ModelError:  # not allowed on both sides: unchanged

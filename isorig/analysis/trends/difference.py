@@ -139,7 +139,7 @@ def explanations(
         progress(f"trying {one[0].path}")
         freed = ProblemWithPriors(short, [k for k in known if k is not one])
         found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
-    evidence = observe(campaign, still.model, trials, earlier)
+    evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
     for item in _distinct(screened)[:FITTED]:

@@ -55,7 +55,7 @@ def test_a_fit_finds_the_hidden_rate_and_the_free_shape_its_course() -> None:
     trials = prepare(played(HIDDEN, seed=1, takes=(Take(3.0, 1),)), model)
     problem, evidence = Problem(trials), Evidence(
         deflection={"rail": 1e-3}, speed={"rail": 0.05}, peak={}, sample_rate=400.0, end_time=12.0, flat_tops={}, mains={},
-        misfit_frequencies=(), forces={}, push=20.0, configurations=frozenset({"unlocked"}), guess=model,
+        misfit_frequencies=(), forces={}, push=20.0, configurations=frozenset({"unlocked"}), described=model, guess=model,
     )  # fmt: skip
     (candidate,) = DampingDrift().candidates(model, evidence)
     done = fit(candidate.starts[0], candidate.parameters(model), problem).model

@@ -23,7 +23,7 @@ EVIDENCE = Evidence(
     deflection={"table": 1e-3, "heatblock": 1e-5, "isolation": 5e-3}, speed={"table": 0.1, "heatblock": 0.01, "isolation": 0.3},
     peak=dict.fromkeys(CHANNELS, 4.0), sample_rate=1024.0, end_time=720.0, flat_tops=dict.fromkeys(CHANNELS, 3.0),
     mains=dict.fromkeys(CHANNELS, 50.0), misfit_frequencies=(30.0,), forces={}, push=25.0,
-    configurations=frozenset({"locked", "unlocked"}), guess=wire_bonder(),
+    configurations=frozenset({"locked", "unlocked"}), described=wire_bonder(), guess=wire_bonder(),
 )  # fmt: skip
 #: Reported parameters that grow with the size of their cause.
 DETERMINE_SIZE = {

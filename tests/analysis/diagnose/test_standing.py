@@ -44,7 +44,7 @@ def reported(*, elsewhere: float) -> set[tuple[str, str]]:
     trials = prepare(campaign, guess)
     forms = [entry("sensor_gain", "x", 0.0100), entry("sensor_gain", "a", elsewhere)]
     shapes = [entry("sensor", "x", 0.0098, points=5), entry("sensor", "a", 0.0099, points=5)]
-    found = best_kind(forms, shapes, scored(0.1), FLOORS, observe(campaign, guess, trials, guess))
+    found = best_kind(forms, shapes, scored(0.1), FLOORS, observe(campaign, guess, trials, guess, guess))
     assert found is not None
     assert found.step.form == "sensor_gain"
     return {(found.step.cause, found.step.location), *found.step.indistinguishable}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.causes.backlash import is_play
 from isorig.analysis.diagnose.diagnosis import is_certain
 from isorig.analysis.diagnose.policy import (
     POLICY,
@@ -213,3 +214,17 @@ def test_a_step_is_certain_from_95_per_cent_of_the_draws(
 
 def test_every_threshold_has_its_stated_value() -> None:
     assert {field.name: getattr(POLICY, field.name) for field in fields(Policy)} == STATED
+
+
+@pytest.mark.parametrize(
+    ("inside", "beyond", "described", "play"),
+    [
+        (249.0, 1000.0, 1000.0, True),  # a quarter of the spring remains inside
+        (251.0, 1000.0, 1000.0, False),
+        (200.0, 1000.0, 449.0, True),  # the described spring is nearer to the one beyond, by ratio
+        (200.0, 1000.0, 445.0, False),
+        (0.0, 1000.0, 1.0, True),
+    ],
+)
+def test_the_described_spring_decides_between_play_and_stops(inside: float, beyond: float, described: float, play: bool) -> None:
+    assert is_play(inside, beyond, described) is play

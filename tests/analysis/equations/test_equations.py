@@ -219,7 +219,7 @@ def test_a_curve_is_fitted_to_a_force_that_rises_and_falls_and_suffices_alone() 
     assert found is not None
     assert (found.chosen[0].kind, found.chosen[0].place) == ("spring_shape", "rail")
     fitted, trials = fit_baseline(campaign, given)
-    evidence = observe(campaign, fitted.model, trials, given)
+    evidence = observe(campaign, fitted.model, trials, given, given)
     shapes = found.shapes(fitted, evidence)
     assert {shape.key for shape in shapes} == {("spring_shape", "rail")}
     assert len(shapes) == 1

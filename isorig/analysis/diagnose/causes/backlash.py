@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from math import asin, pi, sqrt
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns
@@ -43,9 +44,30 @@ class Backlash(LinkCause):
             Free(path="residual", low=0.0, high=INSIDE, log=False, step=0.01),
         )
 
+    def plausible(self, link: LinkInRuns, evidence: Evidence, path: str) -> Callable[[RigModel], bool]:
+        return partial(_beyond_its_play, link.name, path, evidence.as_described(link.link).stiffness)
+
     def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> BacklashLaw:
         clearance = size * sizes.weak_to_strong(0.06, 0.2) * link.deflection
         return BacklashLaw(clearance=clearance, residual=sizes.between(0.0, 0.06))
+
+
+def is_play(inside: float, beyond: float, described: float) -> bool:
+    """Whether a weaker spring inside and a stiffer one beyond a clearance are play: else they are a spring with stops.
+
+    Both have the same equations where the spring inside is weak; the described spring is the one beyond the play.
+
+    Parameters
+    ----------
+    inside, beyond, described
+        Stiffness between the contacts, beyond them, and of the described spring, N/m.
+    """
+    return inside <= INSIDE * beyond and (inside <= 0.0 or described**2 >= inside * beyond)
+
+
+def _beyond_its_play(link: str, path: str, described: float, model: RigModel) -> bool:
+    beyond = model.link(link).stiffness
+    return is_play(model.get(f"{path}.residual") * beyond, beyond, described)
 
 
 def _seen_through(share: float) -> float:

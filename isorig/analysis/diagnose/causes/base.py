@@ -68,8 +68,8 @@ class Evidence(Amplitudes):
         Largest force in N of the drive on a body.
     configurations
         The configurations that were measured.
-    guess
-        The rig before any fit on simulation error.
+    described, guess
+        The rig as it is described, and before any fit on simulation error.
     """
 
     flat_tops: Mapping[str, float]
@@ -78,11 +78,20 @@ class Evidence(Amplitudes):
     forces: Mapping[str, LinkForce]
     push: float
     configurations: frozenset[str]
+    described: RigModel
     guess: RigModel
 
     def before(self, link: Link) -> Link:
         """A link before any fit; the link itself if a step has added it."""
-        return next((known for known in self.guess.links if known.name == link.name), link)
+        return _known(link, self.guess)
+
+    def as_described(self, link: Link) -> Link:
+        """A link as it is described; the link itself if a step has added it."""
+        return _known(link, self.described)
+
+
+def _known(link: Link, rig: RigModel) -> Link:
+    return next((known for known in rig.links if known.name == link.name), link)
 
 
 @dataclass(frozen=True, kw_only=True)

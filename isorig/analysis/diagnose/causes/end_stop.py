@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from math import log
 from typing import Literal
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns, blocked_throughout
-from isorig.analysis.diagnose.causes.backlash import INSIDE
+from isorig.analysis.diagnose.causes.backlash import is_play
 from isorig.analysis.diagnose.causes.base import Evidence, RecordedRuns, Sizes, sliding_links
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import EndStop as EndStopLaw
-from isorig.analysis.model.rig_model import Link, RigModel
+from isorig.analysis.model.rig_model import RigModel
 
 #: Stroke as a share of the largest deflection, and stiffness of the contact as a multiple of the spring's, at the starts: of
 #: stops at both ends, and at one.
 STARTS, ONE_END = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3)), ((0.6, 3.0), (0.25, 3.0))
-#: Smallest stroke of a stop with a weak spring inside, as a share of the largest deflection: with a smaller one it is play.
-LEAST_STROKE = 0.3
 
 
 class EndStop(LinkCause):
@@ -48,7 +45,7 @@ class EndStop(LinkCause):
         )
 
     def plausible(self, link: LinkInRuns, evidence: Evidence, path: str) -> Callable[[RigModel], bool]:
-        return partial(_has_a_spring_inside, evidence.before(link.link), path, link.deflection)
+        return partial(_inside_its_stops, link.name, path, evidence.as_described(link.link).stiffness)
 
     def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> EndStopLaw:
         stroke = sizes.weak_to_strong(0.75, 0.45) * link.deflection
@@ -73,11 +70,6 @@ def _slight(link: LinkInRuns) -> float:
     return 1e-3 * link.stiffness * link.deflection / max(link.speed, 1e-12)
 
 
-def _has_a_spring_inside(before: Link, path: str, deflection: float, model: RigModel) -> bool:
-    # With almost no spring inside it is play where the stroke is small, or the spring beyond it is the one that was expected.
-    inside = model.link(before.name).stiffness
-    beyond = inside + model.get(f"{path}.contact_stiffness")
-    if inside > INSIDE * beyond:
-        return True
-    far = model.get(f"{path}.stroke") > LEAST_STROKE * deflection
-    return far and abs(log(inside / before.stiffness)) < abs(log(beyond / before.stiffness))
+def _inside_its_stops(link: str, path: str, described: float, model: RigModel) -> bool:
+    inside = model.link(link).stiffness
+    return not is_play(inside, inside + model.get(f"{path}.contact_stiffness"), described)
