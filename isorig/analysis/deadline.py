@@ -21,7 +21,8 @@ class Deadline:
     """
 
     def __init__(self, seconds: float | None = None) -> None:
-        self._end = inf if seconds is None else time.process_time() + seconds
+        self._start = time.process_time()
+        self._limit = self._end = inf if seconds is None else self._start + seconds
         self._outer: Token[Deadline | None]
 
     def __enter__(self) -> Deadline:
@@ -36,6 +37,15 @@ class Deadline:
         """Whether the time has ended."""
         return time.process_time() > self._end
 
+    @property
+    def spent(self) -> float:
+        """Seconds so far."""
+        return time.process_time() - self._start
+
+    def keep(self, seconds: float) -> None:
+        """End the time these seconds before the limit: what follows takes them."""
+        self._end = self._limit - seconds
+
     def end(self) -> None:
         """End the time now."""
         self._end = -inf
@@ -45,6 +55,19 @@ def out_of_time() -> bool:
     """Whether the time of the deadline in force, if there is one, has ended."""
     deadline = _in_force.get()
     return deadline is not None and deadline.over
+
+
+def time_spent() -> float:
+    """Seconds since the deadline in force began; zero without one."""
+    deadline = _in_force.get()
+    return 0.0 if deadline is None else deadline.spent
+
+
+def keep_time(seconds: float) -> None:
+    """End the time of the deadline in force, if there is one, these seconds before its limit."""
+    deadline = _in_force.get()
+    if deadline is not None:
+        deadline.keep(seconds)
 
 
 def ask_time() -> None:

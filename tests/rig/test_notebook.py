@@ -137,8 +137,7 @@ def test_diagnose_takes_the_campaigns_rig_and_a_time_limit(campaign: iso.Campaig
     page = found.write(tmp_path / "out")
     assert page.is_file()
     assert (tmp_path / "out" / "findings.json").is_file()
-    with pytest.raises(iso.RigError, match="the limit of 1e-06 s ended before the baseline was fitted"):
-        iso.diagnose(campaign, seconds=1e-6)
+    assert iso.diagnose(campaign, seconds=1e-6).cut_short
 
 
 def test_every_text_is_short(campaign: iso.Campaign) -> None:

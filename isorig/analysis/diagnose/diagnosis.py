@@ -10,9 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.deadline import ask_time, out_of_time
+from isorig.analysis.deadline import ask_time, keep_time, out_of_time, time_spent
 from isorig.analysis.diagnose.budget import Budget, budget
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
+from isorig.analysis.diagnose.early_answer import pointed
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, record_signs, signs
 from isorig.analysis.diagnose.guides import with_guides
@@ -42,6 +43,7 @@ from isorig.analysis.fitting.ladder import (
     calibrated,
     finished,
     ladder,
+    not_fitted,
     tried,
     widened,
     without,
@@ -69,6 +71,9 @@ from isorig.analysis.spectra.quality import faults
 MOST_STEPS = 3
 #: Kinds of causes that may explain data with a wrong unit.
 MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
+#: Time that is kept for what follows the search (uncertainties, evidence, page), and for evidence and page alone, as multiples of
+#: the time in which runs and equations are prepared. Chosen: evidence and page took 0.5 to 3.4 times that time.
+AFTER_SEARCH, AFTER_FITS = 5.0, 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +119,8 @@ class Diagnosis:
         Error that counts as adequate, as a share of the signal.
     cut_short
         Whether the time limit ended the search for causes.
+    pointed
+        Kind and place to which the equations of motion point, if the time limit ended the search before any cause was certain.
     doubts
         Implausible fitted values: check units and given values first.
     """
@@ -141,6 +148,7 @@ class Diagnosis:
     searched: tuple[tuple[Score, tuple[Entry, ...]], ...]
     tolerance: float
     cut_short: bool
+    pointed: tuple[str, str] | None
     doubts: tuple[Doubt, ...]
 
 
@@ -158,11 +166,8 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     progress
         Called with a line for each stage, and before every fit of a candidate.
 
-    Raises
-    ------
-    OutOfTimeError
-        The deadline in force (`isorig.analysis.deadline`) was reached before the baseline was fitted. Later it ends the search
-        for causes: the answer is then what was found so far, and `cut_short` states this.
+    The deadline in force (`isorig.analysis.deadline`) ends the search so early that what follows it ends in time, too. The answer
+    is then what was found so far, at least by the equations of motion, and `cut_short` states this.
 
     Examples
     --------
@@ -173,7 +178,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     """
     found = _at_described_places(campaign, model, tolerance, progress)
     guided = with_guides(model)
-    if found.verdict == "adequate" or found.cut_short or guided is model or _ends_well(found):
+    if found.verdict == "adequate" or found.cut_short or out_of_time() or guided is model or _ends_well(found):
         return found
     progress("no described place explains the whole error; looking for friction on the ground where nothing joins a body to it")
     again = _at_described_places(campaign, guided, tolerance, progress)
@@ -191,15 +196,23 @@ def _ends_well(found: Diagnosis) -> bool:
 
 
 def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, progress: Progress) -> Diagnosis:
+    begun = time_spent()
     trials = prepare(campaign, model)
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     equations = equations_of(campaign, model)
     residuals = equations.residuals()
+    preparing = time_spent() - begun
+    keep_time(AFTER_SEARCH * preparing)
     guess = model.replace(start_values(equations)) if residuals else model
-    baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
+    try:
+        baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
+        late = False
+    except OutOfTimeError:
+        baseline, late = not_fitted(guess), True
     # Records in wrong units, or exchanged, have no cause in the rig: they are to be corrected first.
     contradicted = not explains_as_given(model, baseline) and bool(doubts_of_records(model, campaign))
     search = _Search(campaign, model, guess, equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
+    search.cut_short = late
     found = search.causes(baseline, ends)
     # A search may have led the baseline to a better fit.
     baseline = found.stages[0].fit
@@ -211,8 +224,10 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
             found = found if again.verdict == "adequate" else again
         if found.verdict == "adequate":
             search.entries = searched  # errors at the beginnings have another shape
-    progress("gathering the evidence")
+    keep_time(AFTER_FITS * preparing)
+    progress("computing the uncertainties")
     found = search.settled(found)
+    progress("gathering the evidence")
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
     compared = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
@@ -246,7 +261,9 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
             _allowed(found.quiet), first.fit.model, trials,
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
-        tolerance=tolerance, cut_short=search.cut_short, doubts=doubts(model, _credible(found), campaign),
+        tolerance=tolerance, cut_short=search.cut_short,
+        pointed=pointed(equations) if search.cut_short and found.verdict == "unexplained" else None,
+        doubts=doubts(model, _credible(found), campaign),
     )  # fmt: skip
 
 
@@ -436,10 +453,9 @@ class _Search:
     def settled(self, found: _Found) -> _Found:
         """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
         last, fits = found.stages[found.kept], [refined(trial) for trial in found.division.fits]
-        if self.cut_short or not last.fit.free:
+        if self.cut_short or out_of_time() or not last.fit.free:
             return found
         try:
-            self._progress("computing the uncertainties")
             judged = found.division.judged
             floors = None if found.division.beginnings else self.floors(last.fit.model, judged)
             fit = assessed(last.fit, fits, self._drive_noise, self._campaign.known, floors).fit

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.suspects import APART, equations_of
 from isorig.analysis.equations.ranking import ranking
-from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.model.rig_model import RigModel
 
 #: Least score of a cause. Chosen: in a record of few periods an equation may seem broken, and some cause then removes a part of
@@ -65,14 +65,18 @@ def early_answer(campaign: Campaign, model: RigModel) -> EarlyAnswer | None:
         residuals=residuals,
         complete=all(balance.name in residuals for balance in equations.balances if present & set(balance.configurations)),
     )
+    kind, place = pointed(equations) or ("", "")
+    return replace(answer, kind=kind, place=place)
+
+
+def pointed(equations: Equations) -> tuple[str, str] | None:
+    """Kind and place of the cause that explains the residuals of the equations by far best; None if none does."""
     ranked = ranking(equations)
     best = ranked.explanations[0] if ranked.broken and ranked.explanations else None
     if best is None or best.score < CLEAR:
-        return answer
+        return None
     rivals = (e.score for e in ranked.explanations if (e.kind, e.place) != (best.kind, best.place))
-    if best.score <= max(rivals, default=0.0) + APART:
-        return answer
-    return replace(answer, kind=best.kind, place=best.place)
+    return (best.kind, best.place) if best.score > max(rivals, default=0.0) + APART else None
 
 
 @dataclass

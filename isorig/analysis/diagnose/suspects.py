@@ -10,6 +10,7 @@ from math import pi
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.deadline import ask_time
 from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.free_shapes import free_shapes
@@ -288,6 +289,7 @@ class Suspects:
         element = self._element(candidate.location)
         found: list[tuple[float | None, RigModel]] = []
         for start in candidate.starts:
+            ask_time()
             with suppress(ModelError):  # values that exclude the candidate's own
                 model = start.replace({path: value for path, value in values.items() if path in kept})
                 model = model.replace(_own_values(candidate, explanation, model))

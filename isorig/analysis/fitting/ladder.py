@@ -173,6 +173,12 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     return finished(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials)
 
 
+def not_fitted(model: RigModel) -> Fit:
+    """A model with its values as they are, whose uncertainties are unknown."""
+    free = base_parameters(model)
+    return Fit(model=model, free=free, covariance=np.full((len(free),) * 2, np.nan), cost=np.nan, evaluations=0)
+
+
 def _trusted(fits: Sequence[Fit], name: str) -> Fit:
     # Of equally good fits the first has the most trusted starting point: a wrong model can be fitted with arbitrary values.
     if not fits:

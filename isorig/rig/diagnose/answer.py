@@ -55,7 +55,7 @@ def findings_of(
             extended=stored.FittedExtension(parameters=parameters(diagnosis.extended)),
             discrepancies=[msgspec.convert(found, stored.Misfit, from_attributes=True) for found in diagnosis.discrepancies],
             evidence=[sign.text for sign in diagnosis.signs],
-            remarks=missing(campaign, diagnosis.baseline.model),
+            remarks=[*missing(campaign, diagnosis.baseline.model), *_rough(diagnosis.extended)],
             adequacy=stored.Adequacy(
                 worst=diagnosis.worst,
                 threshold=diagnosis.enough,
@@ -66,6 +66,8 @@ def findings_of(
             ),
             tolerance=diagnosis.tolerance,
             cut_short=diagnosis.cut_short,
+            pointed=diagnosis.pointed
+            and msgspec.convert({"kind": diagnosis.pointed[0], "location": diagnosis.pointed[1]}, stored.KindAt),
             time_limit_s=limit,
             steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
             candidates=[
@@ -101,6 +103,13 @@ def parameters(fitted: Fit) -> dict[str, stored.Value]:
     return {
         path: stored.Value(value=value, std=std[path], unit=unit_of(path, fitted.model)) for path, value in fitted.values.items()
     }
+
+
+def _rough(fitted: Fit) -> list[str]:
+    # What a reader must know of the uncertainties if the time ended before they were computed.
+    if fitted.known is not None or not fitted.free:
+        return []
+    return ["The time limit ended before the uncertainties were computed; those given are of a coarser fit."]
 
 
 def _share(share: tuple[float, float, float]) -> stored.Share:

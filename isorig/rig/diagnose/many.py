@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 import msgspec
 
 from isorig.analysis.parallel import cores
-from isorig.rig.errors import REFUSALS, PlanError, RigError, TimeLimitError
+from isorig.rig.errors import REFUSALS, PlanError, RigError
 from isorig.rig.files.output import cell
 from isorig.rig.model.baseline import Baseline
 
@@ -71,34 +71,26 @@ def diagnose_file(
     tolerance
         Error, as a share of the signal, that counts as adequate.
     limit
-        Seconds of processor time after which the search for causes ends; the answer is then what was found so far, and states
-        this.
+        Seconds of processor time for all of it. The search for causes ends so early that uncertainties and page are done by then;
+        the answer is then what was found so far, and states this.
     page
         Whether to write report.html too.
 
     Raises
     ------
-    TimeLimitError
-        The time ended before the baseline was fitted; nothing is written then.
     RigError, AnalysisError
         The recording cannot be used; nothing is written then.
     """
     from isorig.analysis.deadline import Deadline
     from isorig.analysis.diagnose.diagnosis import diagnose
-    from isorig.analysis.errors import OutOfTimeError
     from isorig.rig.diagnose.answer import write_answer
     from isorig.rig.files.recording import read
     from isorig.rig.model.baseline import baseline_model
 
-    try:
-        with Deadline(limit):
-            tell("reading")
-            campaign = read(file)
-            found = diagnose(campaign, baseline_model(campaign, baseline), tolerance=tolerance, progress=tell)
-    except OutOfTimeError:
-        raise TimeLimitError(
-            f"the limit of {limit:g} s ended before the baseline was fitted to {file}; increase it with --seconds"
-        ) from None
+    with Deadline(limit):
+        tell("reading")
+        campaign = read(file)
+        found = diagnose(campaign, baseline_model(campaign, baseline), tolerance=tolerance, progress=tell)
     tell("writing the answer")
     origin = {"baseline": baseline, **fingerprint(file)}
     return _outcome(write_answer(folder, found, campaign, origin, limit=limit, page=page))

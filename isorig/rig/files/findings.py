@@ -174,6 +174,13 @@ class CauseAt(msgspec.Struct, frozen=True, kw_only=True):
     location: str
 
 
+class KindAt(msgspec.Struct, frozen=True, kw_only=True):
+    """A kind of cause at a place."""
+
+    kind: Kind
+    location: str
+
+
 class HeldOut(msgspec.Struct, frozen=True, kw_only=True):
     """Held-out errors of both models and of noise alone, as shares of the signal, with 95 % intervals."""
 
@@ -215,6 +222,9 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
         Error, as a share of the signal, that counts as adequate.
     cut_short
         Whether the time limit ended the search for causes.
+    pointed
+        The kind of cause and the place to which the equations of motion point, if the time limit ended the search before any
+        cause was certain.
     time_limit_s
         The given time limit, s; None for none.
     steps
@@ -241,6 +251,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     adequacy: Adequacy
     tolerance: float
     cut_short: bool
+    pointed: KindAt | None = None
     time_limit_s: float | None
     steps: list[NamedCause]
     candidates: list[TriedCause]

@@ -54,8 +54,8 @@ CHANGES = pa.schema(
 COMPACT = 200
 #: Verdicts of recordings without parameters: rejected for their content, stopped by the time limit, failed for another reason,
 #: and replaced by another recording at the same path.
-REFUSED, LATE, FAILED, SUPERSEDED = "refused", "timed out", "failed", "superseded"
-WITHOUT = (REFUSED, LATE, FAILED, SUPERSEDED)
+REFUSED, FAILED, SUPERSEDED = "refused", "failed", "superseded"
+WITHOUT = (REFUSED, FAILED, SUPERSEDED)
 #: Name of the row with the time limit of a diagnosis that was stopped or cut short by it, s.
 LIMIT = "time_limit"
 

@@ -13,9 +13,9 @@ import msgspec
 
 from isorig.analysis.diagnose.kinds import FORMS
 from isorig.rig.diagnose.many import answered, diagnose_file, program_version
-from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError, TimeLimitError
+from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError
 from isorig.rig.files.findings import NamedCause, Value, read_findings
-from isorig.rig.fleet.catalogue import FAILED, LATE, LIMIT, REFUSED, Catalogue, StoredAnswer, StoredParameter
+from isorig.rig.fleet.catalogue import FAILED, LIMIT, REFUSED, Catalogue, StoredAnswer, StoredParameter
 from isorig.rig.model.baseline import Baseline
 
 #: Errors for missing disk space or quota.
@@ -88,8 +88,6 @@ def _answered(job: DiagnosisJob, folder: Path) -> StoredAnswer:
         if job.again or not answered(folder, origin, limit=job.limit):
             baseline: Baseline = "linear" if blank.baseline == "linear" else "coulomb"
             diagnose_file(path, folder, baseline, limit=job.limit, page=job.pages)
-    except TimeLimitError as late:
-        return msgspec.structs.replace(blank, verdict=LATE, reason=str(late), parameters=(_limit(job.limit),))
     except OutputError:
         raise
     except REFUSALS as refusal:
@@ -133,7 +131,8 @@ def from_findings(folder: Path, blank: StoredAnswer) -> StoredAnswer:
     own = found.baseline.parameters
     if found.steps:
         own = {name: found.extended.parameters[name] for name in own if name in found.extended.parameters}
-    rows = [_parameter(name, row) for name, row in own.items()]
+    # Without an uncertainty they were not fitted: the time ended before.
+    rows = [_parameter(name, row) for name, row in own.items() if row.std is not None or not found.cut_short]
     rows += [
         _parameter(f"{step.cause}.{step.location}.{name}", row) for step in found.steps for name, row in step.parameters.items()
     ]

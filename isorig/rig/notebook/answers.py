@@ -13,12 +13,11 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose import diagnosis as analysis
 from isorig.analysis.diagnose.diagnosis import Diagnosis
-from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
 from isorig.rig.diagnose.answer import findings_of, write_answer
-from isorig.rig.errors import RigError, TimeLimitError
+from isorig.rig.errors import RigError
 from isorig.rig.files.findings import Findings
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.rigfile import GivenRig
@@ -88,11 +87,6 @@ def diagnose(
     progress
         Called with a line for each stage.
 
-    Raises
-    ------
-    TimeLimitError
-        The time ended before the baseline was fitted.
-
     Examples
     --------
     >>> import isorig as iso
@@ -100,11 +94,8 @@ def diagnose(
     >>> found.verdict, found.steps
     ('adequate', ())
     """
-    try:
-        with Deadline(seconds):
-            found = analysis.diagnose(campaign, model or campaign.rig, tolerance=tolerance, progress=progress)
-    except OutOfTimeError:
-        raise TimeLimitError(f"the limit of {seconds:g} s ended before the baseline was fitted; increase seconds") from None
+    with Deadline(seconds):
+        found = analysis.diagnose(campaign, model or campaign.rig, tolerance=tolerance, progress=progress)
     return Answer(campaign=campaign, **{item.name: getattr(found, item.name) for item in fields(Diagnosis)})
 
 

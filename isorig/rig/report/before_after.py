@@ -14,7 +14,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.wording import sized_unit
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, Style
-from isorig.rig.report.sections import unit, words
+from isorig.rig.report.sections import unit, with_article, words
 
 #: Names and roles of the curves.
 BASELINE: tuple[str, Role] = ("baseline", "simulated")
@@ -107,7 +107,7 @@ def force_chart(at: PlaceForce, over: Over) -> Chart:
     without = " without the linear spring's" if over == "velocity" and at.spring else ""
     return Chart(
         name=f"force-{at.place}",
-        caption=f"Force in the {words(at.place)}{without} over {over}, run {at.run}, held-out data: from the records (drive "
+        caption=f"Force in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data: from the records (drive "
         "minus inertia of the bodies beyond it), and the same from each model's simulation. Lines are means over bins.",
         panels=[Panel(label=f"force, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
     )  # fmt: skip
@@ -121,7 +121,7 @@ def _force_over_time(at: PlaceForce) -> Chart:
         for (name, role), one in at.models.items()
     ]
     return Chart(
-        name=f"force-{at.place}", caption=f"Force in the {words(at.place)} over time, run {at.run}, held-out data.",
+        name=f"force-{at.place}", caption=f"Force in {with_article(at.place)} over time, run {at.run}, held-out data.",
         panels=[Panel(label=f"force, {y_name}")], traces=traces, x_label="time, s", x_log=False,
     )  # fmt: skip
 
@@ -230,7 +230,7 @@ def residual_chart(before: Mapping[str, float], after: Mapping[str, float] | Non
     return bars_chart(
         "equations",
         "Equations of motion in the records, without simulation: the residual of each divided by its noise. About 1 is noise "
-        "alone; a fault raises only the equations that contain it, so the tall bar is its place.",
+        "alone; a fault raises only the equations that contain it, so the longest bar is its place.",
         "residual / noise", [_equation(name) for name in before], sets,
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.wording import sized
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, Value
-from isorig.rig.report.sections import words
+from isorig.rig.report.sections import with_article, words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
 PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}
@@ -95,7 +95,7 @@ def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
 
 def cause_in_words(step: NamedCause) -> str:
     """A step of the findings: its cause, place and parameters."""
-    place, values = _place(step.location), step.parameters
+    place, values = with_article(step.location), step.parameters
     if step.form is None:
         near = f", closest to {words(step.closest_form.cause)}" if step.closest_form else ", of no catalogued form"
         return f"{KINDS[step.kind]} at {place}{near}"
@@ -106,11 +106,6 @@ def cause_in_words(step: NamedCause) -> str:
     except KeyError:  # a cause, or its parameters, that these phrases do not have
         listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
         return f"{words(step.cause)} at {place}" + (f", {listed}" if listed else "")
-
-
-def _place(name: str) -> str:
-    # A number, as in l2, needs no article.
-    return words(name) if any(letter.isdigit() for letter in name) else f"the {words(name)}"
 
 
 def _size(row: Value, factor: float = 1.0, unit: str | None = None) -> str:
@@ -141,6 +136,9 @@ def _found(findings: Findings) -> str:
     if findings.doubts and all(candidate.holdout_error is None for candidate in findings.candidates):
         return f"{verdict}: no cause was searched for, because the records contradict the description"
     late = "; the time limit ended the search for causes before all were tried" if findings.cut_short else ""
+    if findings.pointed is not None:
+        kind, place = KINDS[findings.pointed.kind], with_article(findings.pointed.location)
+        return f"{verdict}: the equations of motion of the records point to {kind} at {place}, which no fit confirms yet{late}"
     if not findings.steps:
         return (
             f"{verdict}: the model misfits, and no place and kind of cause is certain enough to be named{_nature(findings)}{late}"
@@ -175,10 +173,10 @@ def in_per_cent(share: float) -> str:
 def _ruled_out(findings: Findings) -> str:
     rejected = [(c.holdout_error, c) for c in findings.candidates if c.standing == "ruled out" and c.holdout_error is not None]
     out = sorted(rejected, key=lambda pair: pair[0])
-    alike = [f"{words(c.cause)} at {_place(c.location)}" for group in findings.indistinguishable for c in group[1:]]
+    alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
     if out:
-        first = [f"{words(c.cause)} at {_place(c.location)} ({in_per_cent(error)})" for error, c in out[:NAMED]]
+        first = [f"{words(c.cause)} at {with_article(c.location)} ({in_per_cent(error)})" for error, c in out[:NAMED]]
         more = f", and {len(out) - NAMED} more" if len(out) > NAMED else ""
         said.append(f"Ruled out, with the error each leaves: {', '.join(first)}{more}.")
     if alike:

@@ -113,7 +113,7 @@ def _first(
 
 
 def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -> Chart | None:
-    # At the place of the first cause, or in the link that the baseline gets most wrong.
+    # At the place of the first cause, or to which the equations point; otherwise in the link that the baseline gets most wrong.
     owners = {BASELINE: diagnosis.baseline.model, EXTENDED: diagnosis.extended.model}
     before, *after = [(owners[name], responses) for name, responses in models.items()]
     extended = after[0] if after else None
@@ -125,6 +125,11 @@ def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -
         if step.curve is not None and step.curve.over == "position":
             over = "deflection"
         return None if at is None else force_chart(at, over)
+    if diagnosis.pointed:
+        kind, place = diagnosis.pointed
+        link = next((link for link in before[0].links if link.name == place), None)
+        at = None if link is None else place_force(link, diagnosis.trials, before, None)
+        return None if at is None else force_chart(at, OVER.get(kind, "deflection"))
     found = [at for link in before[0].links if (at := place_force(link, diagnosis.trials, before, None)) is not None]
     return force_chart(max(found, key=lambda at: at.misfit), "deflection") if found else None
 

@@ -33,6 +33,11 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+def with_article(name: str) -> str:
+    """The name of a place in a sentence; with a number, as l2, it needs no article."""
+    return words(name) if any(letter.isdigit() for letter in name) else f"the {words(name)}"
+
+
 def unbroken(text: str) -> str:
     """A sentence whose numbers stay with their uncertainties and units when it wraps."""
     return re.sub(r"(?<=[\d±]) (?=[±\d%]|[a-zA-Zµ]{1,2}(?:[ ,;.)/²³]|$))", "\u00a0", text)

@@ -7,6 +7,7 @@ from isorig.analysis.diagnose.estimate_pairs import Doubles
 from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
+from isorig.rig.report.sections import with_article
 
 
 def surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
@@ -14,7 +15,7 @@ def surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
     charts = []
     for seen in surfaces(model, compared):
         spring = model.link(seen.link).stiffness * seen.displacement
-        where = f"{seen.run}: the force in the {seen.link}"
+        where = f"{seen.run}: the force in {with_article(seen.link)}"
         charts += [
             _chart(f"force-{seen.link}", f"{where}.", "deflection, mm", 1e3 * seen.displacement, seen.force, seen.simulated),
             _chart(

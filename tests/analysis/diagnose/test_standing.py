@@ -102,7 +102,7 @@ def test_the_second_of_two_causes_is_left_out_if_the_first_suffices(
     wrong = stage().replace({"sensors.x.chain.gain": 1.3})
     free = base_parameters(guess)
     baseline = Fit(model=wrong, free=free, covariance=np.eye(len(free)), cost=1.0, evaluations=1)
-    search = _Search(campaign, (guess,), equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
     shape = score(wrong, ends(trials).judged).error.shape
 
     def found(cause: str, error: float, then: Found | None = None) -> Found:
@@ -128,7 +128,7 @@ def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPa
         Fit(model=guess, free=free, covariance=np.eye(len(free)), cost=float(k), evaluations=1) for k in range(5)
     )
     errors = (0.4, 0.05, 0.01, 0.01, 0.004)  # by cost
-    search = _Search(campaign, (guess,), equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
 
     def found(cause: str, before: Fit, after: Fit) -> Found:
         step = step_to(cause, "sensor", errors[int(before.cost)], errors[int(after.cost)]).step
