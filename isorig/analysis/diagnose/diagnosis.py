@@ -155,6 +155,9 @@ class Diagnosis:
 def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
     """Fit the baseline, show its misfit, and identify the cause.
 
+    The deadline in force (`isorig.analysis.deadline`) ends the search so early that what follows it ends in time, too. The answer
+    is then what was found so far, at least by the equations of motion, and `cut_short` states this.
+
     Parameters
     ----------
     campaign
@@ -165,9 +168,6 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
         Error, as a share of the signal, that counts as adequate.
     progress
         Called with a line for each stage, and before every fit of a candidate.
-
-    The deadline in force (`isorig.analysis.deadline`) ends the search so early that what follows it ends in time, too. The answer
-    is then what was found so far, at least by the equations of motion, and `cut_short` states this.
 
     Examples
     --------
