@@ -11,7 +11,9 @@ from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
+from foreign.instrument import converted
 from other_envelopes import hide_other
+from scipy.signal import resample
 from small_rigs import UNITS, guessed
 
 from isorig.analysis.campaign import Campaign, Channel, Run
@@ -45,6 +47,8 @@ OTHER_DRIVE = {
 }  # fmt: skip
 #: Seconds between two runs, and more where the motor is locked or unlocked.
 PAUSE, LOCKING = 30.0, 60.0
+#: Records of an instrument with converters of its own are simulated at this multiple of the sample rate.
+OVER = 4
 #: Gains and band that an investigation may use, and its stroke over the largest deflection of the standard plan.
 GAINS, BAND, STROKE = (0.0, 100.0), (0.5, 400.0), 1.5
 
@@ -86,6 +90,8 @@ class SealedRig:
         What no run may exceed.
     seed
         Of the sensors' noise.
+    converter
+        The filter of the instrument's converters, one of `foreign.instrument.CONVERTERS`; None for the simulator's own.
     broken
         What every run that exceeded a limit exceeded, filled on the way.
     """
@@ -94,6 +100,7 @@ class SealedRig:
     bench: Bench
     limits: Limits
     seed: int
+    converter: str | None = None
     broken: list[str] = field(default_factory=list)
 
     @property
@@ -128,9 +135,12 @@ class SealedRig:
         broken = simulated_peaks([model], excitation, asked.configuration, start).beyond(self.limits, usable=1.0)
         if broken:
             self.broken.append(f"{asked.id}: {broken}")
-        records = hidden.records(
-            head, rate, configuration=asked.configuration, gain=asked.gain, start_time=start, run=asked.id
-        )  # fmt: skip
+        about_run = {"configuration": asked.configuration, "gain": asked.gain, "start_time": start, "run": asked.id}
+        if self.converter is None:
+            records = hidden.records(head, rate, **about_run)
+        else:
+            fine = hidden.records(resample(head, OVER * n), OVER * rate, **about_run)
+            records = dict(zip(fine, converted(np.stack(list(fine.values())), OVER, self.converter, n), strict=True))
         generator = np.random.default_rng([self.seed, len(before)])
         channels = {}
         for name, values in records.items():

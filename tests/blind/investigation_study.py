@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import other_envelopes
 import study
 from envelopes import CAUSES, OUTSIDE, Place, draw_envelope, is_right
+from foreign.instrument import CONVERTERS
 from investigated import SealedRig, sealed, sealed_other
 from study_table import Job, append, done
 
@@ -194,13 +195,13 @@ def first_stage(course: Investigation, source: Path, folder: Path) -> Investigat
     return begun
 
 
-def rows(rigs: Rigs, job: Job, alone: bool) -> Iterator[dict[str, object]]:
+def rows(rigs: Rigs, job: Job, alone: bool, converter: str | None) -> Iterator[dict[str, object]]:
     """All rows of an envelope."""
     kind, size, seed = job
     with tempfile.TemporaryDirectory() as name:
         place = Path(name) / "proposed"
         place.mkdir()
-        rig = rigs.draw(kind, size, seed)
+        rig = replace(rigs.draw(kind, size, seed), converter=converter)
         course, choice = investigated(rig, place, Investigation(plan="sealed", baseline="coulomb", tolerance=0.0), propose, RUNS)
         yield row(job, "proposed", rig, course, choice)
         found = answer(course)
@@ -209,7 +210,7 @@ def rows(rigs: Rigs, job: Job, alone: bool) -> Iterator[dict[str, object]]:
         for way, choose in (("repeat", repeated), ("random", at_random(seed))):
             folder = Path(name) / way
             begun = first_stage(course, place, folder)
-            other = rigs.draw(kind, size, seed)
+            other = replace(rigs.draw(kind, size, seed), converter=converter)
             ended, choice = investigated(other, folder, begun, choose, len(begun.runs) + 2 * further(course))
             yield row(job, way, other, ended, choice)
 
@@ -242,6 +243,7 @@ def main() -> None:
     parser.add_argument("--standard", action="store_true", help="the standard plan on envelopes that the table holds")
     parser.add_argument("--rigs", choices=FAMILIES, default="bonders")
     parser.add_argument("--table", type=Path, default=None, help="another table than that of these rigs")
+    parser.add_argument("--converter", choices=CONVERTERS, default=None, help="the filter of the instrument's converters")
     parser.add_argument("--kinds", nargs="*", default=None, help="only these kinds")
     args = parser.parse_args()
     rigs = FAMILIES[args.rigs]
@@ -257,7 +259,7 @@ def main() -> None:
             break
         begun = time.monotonic()
         print(*job, flush=True)
-        for each in [standard(job)] if args.standard else rows(rigs, job, args.alone):
+        for each in [standard(job)] if args.standard else rows(rigs, job, args.alone, args.converter):
             append(table, columns, each)
             print(f"{time.monotonic() - begun:5.0f} s:", ", ".join(str(each[name]) for name in columns), flush=True)
 
