@@ -457,13 +457,16 @@ class Screened:
         return candidate.cause in ALWAYS or (kind and (self.places is None or self.places.includes(candidate.location)))
 
     @cached_property
+    def _screen(self) -> Screen:
+        problem = Problem(shortened(self.job.trials, self.job.seconds))
+        return Screen(fit(self.job.current.model, self.job.current.free, problem, iterations=3, tolerance=CLOSE), problem)
+
+    @cached_property
     def _screened(self) -> list[ScreenedCandidate]:
-        job = self.job
-        problem = Problem(shortened(job.trials, job.seconds))
-        glance = fit(job.current.model, job.current.free, problem, iterations=3, tolerance=CLOSE)
-        proposed = [c for cause in CATALOGUE for c in cause.candidates(glance.model, job.evidence) if self._sought(c)]
-        ranked = Screen(glance, problem).ranked(proposed)
-        least = glance.cost if job.left >= POLICY.rest else (1.0 - POLICY.worth) * glance.cost
+        job, current = self.job, self._screen.current
+        proposed = [c for cause in CATALOGUE for c in cause.candidates(current.model, job.evidence) if self._sought(c)]
+        ranked = self._screen.ranked(proposed)
+        least = current.cost if job.left >= POLICY.rest else (1.0 - POLICY.worth) * current.cost
         return ranked if ranked and (job.left >= POLICY.rest or ranked[0].cost < least) else []
 
     @property
@@ -491,6 +494,11 @@ class Screened:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""
         job = self.job
         starts = [start for start in shape_starts(forms, job.current, job.evidence) if self._sought(start[0])]
+        # The linear step shows the place better than the kind: from little friction no step leads to sticking.
+        stepped = [self._screen.screen(candidate) for candidate in {id(start[0]): start[0] for start in starts}.values()]
+        ranked = [item.candidate for item in sorted(stepped, key=lambda item: item.cost)]
+        near = [c for k, c in enumerate(ranked) if k < CURVES or c.location == ranked[0].location]
+        starts = [start for start in starts if any(start[0] is c for c in near)]
         run = followed(starts, job.rungs, job.current, job.progress, job.promising)
         denser = [with_more_points(candidate, done, job.rungs[-1]) for candidate, done in run[:CURVES]]
         return sorted([*denser, *run[CURVES:]], key=lambda pair: pair[1].cost)

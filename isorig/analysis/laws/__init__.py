@@ -29,7 +29,7 @@ from isorig.analysis.laws.coulomb import Coulomb as Coulomb
 from isorig.analysis.laws.cubic import Cubic as Cubic
 from isorig.analysis.laws.curve import Curve as Curve
 from isorig.analysis.laws.dahl import Dahl as Dahl
-from isorig.analysis.laws.damping_drift import DampingDrift as DampingDrift
+from isorig.analysis.laws.drift import DampingDrift as DampingDrift
 from isorig.analysis.laws.drift import Drift as Drift
 from isorig.analysis.laws.elasto_slip import ElastoSlip as ElastoSlip
 from isorig.analysis.laws.elements import Formula

@@ -1,4 +1,4 @@
-"""A stiffness that drifts with time."""
+"""A stiffness or a damping that drifts with time."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from isorig.analysis.laws.elements import Element, Formula
 NEVER = 1e18
 
 
-class Drift(SpringLaw, frozen=True, kw_only=True, tag="drift"):
-    """Stiffness k (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, constant after `until` s."""
+class LinearDrift(SpringLaw, frozen=True, kw_only=True):
+    """A constant of a link times drift_rate t, drift_rate in 1/s, t from the campaign's first sample, at most `until` s."""
 
     drift_rate: float
     until: float | None = None
@@ -25,18 +25,42 @@ class Drift(SpringLaw, frozen=True, kw_only=True, tag="drift"):
         "until": Parameter("s", 0.5, 2.0),
     }
 
+    @property
+    def end(self) -> float:
+        """Time from which on it is constant, s."""
+        return NEVER if self.until is None else self.until
+
+
+class Drift(LinearDrift, frozen=True, kw_only=True, tag="drift"):
+    """Stiffness k (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, constant after `until` s."""
+
     def element(self, link: LinkConstants) -> Element:
-        until = NEVER if self.until is None else self.until
-        return Element(formula=FORMULA, params=(link.stiffness * self.drift_rate, until))
+        return Element(formula=STIFFNESS, params=(link.stiffness * self.drift_rate, self.end))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
-        until = NEVER if self.until is None else self.until
-        return np.asarray(link.stiffness * self.drift_rate * np.minimum(t, until) * d)
+        return np.asarray(link.stiffness * self.drift_rate * np.minimum(t, self.end) * d)
+
+
+class DampingDrift(LinearDrift, frozen=True, kw_only=True, tag="damping_drift"):
+    """Damping c (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, constant after `until` s."""
+
+    def element(self, link: LinkConstants) -> Element:
+        rate = link.damping * self.drift_rate
+        steepest = 0.0 if self.until is None else abs(rate) * self.until
+        return Element(formula=DAMPING, params=(rate, self.end), steepest=(0.0, steepest))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return np.asarray(link.damping * self.drift_rate * np.minimum(t, self.end) * v)
 
 
 @kernel
-def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+def pull(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * min(t, p[1]) * d
 
 
-FORMULA = Formula(resist=resist)
+@kernel
+def drag(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return p[0] * min(t, p[1]) * v
+
+
+STIFFNESS, DAMPING = Formula(resist=pull), Formula(resist=drag)
