@@ -28,16 +28,16 @@ TRACE = 2.0
 SMALLER = np.geomspace(0.95, 0.05, 30).tolist()
 
 
-def polished(done: Fit, trials: Sequence[Trial]) -> Fit:
+def polished(done: Fit, trials: Sequence[Trial], steps: int = STEPS) -> Fit:
     """A fit refined until its cost is minimal to a small fraction of a standard uncertainty, with equally small finite
     differences.
 
     A step of one standard uncertainty changes the cost by one, of as many as there are bins; fits that compare models stop long
-    before.
+    before. `steps` is the largest number of times that the derivatives are computed.
     """
     problem = Problem(trials, share=SIMULATION_LIMIT)
     coarse = Problem([coarsened(trial) for trial in trials], share=SIMULATION_LIMIT)
-    done = fit(done.model, _fine_steps(done), problem, iterations=STEPS, tolerance=FALL, coarse=coarse)
+    done = fit(done.model, _fine_steps(done), problem, iterations=steps, tolerance=FALL, coarse=coarse)
     # What follows differentiates again: with the steps of the final uncertainties.
     return replace(done, free=_fine_steps(done))
 

@@ -55,6 +55,11 @@ class DriveNoise:
     covariance: FloatArray
 
 
+def no_noise(done: Fit) -> DriveNoise:
+    """The effect of noise where it is not determined."""
+    return DriveNoise(np.zeros(len(done.free)), np.zeros((len(done.free), len(done.free))))
+
+
 class _Noise(NamedTuple):
     # Spectrum of the drive's noise (rms in the bins of numpy's rfft of the record), and power of each response's own noise in the
     # bins of the weighted residual, shape (channels, bins).
@@ -75,7 +80,7 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
     used = [coarsened(trial) for trial in trials if trial.fitted > 0]
     count = len(done.free)
     if not count or any(trial.motion is not None or len(trial.channels) < 2 for trial in used):
-        return DriveNoise(np.zeros(count), np.zeros((count, count)))
+        return no_noise(done)
     generator = np.random.default_rng(17)
     white = [generator.normal(0.0, PROBE * t.excitation.recorded.std(), len(t.excitation.recorded)) for t in used]
     # All differences are those of one grid.

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.deviations import given_moves, grid_shift, line_moves, normalised, polished
-from isorig.analysis.fitting.drive_noise import drive_noise_effect, without_bias
+from isorig.analysis.fitting.deviations import STEPS, given_moves, grid_shift, line_moves, normalised, polished
+from isorig.analysis.fitting.drive_noise import drive_noise_effect, no_noise, without_bias
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.related import related
 from isorig.analysis.fitting.repeats import disturbance
@@ -31,6 +31,9 @@ from isorig.analysis.model.rig_model import RigModel
 MOST_NOISE = 0.1
 #: Mean excess error, as a share of the signal, from which a misfit is stated and added to every value.
 STATED = 0.01
+#: Mean excess error, as a share of the signal, from which a fit is not refined further and noise in the drive not propagated.
+#: Chosen: the bias that is added to every value (`STATED`) is then far larger than what noise changes.
+BIASED = 0.02
 #: The drive's factor: the head's mass.
 HEAD = "drive.factor"
 #: Names in a recording for the uncertainties of known values: masses in kg, and the relative sensitivity of all sensors.
@@ -144,14 +147,16 @@ def assessed(
         The noise floor of the unrefined fit, whose values differ by less than their uncertainty, shape (runs, channels);
         computed if None.
     """
-    done = polished(done, trials)
-    shaken = drive_noise_effect(done, trials)
+    floors = floors_of(done.model, trials, drive_noise) if floors is None else floors
+    judged = score(done.model, trials)
+    biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
+    done = polished(done, trials, steps=1 if biased else STEPS)
+    shaken = no_noise(done) if biased else drive_noise_effect(done, trials)
     done = without_bias(done, shaken)
     judged = score(done.model, trials)
-    floors = floors_of(done.model, trials, drive_noise) if floors is None else floors
     explained = adequate(judged, np.hypot(floors, SIMULATION_LIMIT))
     noise = ""
-    if not explained and judged.figure < MOST_NOISE and not related(done.model, trials):
+    if not explained and _noisy(done, judged, trials):
         ratio = float(np.max(judged.error / floors))
         noise = (
             f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
@@ -159,8 +164,7 @@ def assessed(
         )
         floors, explained = np.maximum(floors, judged.error), True
     # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.
-    excess = float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
-    misfit = 0.0 if explained else max(0.0, excess - 2.0 * SIMULATION_LIMIT)
+    misfit = 0.0 if explained else max(0.0, _excess(judged, floors) - 2.0 * SIMULATION_LIMIT)
     misfit = misfit if misfit >= STATED else 0.0
     known = Known(
         moves=line_moves(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
@@ -173,6 +177,16 @@ def assessed(
         fit=replace(done, covariance=known.covariance, known=known), score=judged, floors=floors, explained=explained,
         misfit=misfit, noise=noise,
     )  # fmt: skip
+
+
+def _excess(judged: Score, floors: FloatArray) -> float:
+    # rms error beyond the noise, as a share of the signal.
+    return float(np.sqrt(max(float(np.mean(judged.error**2 - floors**2)), 0.0)))
+
+
+def _noisy(done: Fit, judged: Score, trials: Sequence[Trial]) -> bool:
+    # Whether what the model leaves may be taken as noise.
+    return judged.figure < MOST_NOISE and not related(done.model, trials)
 
 
 @dataclass(frozen=True, kw_only=True)
