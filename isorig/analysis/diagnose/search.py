@@ -493,12 +493,13 @@ class Screened:
     def shapes(self, forms: Sequence[Entry]) -> Running:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""
         job = self.job
-        starts = [start for start in shape_starts(forms, job.current, job.evidence) if self._sought(start[0])]
+        begun = [start for start in shape_starts(forms, job.current, job.evidence) if self._sought(start[0])]
+        stepped = [self._screen.screen(candidate) for candidate in {id(start[0]): start[0] for start in begun}.values()]
+        stepped.sort(key=lambda item: item.cost)
         # The linear step shows the place better than the kind: from little friction no step leads to sticking.
-        stepped = [self._screen.screen(candidate) for candidate in {id(start[0]): start[0] for start in starts}.values()]
-        ranked = [item.candidate for item in sorted(stepped, key=lambda item: item.cost)]
-        near = [c for k, c in enumerate(ranked) if k < CURVES or c.location == ranked[0].location]
-        starts = [start for start in starts if any(start[0] is c for c in near)]
+        near = [x for k, x in enumerate(stepped) if k < CURVES or x.candidate.location == stepped[0].candidate.location]
+        starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), m) for x in near for m in x.models]
+        starts += [s for s in begun if any(s[0] is x.candidate for x in near) and all(s[2] is not m for m in s[0].starts)]
         run = followed(starts, job.rungs, job.current, job.progress, job.promising)
         denser = [with_more_points(candidate, done, job.rungs[-1]) for candidate, done in run[:CURVES]]
         return sorted([*denser, *run[CURVES:]], key=lambda pair: pair[1].cost)
