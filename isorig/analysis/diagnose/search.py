@@ -498,7 +498,7 @@ class Screened:
         stepped.sort(key=lambda item: item.cost)
         # The linear step shows the place better than the kind: from little friction no step leads to sticking.
         near = [x for k, x in enumerate(stepped) if k < CURVES or x.candidate.location == stepped[0].candidate.location]
-        starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), m) for x in near for m in x.models]
+        starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), x.models[0]) for x in near]
         starts += [s for s in begun if any(s[0] is x.candidate for x in near) and all(s[2] is not m for m in s[0].starts)]
         run = followed(starts, job.rungs, job.current, job.progress, job.promising)
         denser = [with_more_points(candidate, done, job.rungs[-1]) for candidate, done in run[:CURVES]]

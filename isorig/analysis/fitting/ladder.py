@@ -342,11 +342,13 @@ def followed(
 def verified(starts: Starts, rung: Rung, progress: Progress, most: int = TRIED) -> Running:
     """Fits of candidates on one rung, best first, from the `most` starting points whose simulation is closest to the data.
 
-    Those whose simulation leaves the data from the start are only tried if no other stays with them.
+    Those whose simulation leaves the data from the start are only tried if no other stays with them, and the first candidate's
+    closest: it is the one with the best reason.
     """
     costs = [misfit(model, rung.problem) for _, _, model in starts]
     begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost)), key=lambda item: item[0])
-    near = [(cost, *starts[k]) for cost, k in begun if cost <= LEAVES * begun[0][0]][:most]
+    first = next((k for _, k in begun if starts[k][0] is starts[0][0]), None)
+    near = [(cost, *starts[k]) for cost, k in begun if cost <= LEAVES * begun[0][0] or k == first][:most]
     climbed: Running = []
     for place, (cost, candidate, free, model) in enumerate(near):
         if any(other[1] is candidate and cost <= (1.0 + CLOSE) * other[0] for other in near[:place]):

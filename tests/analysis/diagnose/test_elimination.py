@@ -22,6 +22,7 @@ from isorig.analysis.fitting.ladder import (
     DECISIVE,
     FAR,
     FAR_WORSE,
+    LEAVES,
     PROMISING,
     UNDECIDED,
     Rung,
@@ -114,6 +115,23 @@ def test_a_candidate_that_agrees_is_fitted_from_one_starting_point(
     one = Candidate(cause="wrong_mass", location="table", family="", starts=tuple(models), free=(), reported=())
     verified([(one, (), model) for model in models], Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None)
     assert done == [5.0, 6.0][:fits]
+
+
+@pytest.mark.parametrize(("ratio", "tried_too"), [(LEAVES * 0.99, True), (LEAVES * 1.01, False)])
+def test_starting_points_far_from_the_data_are_tried_for_the_first_candidate_only(
+    ratio: float, tried_too: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costs = {"first": 1e6, "close": 1.0, "far": ratio}
+    models = {name: stage().replace({"bodies.table.mass": 5.0 + k}) for k, name in enumerate(costs)}
+    misfits = {model.get("bodies.table.mass"): costs[name] for name, model in models.items()}
+    monkeypatch.setattr(ladder, "misfit", lambda model, problem: misfits[model.get("bodies.table.mass")])
+    monkeypatch.setattr(ladder, "tried", lambda start, free, rung: fitted(start, misfits[start.get("bodies.table.mass")]))
+    starts = [
+        (Candidate(cause=name, location="table", family="", starts=(model,), free=(), reported=()), (), model)
+        for name, model in models.items()
+    ]
+    run = verified(starts, Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None)
+    assert {candidate.cause for candidate, _ in run} == {"first", "close", *(("far",) if tried_too else ())}
 
 
 def shape_costs(form: float, own: float, other: float, below: float = np.inf) -> list[tuple[str, str]]:
