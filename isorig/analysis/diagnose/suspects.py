@@ -335,13 +335,12 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
     equations
         The equations for the rig with the causes found so far.
     further
-        Whether causes were found already: then a suspect must repair an equation that they leave broken, if they leave one.
+        Whether causes were found already: then a suspect must repair an equation that they leave broken.
     """
     if not equations.residuals():
         return None
     ranked = ranking(equations)
-    proved = further and max(ranked.residuals.values()) >= BROKEN
-    listed = [item for item in ranked.explanations if not proved or repairs(ranked.residuals, item.residuals)]
+    listed = [item for item in ranked.explanations if not further or repairs(ranked.residuals, item.residuals)]
     chosen = suspected(listed, ranked.residuals)
     if not chosen:
         return None
