@@ -9,7 +9,7 @@ import pytest
 from small_rigs import chain, played
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.diagnose.policy import Stage, step_counts, verdict, wins
+from isorig.analysis.diagnose.policy import POLICY, Stage, step_counts, verdict, wins
 from isorig.analysis.fitting.excess import excess, log_excess, pooled, ratio, share_removed
 from isorig.analysis.fitting.score import (
     BLOCKS,
@@ -156,9 +156,9 @@ def stage(share: float, **more: object) -> Stage:
     return Stage(error=np.sqrt(floors**2 + (1.0 - share) * (0.16 - floors**2)), **more)  # type: ignore[arg-type]
 
 
-def test_two_steps_that_belong_together_count_where_both_reach_the_floor() -> None:
+def test_two_steps_that_belong_together_count_where_both_explain_the_error() -> None:
     floors = np.full((6, 3), 0.004)
-    for last, counts in ((1.0, True), (0.9, False)):
+    for last, counts in ((1.0, True), (POLICY.explained + 0.01, True), (POLICY.explained - 0.01, False)):
         way = [stage(0.0), stage(0.05, place="a", paired=True), stage(last, place="b")]
         assert step_counts(way, 1, floors, 1.5) is counts
     # The second one may be missing.

@@ -375,6 +375,8 @@ class Suspected:
             back = [start for start in self._after(other) if start[0].key == begun[0].key] if other else []
             run = verified([*starts, *back], job.rungs[-1], job.progress)
             first = other if run and other and run[0][0].key == begun[0].key else begun
+            if run and run[0][0].shape is not None:
+                run = self._forms_for(*run[0], first) or run
             alone = verified([first], job.rungs[-1], job.progress)
             if alone and job.stays(run):
                 found.append((first[0], alone[0][1], *run[0]))
@@ -382,7 +384,14 @@ class Suspected:
                     break
         return sorted(found, key=lambda pair: pair[3].cost)[:PAIRS]
 
-    def _after(self, begun: Start) -> Starts:
+    def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
+        # Forms of a curve's kind at its place that come as close to the data, with the same other cause.
+        place = kind_of(shape.cause), shape.location
+        forms = [start for start in self._after(begun, curves=False) if (kind_of(start[0].cause), start[0].location) == place]
+        run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
+        return [pair for pair in run if pair[1].cost <= max(AGREES, POLICY.form_close**2 * curve.cost)]
+
+    def _after(self, begun: Start, *, curves: bool = True) -> Starts:
         # Starting points of a second cause by the equations with the first one in place, if these do not hold.
         job, (first, free, model) = self.job, begun
         then = suspects(equations_of(job.campaign, model), further=True)
@@ -392,7 +401,8 @@ class Suspected:
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
         candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
         own = {f.path for f in first.free}
-        starts = _with_curve(_started(candidates, then, extended), then, extended, evidence)
+        starts = _started(candidates, then, extended)
+        starts = _with_curve(starts, then, extended, evidence) if curves else starts
         return [start for start in starts if own <= {f.path for f in start[1]}]
 
     def _alone(self, starts: Starts, place: str) -> Start | None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from msgspec.structs import fields
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -61,7 +62,7 @@ def simulated(law: laws.Law) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 
 @pytest.mark.parametrize("law", laws.LAWS, ids=tag_of)
 def test_a_law_is_complete(law: type[laws.Law]) -> None:
-    numbers = {name for name, kind in law.__annotations__.items() if "float" in str(kind)}
+    numbers = {field.name for field in fields(law) if "float" in str(field.type)}
     assert set(law.parameters) == numbers, "each number has a unit and an envelope"
     for name, p in law.parameters.items():
         assert p.low < p.high
