@@ -36,6 +36,7 @@ from isorig.analysis.fitting.ladder import (
     CLOSE,
     DECISIVE,
     FAR_WORSE,
+    LEAVES,
     PROMISING,
     SCREENS,
     TELLING,
@@ -342,7 +343,10 @@ class Suspected:
     def _fitted(self, starts: Starts) -> Running:
         # Values from the equations are usually close; a further cause that is not close from the start is none.
         job = self.job
-        run = verified(starts, job.rungs[-1], job.progress)
+        if job.left < 1.0:
+            most = LEAVES * misfit(job.current.model, job.rungs[-1].problem)
+            starts = [start for start in starts if misfit(start[2], job.rungs[-1].problem) <= most]
+        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows)
         if job.left < 1.0 or (job.stays(run) and run[0][1].cost < LOST):
             return run
         # Impacts soon make two motions differ, however close their parameters are.
@@ -377,8 +381,10 @@ class Suspected:
             first = other if run and other and run[0][0].key == begun[0].key else begun
             if run and run[0][0].shape is not None:
                 run = self._forms_for(*run[0], first) or run
-            alone = verified([first], job.rungs[-1], job.progress)
-            if alone and job.stays(run):
+            if not job.stays(run):
+                continue
+            alone = [pair for pair in self.forms if pair[0] is first[0]] or verified([first], job.rungs[-1], job.progress)
+            if alone:
                 found.append((first[0], alone[0][1], *run[0]))
                 if run[0][1].cost <= AGREES:
                     break

@@ -124,6 +124,11 @@ class Suspects:
         """Whether an equation does not hold for certain."""
         return self.ranking.worst >= BROKEN
 
+    @property
+    def shows(self) -> bool:
+        """Whether the best explanation is more than a guess."""
+        return self.chosen[0].score >= SHOWN
+
     def blamed(self, cause: str, place: str) -> bool:
         """Whether no explanation of another kind or place is clearly better."""
         return self.score_of(cause, place) >= NEARLY * self.chosen[0].score
@@ -161,7 +166,7 @@ class Suspects:
         told = left is not None and bare is not None
         with_link = {b.name for b in self.equations.balances if told and any(best.place in e.names for e, _ in b.crossing)}
         others = any(value >= BROKEN for name, value in best.residuals.items() if name not in with_link)
-        return best.score >= SHOWN and (others or (left is not None and bare is not None and left > LITTLE * bare))
+        return self.shows and (others or (left is not None and bare is not None and left > LITTLE * bare))
 
     def _of_curve(self, explanation: Explanation, current: Fit, evidence: Evidence) -> float | None:
         # The rms force in N that a curve leaves at an explanation's place; None if the equations do not tell.

@@ -117,9 +117,10 @@ def test_a_candidate_that_agrees_is_fitted_from_one_starting_point(
     assert done == [5.0, 6.0][:fits]
 
 
+@pytest.mark.parametrize("sure", [True, False])
 @pytest.mark.parametrize(("ratio", "tried_too"), [(LEAVES * 0.99, True), (LEAVES * 1.01, False)])
-def test_starting_points_far_from_the_data_are_tried_for_the_first_candidate_only(
-    ratio: float, tried_too: bool, monkeypatch: pytest.MonkeyPatch
+def test_starting_points_far_from_the_data_are_tried_for_a_sure_candidate_only(
+    ratio: float, tried_too: bool, sure: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     costs = {"first": 1e6, "close": 1.0, "far": ratio}
     models = {name: stage().replace({"bodies.table.mass": 5.0 + k}) for k, name in enumerate(costs)}
@@ -130,8 +131,9 @@ def test_starting_points_far_from_the_data_are_tried_for_the_first_candidate_onl
         (Candidate(cause=name, location="table", family="", starts=(model,), free=(), reported=()), (), model)
         for name, model in models.items()
     ]
-    run = verified(starts, Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None)
-    assert {candidate.cause for candidate, _ in run} == {"first", "close", *(("far",) if tried_too else ())}
+    run = verified(starts, Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None, sure=sure)
+    tried = {"close", *(("far",) if tried_too else ()), *(("first",) if sure else ())}
+    assert {candidate.cause for candidate, _ in run} == tried
 
 
 def shape_costs(form: float, own: float, other: float, below: float = np.inf) -> list[tuple[str, str]]:
