@@ -360,11 +360,12 @@ def verified(starts: Starts, rung: Rung, progress: Progress, most: int = TRIED, 
         if done is not None and candidate.plausible(done.model):
             climbed.append((candidate, done))
     climbed.sort(key=lambda pair: pair[1].cost)
-    return [
-        pair
-        for k, pair in enumerate(climbed)
-        if all((pair[0].key, pair[0].shape) != (other.key, other.shape) for other, _ in climbed[:k])
-    ]
+    return [pair for k, pair in enumerate(climbed) if not any(_alike(pair[0], other) for other, _ in climbed[:k])]
+
+
+def _alike(one: Candidate, other: Candidate) -> bool:
+    # Two laws of one cause are told apart only where their effects show; two of the same free shape are one.
+    return one is other or (one.shape is not None and (one.key, one.shape) == (other.key, other.shape))
 
 
 def bare_cost(current: Fit, rung: Rung) -> float:
