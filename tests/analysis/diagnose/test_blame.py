@@ -76,12 +76,16 @@ def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> N
     assert blaming(("sensor", "motor", 0.6), worst=BROKEN - 1e-9).clearly == ""
 
 
-@pytest.mark.parametrize("worst", [BROKEN, BROKEN - 1e-9])
-def test_a_further_cause_repairs_an_equation_if_one_is_broken(worst: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    ranked = blaming(("sensor", "motor", 0.6), worst=worst, after=0.6 * worst).ranking
+@pytest.mark.parametrize(("worst", "left", "suspected"), [
+    (BROKEN, 0.6, False), (BROKEN - 1e-9, 0.6, False), (10.0 * BROKEN, 0.6, False), (10.0 * BROKEN, 0.1, True),
+])  # fmt: skip
+def test_a_further_cause_repairs_a_broken_equation(
+    worst: float, left: float, suspected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranked = blaming(("sensor", "motor", 0.6), worst=worst, after=left * worst).ranking
     monkeypatch.setattr("isorig.analysis.diagnose.suspects.ranking", lambda _: ranked)
     equations = cast(Equations, SimpleNamespace(residuals=lambda: ranked.residuals, elements=tuple))
-    assert (suspects(equations, further=True) is None) == (worst >= BROKEN)
+    assert (suspects(equations, further=True) is not None) == suspected
 
 
 def test_several_sliders_are_memory_and_no_spring_is_named_for_them() -> None:
