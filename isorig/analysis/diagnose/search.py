@@ -343,10 +343,8 @@ class Suspected:
     def _fitted(self, starts: Starts) -> Running:
         # Values from the equations are usually close; a further cause that is not close from the start is none.
         job = self.job
-        if job.left < 1.0:
-            most = LEAVES * misfit(job.current.model, job.rungs[-1].problem)
-            starts = [start for start in starts if misfit(start[2], job.rungs[-1].problem) <= most]
-        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows)
+        limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if job.left < 1.0 else np.inf
+        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
         if job.left < 1.0 or (job.stays(run) and run[0][1].cost < LOST):
             return run
         # Impacts soon make two motions differ, however close their parameters are.

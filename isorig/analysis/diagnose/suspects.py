@@ -161,12 +161,14 @@ class Suspects:
 
         Those with its link count by the force that a curve leaves there, where the equations give it.
         """
+        if not self.shows:
+            return False
         best = self.chosen[0]
         left, bare = self._of_curve(best, current, evidence), self._bare(best, current)
         told = left is not None and bare is not None
         with_link = {b.name for b in self.equations.balances if told and any(best.place in e.names for e, _ in b.crossing)}
         others = any(value >= BROKEN for name, value in best.residuals.items() if name not in with_link)
-        return self.shows and (others or (left is not None and bare is not None and left > LITTLE * bare))
+        return others or (left is not None and bare is not None and left > LITTLE * bare)
 
     def _of_curve(self, explanation: Explanation, current: Fit, evidence: Evidence) -> float | None:
         # The rms force in N that a curve leaves at an explanation's place; None if the equations do not tell.

@@ -339,14 +339,16 @@ def followed(
     return run
 
 
-def verified(starts: Starts, rung: Rung, progress: Progress, most: int = TRIED, *, sure: bool = False) -> Running:
+def verified(
+    starts: Starts, rung: Rung, progress: Progress, most: int = TRIED, *, sure: bool = False, limit: float = np.inf
+) -> Running:
     """Fits of candidates on one rung, best first, from the `most` starting points whose simulation is closest to the data.
 
     Those whose simulation leaves the data from the start are only tried if no other stays with them, but if the first candidate
-    is `sure` to be in the rig, always its closest.
+    is `sure` to be in the rig, always its closest. None with a misfit above the limit is tried.
     """
     costs = [misfit(model, rung.problem) for _, _, model in starts]
-    begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost)), key=lambda item: item[0])
+    begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost) and cost <= limit), key=lambda item: item[0])
     first = next((k for _, k in begun if sure and starts[k][0] is starts[0][0]), None)
     near = [(cost, *starts[k]) for cost, k in begun if cost <= LEAVES * begun[0][0] or k == first][:most]
     climbed: Running = []
