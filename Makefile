@@ -45,6 +45,7 @@ study: setup
 	$(BIN)/python -m pytest -q -m study
 	$(BIN)/python tests/blind/study.py --minutes $(MINUTES)
 	$(BIN)/python tests/blind/foreign/diagnosed.py --seeds 1300-1699 --minutes $(MINUTES) --csv docs/study/foreign.csv
+	$(BIN)/python tests/blind/cause_coverage.py --minutes $(MINUTES)
 	$(BIN)/python tests/blind/tally.py
 
 # Which changes of the scoring and decision code the tests notice: about a quarter of an hour; survivors are listed in docs/mutants.md.

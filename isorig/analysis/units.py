@@ -31,7 +31,7 @@ RARE = ("Gal", "mg", "um/s", "mil", "nm", "mN", "kip", "uV", "urad", "arcmin", "
 #: Other units of the values of a description, by SI unit: SI value of one.
 GIVEN: Mapping[str, Mapping[str, float]] = {
     "kg": {"lb": 0.45359237, "g": 1e-3, "t": 1e3}, "kg m^2": {"kg cm^2": 1e-4, "kg mm^2": 1e-6, "g cm^2": 1e-7},
-    "N/m": {"N/mm": 1e3, "lbf/in": LBF / 0.0254}, "N m/rad": {"N m/deg": 360.0 / TURN, "N mm/rad": 1e-3},
+    "N/m": {"N/mm": 1e3, "lbf/in": LBF / 0.0254}, "N m/rad": {"N m/deg": 360.0 / TURN, "N mm/rad": 1e-3, "kN m/rad": 1e3},
 }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from headless_page import CHROMIUM, told_by
 from small_rigs import with_law
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.step import Curve
 from isorig.analysis.laws import Cubic
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.recording import write
@@ -29,6 +30,7 @@ from isorig.rig.report.before_after import (
     residual_chart,
     second_chart,
 )
+from isorig.rig.report.diagnosis import curve_chart
 from isorig.rig.virtual.described import described_campaign
 
 CUBIC = 4e5
@@ -194,3 +196,18 @@ def test_the_tall_bar_is_the_place_and_the_extension_brings_it_down(answered: Pa
     assert before["forces on second"] > 50.0
     assert before["forces on first + second"] < 3.0
     assert max(after.values()) < 3.0
+
+
+def test_points_of_a_curve_that_the_runs_do_not_determine_are_left_out() -> None:
+    """Their error bars would hide all others; a range of 10 N is the limit."""
+    points = ((-2.0, -6.0, 7e4), (-1.0, -2.0, 10.0), (0.0, 0.0, 0.0), (1.0, 2.0, 0.1), (2.0, 4.0, 10.01))
+    chart = curve_chart("foot", Curve(over="deflection", unit="m", value_unit="N", points=points, reached=(-1.5, 1.5)))
+    np.testing.assert_array_equal(chart.traces[0].x, [-1.0, 0.0, 1.0])
+    np.testing.assert_array_equal(chart.traces[0].spread, [10.0, 0.0, 0.1])
+    assert "2 points that the runs do not determine are left out" in chart.caption
+    assert (
+        "left out"
+        not in curve_chart(
+            "foot", Curve(over="speed", unit="m/s", value_unit="N", points=points[2:4], reached=(0.0, 1.0))
+        ).caption
+    )

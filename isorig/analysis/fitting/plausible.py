@@ -142,12 +142,10 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
     found, agreement = wrong_scale(given, spectra)
     if (agreement < LINEAR).any():
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
-        swapped = swapped_channels(given, spectra)
-        if found is not None:
-            swapped = {
-                pair: runs for pair, runs in swapped.items()
-                if wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1].mean() > agreement.mean()
-            }  # fmt: skip
+        swapped = {
+            pair: runs for pair, runs in swapped_channels(given, spectra).items()
+            if wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1].mean() > agreement.mean()
+        }  # fmt: skip
         # Runs that contradict each other show a rig that behaves otherwise, not a cable.
         if len(swapped) == 1:
             return tuple(_of_swaps(swapped))

@@ -177,7 +177,7 @@ def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Hel
             f"A free shape was fitted: the curve below, determined by the data over {step.curve.over}. No law of this kind at "
             "this place can fit better, and the extended model contains the curve."
         )
-        charts.append(_curve_chart(step, step.curve))
+        charts.append(curve_chart(step.location, step.curve))
     if step.closest is not None:
         notes.append(
             f"The closest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % of the excess "
@@ -189,16 +189,20 @@ def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Hel
     return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
 
 
-def _curve_chart(step: Step, curve: Curve) -> Chart:
-    x, value, std = (np.array(column) for column in zip(*curve.points, strict=True))
+def curve_chart(place: str, curve: Curve) -> Chart:
+    """A free shape with its standard uncertainties, at the points that the runs determine."""
+    x, value, std = np.array(curve.points).T
+    # A point whose uncertainty exceeds the whole curve's range is not determined, and its error bar would hide the others.
+    known = std <= np.ptp(value)
+    left_out = f" {np.count_nonzero(~known)} points that the runs do not determine are left out." if not known.all() else ""
     quantity = {"deflection": "force", "speed": "force", "position": "friction force", "time": "value"}.get(curve.over, "value")
     low, high = curve.reached
     return Chart(
-        name=f"curve-{step.location}",
-        caption=f"{step.location}: {quantity} over {curve.over}, with the standard uncertainty. The runs cover {low:.3g} to "
-        f"{high:.3g} {curve.unit}; outside of this the curve is an extrapolation.",
+        name=f"curve-{place}",
+        caption=f"{place}: {quantity} over {curve.over}, with the standard uncertainty. The runs cover {low:.3g} to "
+        f"{high:.3g} {curve.unit}; outside of this the curve is an extrapolation.{left_out}",
         panels=[Panel(label=f"{quantity}, {curve.value_unit}")],
-        traces=[ChartTrace(name="free shape", x=x, y=value, spread=std, role="extended")],
+        traces=[ChartTrace(name="free shape", x=x[known], y=value[known], spread=std[known], role="extended")],
         x_label=f"{curve.over}, {curve.unit}", x_log=False,
     )  # fmt: skip
 
