@@ -24,7 +24,7 @@ STATED = {
 STATED_GIVEN = {
     ("kg", "lb"): 4.535924e-1, ("kg", "g"): 1e-3, ("kg", "t"): 1e3, ("kg m^2", "kg cm^2"): 1e-4, ("kg m^2", "kg mm^2"): 1e-6,
     ("kg m^2", "g cm^2"): 1e-7, ("N/m", "N/mm"): 1e3, ("N/m", "lbf/in"): 1.751268e2, ("N m/rad", "N m/deg"): 1.0 / 1.745329e-2,
-    ("N m/rad", "N mm/rad"): 1e-3,
+    ("N m/rad", "N mm/rad"): 1e-3, ("N m/rad", "kN m/rad"): 1e3,
 }  # fmt: skip
 
 

@@ -152,6 +152,7 @@ def test_channels_in_wrong_units(mistake: tuple[str, str, float, str], cause: st
         ("three", {f"bodies.m{k}.mass": 1e3 for k in range(3)}, "between g and kg"),
         ("torsion", {f"bodies.m{k}.mass": 1e4 for k in range(2)}, "between kg cm^2 and kg m^2"),
         ("torsion", {"links.l1.stiffness": pi / 180.0}, "between N m/deg and N m/rad"),
+        ("torsion", {"links.l0.stiffness": 1e-3, "links.l1.stiffness": 1e-3}, "between kN m/rad and N m/rad"),
     ],
 )
 def test_given_values_in_wrong_units(name: str, wrong: Mapping[str, float], said: str) -> None:
@@ -169,6 +170,8 @@ def test_inverted_sensors_and_wrong_rates() -> None:
     assert "negative sensitivity" in doubt.text
     (doubt,) = told(model, recorded("stage", "friction", {"force": -1.0}))
     assert (doubt.kind, doubt.parameter) == ("sign", "drive.force")
+    (doubt,) = told(ONE.description(guessed(ONE, 2)), recorded("one", "", {"a": -1.0}))
+    assert "a has the opposite sign of what the given rig predicts: check the direction of force and of a's sensor" in doubt.text
     measured = recorded("stage")
     for factor in (2.0, 0.5):
         runs = tuple(dataclasses.replace(run, sample_rate=factor * run.sample_rate, band=None) for run in measured.runs)

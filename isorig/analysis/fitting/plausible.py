@@ -187,9 +187,10 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str]) -> D
         )  # fmt: skip
     if found.kind == "sign":
         if len(found.names) == len(given.sensors):
+            subject, also = ("All responses have", "") if len(found.names) > 1 else (f"{names} has", f" and of {names}'s sensor")
             return Doubt(
                 parameter=f"drive.{drive}", kind="sign", ratio=-1.0,
-                text=f"All responses have the opposite sign of what the given rig predicts: check the direction of {drive}, and "
+                text=f"{subject} the opposite sign of what the given rig predicts: check the direction of {drive}{also}, and "
                 "the signs in the description's pushes and arms.",
             )  # fmt: skip
         return Doubt(

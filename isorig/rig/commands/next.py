@@ -37,7 +37,7 @@ def next_(
     seconds
         Maximum seconds of measuring for the proposed runs together.
     for_
-        A parameter and its required relative uncertainty, e.g. motor_damping=2%: propose the run that reaches it.
+        A parameter and its required relative uncertainty, e.g. links.spring.damping=2%: propose the run that reaches it.
     """
     from rich.console import Console
 

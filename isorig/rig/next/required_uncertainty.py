@@ -15,7 +15,7 @@ from isorig.rig.errors import PlanError
 from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation
 from isorig.rig.next.runs import prospect
 
-EXAMPLE = "give a parameter and a relative uncertainty, e.g. motor_damping=2%"
+EXAMPLE = "give a parameter and a relative uncertainty, e.g. links.spring.damping=2%"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class RequiredUncertainty:
 
 
 def required_uncertainty(text: str) -> RequiredUncertainty:
-    """A requirement from the command line, e.g. motor_damping=2%.
+    """A requirement from the command line, e.g. links.spring.damping=2%.
 
     Raises
     ------

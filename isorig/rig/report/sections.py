@@ -14,18 +14,13 @@ from isorig.analysis.parameters.joint_fit import Entry
 from isorig.analysis.wording import state
 from isorig.rig.files.findings import Value
 from isorig.rig.report.page import Section, Table
+from isorig.rig.wire_bonder.description import SUMMARY
 
 #: Text for missing information of a recording.
 NOT_GIVEN = "not given"
 #: Of a diagnosis that reached its time limit.
 CUT_SHORT = "The time limit ended the search for causes before all were tried."
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
-
-WIRE_BONDER = (
-    "The motor of a wire bonder is mounted on springs and bearings on the machine's table; its head pushes it one way and moves "
-    "the other. Unlocked, the motor recoils on its springs; locked, it is clamped to the table. The vibration of the heatblock "
-    "on the table must be small. Accelerometers are mounted on head, motor, table and heatblock."
-)
 
 
 def words(name: str) -> str:
@@ -92,7 +87,7 @@ def runs_section(campaign: Campaign) -> Section:
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
     return Section(
         title="Rig and runs",
-        text=[*([] if campaign.description else [WIRE_BONDER]), f"Given values (SI): {known or 'none'}."],
+        text=[*([] if campaign.description else [SUMMARY]), f"Given values (SI): {known or 'none'}."],
         tables=[Table(columns=heads, rows=rows)],
     )
 

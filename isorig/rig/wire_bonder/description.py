@@ -19,6 +19,13 @@ FREE = (
 )
 FRICTION = "contacts.isolation.law.friction_force"
 
+#: The rig in words, for the reports of recordings without a description.
+SUMMARY = (
+    "The motor of a wire bonder is mounted on springs and bearings on the machine's table; its head pushes it one way and moves "
+    "the other. Unlocked, the motor recoils on its springs; locked, it is clamped to the table. The vibration of the heatblock "
+    "on the table must be small. Accelerometers are mounted on head, motor, table and heatblock."
+)
+
 #: Table 4 of the thesis, the breakaway force of its gauge, and an assumed head (see docs/thesis.md).
 THESIS: Mapping[str, float] = {
     "head_mass": 6.5,

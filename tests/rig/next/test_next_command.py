@@ -106,7 +106,7 @@ def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["-o", "{out}.toml"], "no diagnosis was given"),
         (["{good}", "-o", "{out}.html"], "ends in .toml"),
         (["{good}", "-o", "{out}.toml", "--seconds", "-1"], "--seconds is -1"),
-        (["{good}", "-o", "{out}.toml", "--for", "motor_damping"], "e.g. motor_damping=2%"),
+        (["{good}", "-o", "{out}.toml", "--for", "motor_damping"], "e.g. links.spring.damping=2%"),
         (["{good}", "-o", "{out}.toml", "--for", "nonsense=2%"], "it has table_mass"),
         (["{good}", "-o", "{out}.toml", "--for", "motor_mass=2%"], "does not depend on any fitted value"),
         (["{good}", "-o", "{out}.toml", "--limits", "{limits}"], "limits.stroke names 'nothing'"),

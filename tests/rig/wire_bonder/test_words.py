@@ -27,10 +27,8 @@ EXCEPTIONS = {
     "rig/exchange/draft.py": "recognizes its channels by the names of columns",
     "rig/files/parameter_table.py": "names of its parameters in a file format",
     "rig/files/recording.py": "required channels of a recording without a description",
-    "rig/next/required_uncertainty.py": "example in an error message",
     "rig/report/advice.py": "advice on its page", "rig/report/first.py": "first screen of its page",
     "rig/report/frequency.py": "section of its page", "rig/report/measurement.py": "section of its page",
-    "rig/report/sections.py": "section of its page",
 }  # fmt: skip
 
 
