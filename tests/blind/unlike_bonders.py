@@ -19,9 +19,8 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.causes.base import Amplitudes, exchange
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import Body, Link, RigModel
-from isorig.rig.virtual import effects
 from isorig.rig.virtual.levels import BEGIN
-from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_rig
+from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_effect, drawn_rig
 from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of
 
 Draw = np.random.Generator
@@ -170,7 +169,7 @@ def draw_bonder(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: b
         place = str(draw.choice(places))
         hidden, truth = Hidden(model=make(model, scale, place, size, draw)), ((cause, what, place),)
     elif kind != "none":
-        hidden = effects.drawn_effect(kind, model, size, draw)
+        hidden = drawn_effect(kind, model, size, draw)
         truth = tuple((cause, kind_of(cause), place) for cause, place in hidden.truth)
     disturbances: frozenset[tuple[str, str]] = frozenset()
     if soil:

@@ -282,11 +282,13 @@ def _lean(entry: Entry) -> Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class _Stage:
-    # An intermediate model, the step that led to it (None for the baseline), and whether the next one belongs to it.
+    # An intermediate model, the step that led to it (None for the baseline), whether the next one belongs to it, and whether the
+    # equations of motion show the step's kind and place.
     fit: Fit
     score: Score
     step: Step | None = None
     paired: bool = False
+    shown: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -498,7 +500,7 @@ class _Search:
 def _stage(before: Score, found: Found) -> _Stage:
     entry = found.entry
     step = replace(found.step, before=before.figure, after=entry.score.figure)
-    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None)
+    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None, shown=found.shown)
 
 
 def merged(stages: Sequence[_Stage], floors: FloatArray) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:
@@ -539,8 +541,11 @@ def _seen(stages: Sequence[_Stage]) -> list[Stage]:
         # A contact has one friction law: a further one there is a generalization.
         refines = step.kind == "friction_shape" and step.location in rubbing
         seen.append(
-            Stage(error=stage.score.error, place=step.location, certain=is_certain(step), refines=refines, paired=stage.paired)
-        )
+            Stage(
+                error=stage.score.error, place=step.location, certain=is_certain(step), refines=refines, paired=stage.paired,
+                shown=stage.shown,
+            )
+        )  # fmt: skip
         if step.kind == "friction_shape":
             rubbing.add(step.location)
     return seen

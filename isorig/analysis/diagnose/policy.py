@@ -240,6 +240,8 @@ class Stage:
         Whether that step replaces the law of an earlier step there by a more general one of its kind.
     paired
         Whether that step and the next one belong together: neither makes the model adequate without the other.
+    shown
+        Whether the equations of motion of the records show that step's kind and place, and no other.
     """
 
     error: FloatArray
@@ -247,6 +249,7 @@ class Stage:
     certain: bool = True
     refines: bool = False
     paired: bool = False
+    shown: bool = False
 
 
 def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: float, policy: Policy = POLICY) -> bool:
@@ -299,4 +302,8 @@ def verdict(
     certain = next((k - 1 for k in range(1, counted + 1) if not stages[k].certain), counted)
     if certain and share_removed(first, stages[certain].error, floors) >= policy.contributes:
         return "partly explained", certain
+    # Disturbances may be most of the error: the equations show a cause that is less than half of it.
+    shown = next((k - 1 for k in range(1, counted + 1) if not stages[k].shown), counted)
+    if shown:
+        return "partly explained", shown
     return "unexplained", 0

@@ -287,14 +287,17 @@ def next_step(job: Job) -> Found | None:
             job.progress("no form makes the model adequate; fitting free shapes")
             shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
             if shapes or nearly is None:
-                return _kind_and_form(job, source.known, forms, shapes)
+                return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:
         if shapes:
             return best_kind(forms, shapes, job.now, job.floors, job.evidence)
     if not forms:
         return None
-    best = best_form(forms, job.now, job.floors)
-    return replace(best, shown=source.shown(best.step.cause, best.step.location))
+    return _as_shown(best_form(forms, job.now, job.floors), source)
+
+
+def _as_shown(found: Found | None, source: Source) -> Found | None:
+    return found and replace(found, shown=source.shown(found.step.cause, found.step.location))
 
 
 def sources(job: Job) -> Iterator[Source]:
@@ -314,7 +317,8 @@ def sources(job: Job) -> Iterator[Source]:
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
-        yield Screened(job=job, kinds=UNSEEN if hold and not job.judged_by_drive else None)
+        # A whole motion shows smaller effects than its single moments: only a further cause has to be one that these leave out.
+        yield Screened(job=job, kinds=UNSEEN if hold and job.left < 1.0 and not job.judged_by_drive else None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -532,7 +536,7 @@ class Screened:
 
     def allows(self, entry: Entry) -> bool:
         """Where all equations hold, only for a first cause."""
-        return self.kinds is None or self.job.left >= 1.0
+        return self.kinds is None
 
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""

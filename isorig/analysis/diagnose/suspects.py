@@ -26,7 +26,7 @@ from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.noise import noise_levels
 
-#: Score below which an explanation removes nothing worth mentioning: a tenth of the excess removed has a score of 0.05.
+#: Score below which the best explanation removes nothing worth mentioning: a tenth of the excess removed has a score of 0.05.
 LEAST_SCORE = 0.05
 #: Explanations whose score is below this share of the best one are not suspected. Chosen: the right one had at least half of the
 #: best score in the sealed campaigns in which it was not the best.
@@ -381,7 +381,7 @@ def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) 
     best = max((item.score for item in explanations), default=0.0)
     chosen: list[Explanation] = []
     for item in explanations:
-        if item.score < max(LEAST_SCORE, ALIKE * best) or len(chosen) == MOST:
+        if best < LEAST_SCORE or item.score < ALIKE * best or len(chosen) == MOST:
             break
         if all((item.kind, item.place, item.what) != (other.kind, other.place, other.what) for other in chosen):
             chosen.append(item)

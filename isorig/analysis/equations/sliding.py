@@ -257,7 +257,7 @@ class Sliding:
     @property
     def rests(self) -> bool:
         """Whether the element is at rest for a good part of the time although its position is measured: it is moved."""
-        still = np.concatenate([np.abs(run.velocity) <= SLOW * self.speed for run in self.runs])
+        still = np.concatenate([np.abs(run.velocity) <= SLOW * np.sqrt(np.mean(run.velocity**2)) for run in self.runs])
         return not self.integrated and float(np.mean(still)) > RESTS
 
     @property
