@@ -335,7 +335,7 @@ class _Search:
             self._progress(
                 f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}; searching for a cause"
             )
-            left = 1.0 - share_removed(stages[0].score.error, now.score.error, floors)
+            left = self._left(stages, quiet)
             found = None
             with self.until_the_time_ends():
                 ask_time()
@@ -364,6 +364,8 @@ class _Search:
                 stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
                 quiet = np.maximum(quiet, self.floors(better.model, judged))
+                if found.then.step.form is None and self._left(stages, quiet) < POLICY.rest:
+                    break
                 continue
             repeated = False
             stage = _stage(now.score, found)
@@ -375,8 +377,7 @@ class _Search:
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
             quiet = np.maximum(quiet, self.floors(better.model, judged))
             stages.append(stage)
-            left = 1.0 - share_removed(stages[0].score.error, best.error, _allowed(quiet))
-            if step.form is None and left < POLICY.rest:
+            if step.form is None and self._left(stages, quiet) < POLICY.rest:
                 break
         word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
         named, replaced = merged(stages[: kept + 1], _allowed(quiet))
@@ -384,6 +385,11 @@ class _Search:
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
         )  # fmt: skip
+
+    @staticmethod
+    def _left(stages: Sequence[_Stage], quiet: FloatArray) -> float:
+        # Share of the baseline's excess that the last stage leaves.
+        return 1.0 - share_removed(stages[0].score.error, stages[-1].score.error, _allowed(quiet))
 
     def _job(self, stages: Sequence[_Stage], division: Division, floors: FloatArray, left: float, *, forms_only: bool) -> Job:
         step = stages[-1].step

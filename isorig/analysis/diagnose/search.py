@@ -24,7 +24,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step
-from isorig.analysis.diagnose.suspects import ALWAYS, STANDS_ALIKE, Suspects, equations_of, suspects
+from isorig.analysis.diagnose.suspects import ALWAYS, OVER_VELOCITY, STANDS_ALIKE, Suspects, equations_of, suspects
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
@@ -67,9 +67,6 @@ FINALISTS, CURVES, PAIRS = 4, 3, 2
 #: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
 #: must remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
-#: Kinds that simulations search for where the equations of motion show nothing. An equation in which a given mass is the only
-#: scale holds with any value of it.
-UNSEEN: frozenset[Kind] = frozenset({"friction_shape", "memory", "known_value"})
 #: Number of screened candidates that are fitted, in addition to the best of each family.
 SCREENED = 6
 #: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a fifth of the signal.
@@ -317,8 +314,8 @@ def sources(job: Job) -> Iterator[Source]:
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
-        # A whole motion shows smaller effects than its single moments: only a further cause has to be one that these leave out.
-        yield Screened(job=job, kinds=UNSEEN if hold and job.left < 1.0 and not job.judged_by_drive else None)
+        # A whole motion shows smaller effects than its single moments.
+        yield Screened(job=job, equations_hold=hold)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -394,8 +391,12 @@ class Suspected:
 
     def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
         # Forms of a curve's kind at its place that come as close to the data, with the same other cause.
-        place = kind_of(shape.cause), shape.location
-        forms = [start for start in self._after(begun, curves=False) if (kind_of(start[0].cause), start[0].location) == place]
+        kinds = OVER_VELOCITY if kind_of(shape.cause) in OVER_VELOCITY else {kind_of(shape.cause)}
+        forms = [
+            start
+            for start in self._after(begun, curves=False)
+            if kind_of(start[0].cause) in kinds and start[0].location == shape.location
+        ]
         run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
         return [pair for pair in run if pair[1].cost <= max(AGREES, POLICY.form_close**2 * curve.cost)]
 
@@ -461,12 +462,15 @@ class Screened:
         Those of the candidates; None for all.
     only
         The only place, also of candidates that are always tried; empty for none.
+    equations_hold
+        Whether all equations of motion hold.
     """
 
     job: Job
     kinds: Collection[Kind] | None = None
     places: Places | None = None
     only: str = ""
+    equations_hold: bool = False
 
     def _sought(self, candidate: Candidate) -> bool:
         if self.only:
@@ -535,8 +539,8 @@ class Screened:
         return False
 
     def allows(self, entry: Entry) -> bool:
-        """Where all equations hold, only for a first cause."""
-        return self.kinds is None
+        """Where all equations hold, or place and kind are given, only for a first cause."""
+        return self.job.left >= 1.0 or (self.kinds is None and not self.equations_hold)
 
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""
