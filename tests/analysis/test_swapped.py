@@ -13,7 +13,7 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting import swapped
 from isorig.analysis.fitting.linear_spectra import spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import doubts
-from isorig.analysis.fitting.swapped import exceeds_noise, swapped_channels
+from isorig.analysis.fitting.swapped import EXPLAINS_RESPONSES, exceeds_noise, swapped_channels
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
@@ -165,7 +165,13 @@ def test_campaigns_of_another_program_have_none(shared: object) -> None:
         assert not swapped_channels(baseline_model(campaign), spectra_of(baseline_model(campaign), campaign)), path
 
 
-@pytest.mark.parametrize(("own", "named"), [(0.4, True), (0.02, False)])
+@pytest.mark.parametrize(
+    ("own", "named"),
+    [
+        (1.1 * share / (2.0 - share), share > EXPLAINS_RESPONSES)
+        for share in (1.02 * EXPLAINS_RESPONSES, 0.98 * EXPLAINS_RESPONSES)
+    ],
+)
 def test_an_exchange_that_explains_little_of_the_shapes_is_none(
     session: Campaign, own: float, named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

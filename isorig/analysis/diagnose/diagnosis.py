@@ -330,7 +330,7 @@ class _Search:
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
         tries, repeated = 0, False
-        while len(stages) <= self._most_steps and not self._adequate(stages[-1].score, _allowed(quiet), enough):
+        while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
             self._progress(
                 f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}; searching for a cause"
@@ -364,8 +364,6 @@ class _Search:
                 stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
                 quiet = np.maximum(quiet, self.floors(better.model, judged))
-                if found.then.step.form is None and self._left(stages, quiet) < POLICY.rest:
-                    break
                 continue
             repeated = False
             stage = _stage(now.score, found)
@@ -377,14 +375,18 @@ class _Search:
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
             quiet = np.maximum(quiet, self.floors(better.model, judged))
             stages.append(stage)
-            if step.form is None and self._left(stages, quiet) < POLICY.rest:
-                break
         word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
         named, replaced = merged(stages[: kept + 1], _allowed(quiet))
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
         )  # fmt: skip
+
+    def _ends(self, stages: Sequence[_Stage], quiet: FloatArray, enough: float) -> bool:
+        # Whether the last stage is adequate, or a free shape that leaves little.
+        step = stages[-1].step
+        shaped = step is not None and step.form is None and self._left(stages, quiet) < POLICY.rest
+        return shaped or self._adequate(stages[-1].score, _allowed(quiet), enough)
 
     @staticmethod
     def _left(stages: Sequence[_Stage], quiet: FloatArray) -> float:

@@ -265,7 +265,7 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
     whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
     if k == 1:
         return now - then >= policy.worth * whole
-    if stages[k].refines:
+    if stages[k].refines or stages[k].shown:
         return now - then >= policy.worth * now
     here = any(stages[k].place == stage.place for stage in stages[1:k])
     least = policy.of_rest_here if here else policy.of_rest

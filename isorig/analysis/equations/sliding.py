@@ -7,7 +7,7 @@ eliminated block by block, linearized about the current fit (Gauss-Newton). Ever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,8 +31,8 @@ TAPS = 2.0
 #: Velocity below which a contact counts as not sliding, as a share of the largest rms velocity of the runs. Chosen: integrated
 #: noise and the sampling filter blur the moment of a reversal.
 SLOW = 0.1
-#: Share of the time with such a velocity above which an element is moved and rests. Chosen: a sine or a random motion is as slow
-#: for less than a tenth of the time.
+#: Share of the time below this share of a run's own rms velocity above which an element is moved and rests. Chosen: a sine or a
+#: random motion is as slow for less than a tenth of the time.
 RESTS = 0.25
 #: Largest number of samples in use: neighbours repeat each other.
 MOST_SAMPLES = 20_000
@@ -257,8 +257,7 @@ class Sliding:
     @property
     def rests(self) -> bool:
         """Whether the element is at rest for a good part of the time although its position is measured: it is moved."""
-        still = np.concatenate([np.abs(run.velocity) <= SLOW * np.sqrt(np.mean(run.velocity**2)) for run in self.runs])
-        return not self.integrated and float(np.mean(still)) > RESTS
+        return not self.integrated and still(run.velocity for run in self.runs) > RESTS
 
     @property
     def allowed(self) -> float:
@@ -441,6 +440,11 @@ class Sliding:
             parts = np.lib.stride_tricks.sliding_window_view(block.spline, 4).T
             block.run.slow[inside] = (self._value[: self.knot] @ parts).T.ravel()
             block.run.slow_velocity[inside] = (self._slope[: self.knot] @ parts).T.ravel()
+
+
+def still(velocities: Iterable[FloatArray]) -> float:
+    """Share of the time in which an element hardly moves, each run compared with its own rms velocity."""
+    return float(np.mean(np.concatenate([np.abs(v) <= SLOW * np.sqrt(np.mean(v**2)) for v in velocities])))
 
 
 def _taps(rate: float, edge: float) -> FloatArray:

@@ -27,9 +27,9 @@ TURNED = -0.1
 #: An exchange with the drive must reduce the distance of all channels' shapes by this (mean |log|): a wrong drive predicts
 #: another motion, so the regression is less informative. For records without faults there was no reduction at all.
 NEARER = 0.3
-#: Share of that distance that an exchange must remove: one with the drive, and one of two responses. Chosen: with the drive, those
-#: of the tests remove at least twice as much, and a misfit by strong contacts, whose shapes are turned by chance, not even a
-#: hundredth; exchanged responses remove more than half, and those of a run with an imperfect lock a seventh.
+#: Share of that distance that an exchange must remove: one with the drive, and one of two responses. Chosen: with the drive,
+#: those of the tests remove at least twice as much, and a misfit by strong contacts, whose shapes are turned by chance, not even
+#: a hundredth; exchanged responses remove more than half, and those of a run with an imperfect lock a seventh.
 EXPLAINS, EXPLAINS_RESPONSES = 0.1, 0.28
 #: Power of a record relative to its noise from which a band counts. Chosen: half of it is then motion.
 ABOVE_NOISE = 2.0

@@ -79,6 +79,22 @@ def test_an_uncertain_step_is_named_only_where_it_explains() -> None:
     assert verdict(stages(0.9, certain=(False,)), FLOORS, POLICY.enough) == ("explained", 1)
 
 
+@pytest.mark.parametrize(("share", "said"), [(POLICY.worth + 0.01, "partly explained"), (POLICY.worth - 0.01, "unexplained")])
+def test_a_step_that_the_equations_show_is_named_although_disturbances_are_most_of_the_error(share: float, said: str) -> None:
+    way = stages(share, certain=(False,))
+    assert verdict(way, FLOORS, POLICY.enough) == ("unexplained", 0)
+    way[1] = replace(way[1], shown=True)
+    assert verdict(way, FLOORS, POLICY.enough)[0] == said
+
+
+@pytest.mark.parametrize(("more", "counts"), [(POLICY.worth + 0.01, True), (POLICY.worth - 0.01, False)])
+def test_a_further_step_that_the_equations_show_needs_less(more: float, counts: bool) -> None:
+    way = stages(0.99, 0.99 + 0.01 * more)
+    assert not step_counts(way, 2, FLOORS, POLICY.enough)
+    way[2] = replace(way[2], shown=True)
+    assert step_counts(way, 2, FLOORS, POLICY.enough) is counts
+
+
 @pytest.mark.parametrize(
     ("shares", "places", "kept"),
     [

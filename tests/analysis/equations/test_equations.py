@@ -27,6 +27,7 @@ from isorig.analysis.equations.forms import element_force, fitted_form, start_va
 from isorig.analysis.equations.hidden import estimable, estimated
 from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.ranking import HINTS, Explanation, ranking
+from isorig.analysis.equations.sliding import RESTS, still
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.fitting.ladder import fit_baseline
@@ -283,6 +284,35 @@ def test_explanations_with_less_than_a_share_of_the_best_score_are_not_suspected
 @pytest.mark.parametrize(("score", "count"), [(1.01, 1), (0.99, 0)])
 def test_an_explanation_that_removes_hardly_anything_is_not_suspected(score: float, count: int) -> None:
     assert len(suspected([explanation("a", score * LEAST_SCORE)], {})) == count
+
+
+def test_explanations_close_to_a_best_one_that_removes_little_are_suspected_too() -> None:
+    near = [explanation("a", 1.01 * LEAST_SCORE), explanation("b", 0.9 * LEAST_SCORE)]
+    assert suspected(near, {}) == tuple(near)
+
+
+@pytest.mark.parametrize(
+    ("left", "score", "joins"),
+    [
+        (1.01 * BROKEN, 1.01 * LEAST_SCORE, True),
+        (0.99 * BROKEN, 1.01 * LEAST_SCORE, False),
+        (1.01 * BROKEN, 0.99 * LEAST_SCORE, False),
+    ],
+)
+def test_a_force_with_a_memory_is_suspected_where_the_best_explanation_leaves_much(
+    left: float, score: float, joins: bool
+) -> None:
+    best = changed(explanation("a", 1.0), kind="spring_shape", residuals={"x": left})
+    memory = changed(explanation("a", score), kind="memory", residuals={"x": 9.0 * BROKEN})
+    elsewhere = changed(explanation("b", score), kind="memory", residuals={"x": 9.0 * BROKEN})
+    assert suspected([best, elsewhere, memory], {"x": 10.0 * BROKEN}) == ((best, memory) if joins else (best,))
+
+
+@pytest.mark.parametrize(("share", "moved"), [(1.02 * RESTS, True), (0.98 * RESTS, False)])
+def test_an_element_that_rests_is_moved_and_a_weak_run_is_no_rest(share: float, moved: bool) -> None:
+    count = 10_000
+    speed = np.where(np.arange(count) < share * count, 0.0, 1.0)
+    assert (still([speed, 0.01 * speed]) > RESTS) is moved
 
 
 @pytest.mark.parametrize(

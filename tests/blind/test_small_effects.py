@@ -1,0 +1,42 @@
+"""Sealed envelopes with effects that the equations of motion do not show, or that look like an exchange of two channels."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from envelopes import draw_envelope
+from other_envelopes import draw_other
+from study_other import described
+
+from isorig.analysis.diagnose.suspects import equations_of
+from isorig.analysis.equations.system import HOLDS
+from isorig.rig.cli import main
+from isorig.rig.files.recording import read, write
+from isorig.rig.model.baseline import baseline_model
+
+
+def findings_of(recording: Path, folder: Path) -> dict[str, object]:
+    assert main(["diagnose", str(recording), "-o", str(folder)]) == 0
+    return json.loads((folder / "findings.json").read_text())  # type: ignore[no-any-return]
+
+
+@pytest.mark.timeout(300)
+def test_a_whole_motion_shows_what_its_moments_do_not(tmp_path: Path) -> None:
+    """Drag in a chain of three masses: every equation holds within its noise, and the simulation misfits."""
+    envelope = draw_other("quadratic_damping", 0.33, 860023, soil=0.0, rest=True)
+    write(tmp_path / "sealed.h5", replace(envelope.campaign, description=described(envelope)))
+    campaign = read(tmp_path / "sealed.h5")
+    assert max(equations_of(campaign, baseline_model(campaign)).residuals().values()) < HOLDS
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert [(step["cause"], step["location"]) for step in found["steps"]] == [("quadratic_damping", "l2")]
+    assert found["verdict"] == "explained"
+
+
+@pytest.mark.timeout(300)
+def test_an_imperfect_lock_is_no_exchange_of_channels(tmp_path: Path) -> None:
+    envelope = draw_envelope("imperfect_lock", 1.0, 700047)
+    write(tmp_path / "sealed.h5", envelope.campaign)
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert [(step["cause"], step["location"]) for step in found["steps"]] == list(envelope.truth)
+    assert found["doubts"] == []
