@@ -1,4 +1,4 @@
-"""The pages about adding a law, a cause and an instrument, followed literally in a copy of the project."""
+"""The pages about adding a law, a cause, an instrument, a format and a command, followed literally in a copy of the project."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("add-law.md", "add-cause.md", "add-instrument.md", "add-format.md", "add-command.md")
 #: Files that the pages show: a fence with a title.
 FILE = re.compile(r'^```python title="([^"]+)"\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 PLAN = """
@@ -33,10 +34,10 @@ seconds = 3.0
 
 @pytest.fixture(scope="module")
 def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project with the files of the three pages."""
+    """A copy of the project with the files of these pages."""
     place = tmp_path_factory.mktemp("extended")
     shutil.copytree(ROOT / "isorig", place / "isorig")
-    for page in ("add-law.md", "add-cause.md", "add-instrument.md"):
+    for page in PAGES:
         files = FILE.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
         assert len(files) == 2, f"{page} shows a file and its test"
         for name, content in files:
@@ -57,7 +58,7 @@ def called(folder: Path, *call: str) -> subprocess.CompletedProcess[str]:
 def test_the_pages_files_pass_their_tests(extended: Path) -> None:
     done = called(extended, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert re.search(r"^6 passed", done.stdout, re.MULTILINE), done.stdout
+    assert re.search(r"^10 passed", done.stdout, re.MULTILINE), done.stdout
 
 
 @pytest.mark.study

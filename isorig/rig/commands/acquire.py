@@ -1,4 +1,4 @@
-"""rig acquire: measure the runs of a plan."""
+"""Measures the runs of a plan with an instrument."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig characterize: the rig's parameters with standard uncertainties."""
+"""Masses, natural frequencies, damping ratios, friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig check: list and validate recordings."""
+"""Lists the runs of recordings and rejects damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig demo: the whole chain without hardware."""
+"""The whole chain, without hardware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig describe: a rig's description, drawn and checked, or written from answers."""
+"""Draws and checks a rig's description, or writes one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig design: the best values of a rig's parameters within limits."""
+"""How soft the isolation may be for given moves."""
 
 from __future__ import annotations
 

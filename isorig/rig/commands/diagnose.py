@@ -1,4 +1,4 @@
-"""rig diagnose: what the simulation gets wrong, and the identified cause."""
+"""What the simulation gets wrong, and the identified cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig export: recordings, transfer functions and parameter tables for other programs."""
+"""Writes a recording in other formats."""
 
 from __future__ import annotations
 

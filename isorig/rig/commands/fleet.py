@@ -1,4 +1,4 @@
-"""rig fleet: diagnoses every recording of many rigs once, tracks every parameter, and dates each change."""
+"""Many rigs over many campaigns: what changed, when, and why."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cyclopts import App, Parameter
 if TYPE_CHECKING:
     from isorig.rig.fleet.catalogue import StoredAnswer
 
-app = App(name="fleet", help="Diagnoses every recording of many rigs once, tracks every parameter, dates each change.")
+fleet = App(name="fleet", help="Diagnoses every recording of many rigs once, tracks every parameter, dates each change.")
 
 Where = Annotated[Path, Parameter(name=["-c", "--catalogue"])]
 Baseline = Literal["coulomb", "linear"]
 HERE = Path("fleet")
 
 
-@app.command
+@fleet.command
 def add(*folders: Path, rig: str | None = None, catalogue: Where = HERE) -> None:
     """Add folders of recordings; rig fleet update diagnoses the recordings in them and in their subfolders.
 
@@ -50,7 +50,7 @@ def add(*folders: Path, rig: str | None = None, catalogue: Where = HERE) -> None
         print(f"{folder}: {len(found)} recordings of {len({r.rig for r in found})} rigs")
 
 
-@app.command
+@fleet.command
 def update(
     *,
     catalogue: Where = HERE,
@@ -123,7 +123,7 @@ def update(
         raise RecordingError(f"{len(updated.without)} of {len(work.jobs)} recordings gave no answer; first: {first}")
 
 
-@app.command
+@fleet.command
 def show(
     *,
     rig: str | None = None,
@@ -171,7 +171,7 @@ def show(
             print(displayable(incident_words(fleet, incident, explained.get(name_of(fleet, incident)))))
 
 
-@app.command
+@fleet.command
 def watch(
     folder: Path,
     /,
@@ -225,7 +225,7 @@ def watch(
     )  # fmt: skip
 
 
-@app.command
+@fleet.command
 def report(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
@@ -258,7 +258,7 @@ def report(
     print(write_text(output, fleet_page(fleet, store.changes())))
 
 
-@app.command
+@fleet.command
 def sql(query: str, /, *, catalogue: Where = HERE) -> None:
     """Query the catalogue in SQL and print the rows as CSV; the table is named answers. Needs DuckDB.
 

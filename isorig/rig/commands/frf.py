@@ -1,4 +1,4 @@
-"""rig frf: transfer functions with coherence and error bars."""
+"""Transfer functions with coherence and error bars."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def frf(
         For a recording that is being written: estimate repeatedly from the available data until it is finished.
     """
     from isorig.analysis.errors import DataError
-    from isorig.rig.exchange.reading import READERS
+    from isorig.rig.exchange.formats import FORMATS
     from isorig.rig.exchange.responses import read_responses
     from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
@@ -102,7 +102,7 @@ def frf(
         return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], limits_in_words(found)
 
     def foreign(path: Path) -> bool:
-        return path.suffix.lower() in READERS and path.suffix.lower() not in HDF5
+        return path.suffix.lower() in FORMATS and path.suffix.lower() not in HDF5
 
     def found_of(path: Path) -> Found:
         if foreign(path):

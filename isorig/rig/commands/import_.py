@@ -1,4 +1,4 @@
-"""rig import: converts measurements of other programs to a recording."""
+"""Converts files of other formats to a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig instruments: what is connected, and a first plan for it."""
+"""Lists what is connected, and proposes a plan for it."""
 
 from __future__ import annotations
 

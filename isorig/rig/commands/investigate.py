@@ -1,4 +1,4 @@
-"""rig investigate: measure and diagnose until one cause is identified."""
+"""Measures and diagnoses until one cause is identified."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig isolation: the isolation ratio, measured and simulated, composed of runs at several gains."""
+"""The isolation ratio, measured and simulated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig modes: natural frequencies, damping ratios and shapes from all transfer functions of a set-up at once."""
+"""Modes with shapes from many transfer functions at once."""
 
 from __future__ import annotations
 

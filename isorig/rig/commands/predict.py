@@ -1,4 +1,4 @@
-"""rig predict: the sensor signals that a model predicts."""
+"""The sensor signals that a model predicts."""
 
 from __future__ import annotations
 

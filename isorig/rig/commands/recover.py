@@ -1,4 +1,4 @@
-"""rig recover: restores the data of a killed session."""
+"""Restores the data of a killed session."""
 
 from __future__ import annotations
 

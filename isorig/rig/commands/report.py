@@ -1,4 +1,4 @@
-"""rig report: one page about a recording."""
+"""One page about a measurement."""
 
 from __future__ import annotations
 

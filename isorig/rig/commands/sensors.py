@@ -1,4 +1,4 @@
-"""rig sensors: the sensors of a plan compared with the laboratory's list and with their memories."""
+"""Compares a plan's sensors with their calibration sheets."""
 
 from __future__ import annotations
 

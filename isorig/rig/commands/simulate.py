@@ -1,4 +1,4 @@
-"""rig simulate: the responses of a rig to a recorded or synthetic drive, and its internal forces."""
+"""A rig's responses to a recorded or synthetic drive."""
 
 from __future__ import annotations
 

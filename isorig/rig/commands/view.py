@@ -1,4 +1,4 @@
-"""rig view: a running session, or a recording, on a page in the browser."""
+"""Shows a session or a recording in the browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rig virtual: a virtual rig, as a recording or as a simulated instrument."""
+"""A virtual rig, as a recording or as a simulated instrument."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-app = App(name="virtual", help="A virtual rig, as a recording or as a simulated instrument.")
+virtual = App(name="virtual", help="A virtual rig, as a recording or as a simulated instrument.")
 
 
-@app.command
+@virtual.command
 def campaign(
     *,
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
@@ -71,7 +71,7 @@ def campaign(
     print(output)
 
 
-@app.command
+@virtual.command
 def instrument(
     *,
     kind: str = "framed",

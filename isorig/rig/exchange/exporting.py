@@ -15,8 +15,8 @@ import pandas as pd
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run
 from isorig.rig.errors import PlanError
+from isorig.rig.exchange.formats.uff import FREQUENCY, REFERENCE, RESPONSE, TIME
 from isorig.rig.exchange.table import STREAMED
-from isorig.rig.exchange.uff import FREQUENCY, REFERENCE, RESPONSE, TIME
 from isorig.rig.files.findings import Findings
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import cell, replaced

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import IntArray, Spectrum
 
+#: What to do with a file that cannot be read.
+AGAIN = "copy it again from its source"
 #: Maximum number of columns from one multidimensional array.
 COLUMNS_MOST = 256
 
@@ -57,6 +59,28 @@ class ForeignTable:
     numbers: Mapping[str, float] = field(default_factory=dict)
     spectra: tuple[Spectrum, ...] = ()
     remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format of other programs.
+
+    Parameters
+    ----------
+    extensions
+        Of its files, in lower case, with the dot.
+    name
+        In a sentence: "cannot be read as ...".
+    read
+        Reads a file. It may raise any error for damaged content: the message then has its first line, and the advice.
+    advice
+        What to do with a file that cannot be read.
+    """
+
+    extensions: tuple[str, ...]
+    name: str
+    read: Callable[[Path], ForeignTable]
+    advice: str = AGAIN
 
 
 def vectors_of(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:

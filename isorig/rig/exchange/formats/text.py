@@ -8,19 +8,22 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import seconds_per
 from isorig.rig.exchange.missing import completed
-from isorig.rig.exchange.table import Column, ForeignTable
+from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.exchange.units import known_unit
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Separator and decimal mark, in order of preference.
 STYLES = ((";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", "."), (r"\s+", "."), (r"\s+", ","))
@@ -93,6 +96,8 @@ def decoded(raw: bytes) -> str:
 
 
 def _frame(text: str, style: _Style, path: Path) -> pd.DataFrame:
+    import pandas as pd
+
     try:
         frame = pd.read_csv(
             io.StringIO(text), sep=style.separator, decimal=style.decimal, skiprows=style.first, header=None,
@@ -255,6 +260,8 @@ def _rate(head: Sequence[str]) -> float | None:
 
 
 def _seconds(column: pd.Series[str]) -> FloatArray:
+    import pandas as pd
+
     # Seconds since the first reading of a clock; it may pass midnight if it has no date.
     parts = column.str.extract(_CLOCK)
     seconds = np.zeros(len(column))
@@ -288,3 +295,6 @@ def _joined(columns: dict[str, Column]) -> dict[str, Column]:
                 joined[re.sub(rf"(?i)[ _]*{one}$", "", name) or "response"] = Column(values=values, unit=a.unit)
                 break
     return {**rest, **joined}
+
+
+TEXT = Format(extensions=(".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), name="text", read=read_text)

@@ -11,9 +11,9 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import column_rate
+from isorig.rig.exchange.formats.text import FILE_MOST, decoded
 from isorig.rig.exchange.missing import completed
-from isorig.rig.exchange.table import Column, ForeignTable
-from isorig.rig.exchange.text import FILE_MOST, decoded
+from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.recording import VALUE_MOST
 
@@ -87,3 +87,6 @@ def _rate(clock: FloatArray | None, step: float, here: str) -> float | None:
     # Several integer rates agree with a rounded interval: the one with exactly this interval is used, otherwise none.
     exact = round(1.0 / step)
     return float(exact) if abs(1.0 / exact - step) <= 1e-12 * step else (1.0 / step if not len(whole) else None)
+
+
+LVM = Format(extensions=(".lvm",), name="LVM", read=read_lvm, advice="save it again from LabVIEW, or as CSV")

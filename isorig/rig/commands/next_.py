@@ -1,4 +1,4 @@
-"""rig next: the run that distinguishes the causes which a diagnosis leaves open."""
+"""Proposes the next run, to distinguish the remaining causes."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.exchange.table import ForeignTable, Format
 from isorig.rig.exchange.tree import OWN, UNIT_WORDS, table_of
 from isorig.rig.files.hdf import opened
 from isorig.rig.files.recording import FORMAT
@@ -59,3 +59,6 @@ def _attributes(before: str, item: Any) -> Iterator[tuple[str, Any]]:
 
 def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+HDF5 = Format(extensions=(".h5", ".hdf5", ".hdf"), name="HDF5", read=read_hdf5)

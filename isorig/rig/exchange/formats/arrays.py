@@ -12,7 +12,7 @@ import numpy as np
 
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.missing import completed
-from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
 from isorig.rig.exchange.tree import NAMES, table_of
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 from isorig.rig.files.inputs import content_of
@@ -110,3 +110,8 @@ def _numbers(value: list[Any]) -> Any:
 def _has_words(value: Any) -> bool:
     # numpy would accept "1.5" and true as numbers.
     return any(_has_words(item) if isinstance(item, list) else isinstance(item, str | bool) for item in value)
+
+
+JSON = Format(extensions=(".json",), name="JSON", read=read_json, advice=f"{AGAIN}, or write it as arrays by name")
+NPY = Format(extensions=(".npy",), name="a .npy file", read=read_npy, advice="save plain numbers with numpy.save")
+NPZ = Format(extensions=(".npz",), name="a .npz file", read=read_npz, advice="save plain arrays of numbers with numpy.savez")

@@ -14,7 +14,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, Spectrum
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import even_rate, seconds_per
-from isorig.rig.exchange.table import Column, ForeignTable
+from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.exchange.units import known_unit
 from isorig.rig.files.recording import VALUE_MOST
 
@@ -229,3 +229,6 @@ def _spectrum(
         )
     )  # fmt: skip
     return ""
+
+
+UFF = Format(extensions=(".uff", ".unv"), name="a universal file", read=read_uff, advice="export it again as dataset 58")

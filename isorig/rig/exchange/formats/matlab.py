@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.files.hdf import SIGNATURE, opened, survived
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE
@@ -133,3 +133,6 @@ def _referred(file: h5py.File, name: str, item: h5py.Dataset, found: list[tuple[
 def _class_of(item: h5py.Dataset) -> str:
     value = item.attrs.get("MATLAB_class", b"")
     return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
+
+
+MATLAB = Format(extensions=(".mat",), name="a MATLAB file", read=read_matlab, advice=f"{AGAIN}, or save it again with save -v7")
