@@ -32,13 +32,19 @@ seconds = 3.0
 """
 
 
+def shown(page: str) -> list[tuple[str, str]]:
+    """Names and contents of the files that a page shows."""
+    return FILE.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
+
+
 @pytest.fixture(scope="module")
 def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project with the files of these pages."""
     place = tmp_path_factory.mktemp("extended")
     shutil.copytree(ROOT / "isorig", place / "isorig")
+    shutil.copytree(ROOT / "tests" / "drivers", place / "tests" / "drivers")
     for page in PAGES:
-        files = FILE.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
+        files = shown(page)
         assert len(files) == 2, f"{page} shows a file and its test"
         for name, content in files:
             path = place / name
@@ -56,9 +62,15 @@ def called(folder: Path, *call: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_pages_files_pass_their_tests(extended: Path) -> None:
-    done = called(extended, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    tests = [name for page in PAGES for name, _ in shown(page) if name.startswith("tests/")]
+    done = called(extended, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"^10 passed", done.stdout, re.MULTILINE), done.stdout
+
+
+def test_the_pages_instrument_keeps_to_the_contract(extended: Path) -> None:
+    done = called(extended, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/drivers/test_contract.py", "-k", "millivolts")
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.study

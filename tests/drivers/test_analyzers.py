@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from campaign import SHORT
+from contract import Case, Served, Situation
+from far import LinesFar
 
 from isorig.drivers.block import Shows, Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
@@ -109,3 +114,32 @@ def test_what_does_not_answer_or_answers_nonsense_is_said(monkeypatch: pytest.Mo
         with pytest.raises(ProtocolError, match="a block begins with #"):
             instrument._block("CALC1:DATA?")
         instrument._link.close()
+
+
+@contextmanager
+def serve_sr785(situation: Situation) -> Iterator[Served]:
+    answers = {
+        "*ESR?": b"0\n", "INPS?": b"1\n" if situation.overload_at is not None else b"0\n", "DSPS?": b"1\n", "NAVG?": b"10\n",
+        "STYP?": b"2\n", "NAMP?": b"500,mVpk\n", "SRCO?": b"1\n",
+    }  # fmt: skip
+    far = LinesFar({} if situation.silent else answers)
+    with far:
+        yield Served(far.port, lambda: _last(far, "SRCO ") == "SRCO 1", far.unplug)
+
+
+@contextmanager
+def serve_hp35670a(situation: Situation) -> Iterator[Served]:
+    answers = {"*STB?": b"+32\n", "SYST:ERR?": b'+0,"No Error"\n', "SOUR:VOLT?": b"0.5\n", "OUTP?": b"1\n"}
+    far = LinesFar({} if situation.silent else answers)
+    with far:
+        yield Served(far.port, lambda: _last(far, "OUTP O") == "OUTP ON", far.unplug)
+
+
+def _last(far: LinesFar, begin: str) -> str:
+    return next((line for line in reversed(far.lines) if line.startswith(begin)), "")
+
+
+CASES = (
+    Case(kind="sr785", serve=serve_sr785, rate=256.0),
+    Case(kind="35670a", serve=serve_hp35670a, rate=256.0, reports=False),
+)

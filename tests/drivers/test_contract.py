@@ -1,21 +1,18 @@
 """What every driver keeps to, in one class: loss is counted, status reported, the drive stopped, the rate held against the host's
-clock, and every wait ended. A kind of instrument is added with its far end in `CASES`."""
+clock, and every wait ended. The test of each kind states its far end in `CASES`."""
 
 from __future__ import annotations
 
 import time
 import tomllib
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
-import sound_device
 from campaign import SHORT, read
-from far import CsvFar, DataqFar, Far, FramedFar, LinesFar, SlcanFar, frame, scan_bytes, within
-from ni_device import Device, chassis
+from contract import Served, Situation, stated
+from far import within
 
 from isorig.drivers.block import Block, Status
 from isorig.drivers.errors import DriverError
@@ -28,171 +25,8 @@ from isorig.rig.acquire.plan import Plan, plan_of
 LONGEST = 8.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Situation:
-    """What happens at the far end: a loss, an overload from a tick on, its true rate over the nominal one, silence."""
-
-    lose: tuple[int, int] | None = None
-    overload_at: int | None = None
-    clock: float = 1.0
-    silent: bool = False
-    mute_after: int | None = None
-
-    def lost(self, tick: int) -> bool:
-        """Whether a tick is lost."""
-        return self.lose is not None and self.lose[0] <= tick < sum(self.lose)
-
-    def overloaded(self, tick: int) -> bool:
-        """Whether an input is overloaded."""
-        return self.overload_at is not None and tick >= self.overload_at
-
-
-@dataclass
-class Served:
-    """A far end that is served: the port, whether it drives the rig, and its end."""
-
-    port: str
-    driving: Callable[[], bool] = lambda: False
-    unplug: Callable[[], None] = lambda: None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """A kind of instrument with its far end.
-
-    Parameters
-    ----------
-    serve
-        Serves the far end in a situation.
-    rate, speed
-        Hz, signal seconds per second.
-    lose, within
-        A loss that is tried, and the ticks by which its place and count may be wrong.
-    reports
-        Whether it can report an overload; if not, its page says so.
-    """
-
-    serve: Callable[[Situation], AbstractContextManager[Served]]
-    rate: float
-    speed: float = 10.0
-    lose: tuple[int, int] = (500, 100)
-    within: int = 0
-    reports: bool = True
-
-
-@contextmanager
-def far_served(far: Far, situation: Situation, driving: Callable[[], bool] = lambda: False) -> Iterator[Served]:
-    """A far end at a pseudo-terminal; a silent one takes everything and says nothing."""
-    if situation.silent:
-        far = Far()
-    with far:
-        yield Served(far.port, driving, far.unplug)
-
-
-def serve_framed(situation: Situation) -> AbstractContextManager[Served]:
-    def spoil(fields: dict) -> bytes:
-        status = int(situation.overloaded(fields["tick"]))
-        return b"" if situation.lost(fields["tick"]) else frame(**(fields | {"status": status}))
-
-    frames = 10**6 if situation.mute_after is None else situation.mute_after // 50
-    far = FramedFar(spoil=spoil, frames=frames, speed=10.0 * situation.clock)
-    return far_served(far, situation, lambda: far.running)
-
-
-def serve_dataq(situation: Situation) -> AbstractContextManager[Served]:
-    def stream(first: int, last: int) -> bytes:
-        return b"".join(scan_bytes(tick, tick + 1) for tick in range(first, last) if not situation.lost(tick))
-
-    far = DataqFar(stream=stream, rate=2000.0, clock=situation.clock, scans=situation.mute_after or 10**9)
-    return far_served(far, situation, lambda: far.scanning)
-
-
-def serve_mti(situation: Situation) -> AbstractContextManager[Served]:
-    def spoil(tick: int, frames: list[bytes]) -> bytes:
-        status = b"t011400000100\r" if situation.overloaded(tick) else frames[3]
-        return b"" if situation.lost(tick) else b"".join([*frames[:3], status])
-
-    return far_served(
-        SlcanFar(spoil=spoil, rate=100.0, speed=2.0 * situation.clock, groups=situation.mute_after or 10**9), situation
-    )  # fmt: skip
-
-
-def serve_lines(situation: Situation) -> AbstractContextManager[Served]:
-    def columns(tick: int) -> list[str]:
-        value = "OL" if situation.overloaded(tick) else str(tick)
-        return [str(tick % 65536), str(10 * tick), value, "0", "0", "0"]
-
-    def spoil(tick: int, line: bytes) -> bytes:
-        return b"" if situation.lost(tick) else line + b"\n"
-
-    far = CsvFar(
-        columns=columns, spoil=spoil, speed=10.0 * situation.clock, lines=situation.mute_after or 10**9
-    )  # fmt: skip
-    return far_served(far, situation, lambda: far.running)
-
-
-@contextmanager
-def serve_ni(situation: Situation) -> Iterator[Served]:
-    # A loss is a host that is late: as long as it takes to overwrite the buffer.
-    device = Device(
-        clock=situation.clock, silent=situation.silent, overload_from=situation.overload_at, lost=situation.lose,
-        mute_after=situation.mute_after,
-    )  # fmt: skip
-
-    def unplug() -> None:
-        device.gone_after = 0
-
-    with chassis(device):
-        yield Served("cDAQ1", lambda: device.level != 0.0, unplug)
-
-
-@contextmanager
-def serve_sound(situation: Situation) -> Iterator[Served]:
-    # The driver begins to count half a second after the start, when samples come regularly.
-    late = 4000
-    device = sound_device.Device(
-        clock=situation.clock, silent=situation.silent,
-        lost=None if situation.lose is None else (situation.lose[0] + late, situation.lose[1]),
-        mute_after=None if situation.mute_after is None else situation.mute_after + 3 * late,
-    )  # fmt: skip
-    with sound_device.card(device):
-        yield Served("card", lambda: device.level != 0, device.gone.set)
-
-
-@contextmanager
-def serve_sr785(situation: Situation) -> Iterator[Served]:
-    answers = {
-        "*ESR?": b"0\n", "INPS?": b"1\n" if situation.overload_at is not None else b"0\n", "DSPS?": b"1\n", "NAVG?": b"10\n",
-        "STYP?": b"2\n", "NAMP?": b"500,mVpk\n", "SRCO?": b"1\n",
-    }  # fmt: skip
-    far = LinesFar({} if situation.silent else answers)
-    with far:
-        yield Served(far.port, lambda: _last(far, "SRCO ") == "SRCO 1", far.unplug)
-
-
-@contextmanager
-def serve_hp35670a(situation: Situation) -> Iterator[Served]:
-    answers = {"*STB?": b"+32\n", "SYST:ERR?": b'+0,"No Error"\n', "SOUR:VOLT?": b"0.5\n", "OUTP?": b"1\n"}
-    far = LinesFar({} if situation.silent else answers)
-    with far:
-        yield Served(far.port, lambda: _last(far, "OUTP O") == "OUTP ON", far.unplug)
-
-
-def _last(far: LinesFar, begin: str) -> str:
-    return next((line for line in reversed(far.lines) if line.startswith(begin)), "")
-
-
-CASES = {
-    "framed": Case(serve=serve_framed, rate=1000.0),
-    "di1100": Case(serve=serve_dataq, rate=2000.0, speed=1.0, lose=(2000, 500), within=60, reports=False),
-    "mti600": Case(serve=serve_mti, rate=100.0, speed=2.0, lose=(100, 50), within=1),
-    "lines": Case(serve=serve_lines, rate=100.0, lose=(200, 50)),
-    "nidaqmx": Case(serve=serve_ni, rate=2048.0),
-    "sound": Case(serve=serve_sound, rate=8000.0, speed=1.0, lose=(8000, 4000), within=1600, reports=False),
-    "sr785": Case(serve=serve_sr785, rate=256.0),
-    "35670a": Case(serve=serve_hp35670a, rate=256.0, reports=False),
-}
-STREAMS = [name for name in CASES if name not in ("sr785", "35670a")]
+CASES = stated()
+STREAMS = [name for name in CASES if not isinstance(kinds()[name], RecordsKind)]
 
 
 def plan(kind: str) -> Plan:
@@ -224,7 +58,6 @@ def measured(kind: str, situation: Situation, ticks: int) -> list[Block]:
 
 def test_every_kind_keeps_to_the_contract() -> None:
     assert set(CASES) == set(kinds())
-    assert {name for name in CASES if isinstance(kinds()[name], RecordsKind)} == set(CASES) - set(STREAMS)
 
 
 class TestContract:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import threading
+from contextlib import AbstractContextManager
 from zlib import crc32
 
 import numpy as np
 import pytest
+from contract import Case, Served, Situation, far_served
+from far import FramedFar
+from far import frame as frame_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -140,3 +144,16 @@ def test_another_version_of_the_protocol_is_refused(monkeypatch: pytest.MonkeyPa
 
     with served(Newer()) as port, pytest.raises(ProtocolError, match="isorig-framed/2"):
         FramedInstrument(port)
+
+
+def serve_framed(situation: Situation) -> AbstractContextManager[Served]:
+    def spoil(fields: dict) -> bytes:
+        status = int(situation.overloaded(fields["tick"]))
+        return b"" if situation.lost(fields["tick"]) else frame_of(**(fields | {"status": status}))
+
+    frames = 10**6 if situation.mute_after is None else situation.mute_after // 50
+    far = FramedFar(spoil=spoil, frames=frames, speed=10.0 * situation.clock)
+    return far_served(far, situation, lambda: far.running)
+
+
+CASES = (Case(kind="framed", serve=serve_framed, rate=1000.0),)

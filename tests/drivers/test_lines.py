@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from itertools import pairwise
 
 import msgspec
 import numpy as np
 import pytest
 from campaign import SHORT, read
+from contract import Case, Served, Situation, far_served
 from far import CsvFar, Far, PrologixFar, within
 from hypothesis import given
 from hypothesis import settings as examples
@@ -245,3 +246,20 @@ def test_no_bytes_make_anything_but_numbers_or_a_refusal(data: list[bytes], fiel
 def _opened(settings: LinesSettings) -> LinesInstrument:
     with CsvFar() as far, closing(LinesInstrument(far.port, settings, waits=SHORT)) as instrument:
         return instrument
+
+
+def serve_lines(situation: Situation) -> AbstractContextManager[Served]:
+    def columns(tick: int) -> list[str]:
+        value = "OL" if situation.overloaded(tick) else str(tick)
+        return [str(tick % 65536), str(10 * tick), value, "0", "0", "0"]
+
+    def spoil(tick: int, line: bytes) -> bytes:
+        return b"" if situation.lost(tick) else line + b"\n"
+
+    far = CsvFar(
+        columns=columns, spoil=spoil, speed=10.0 * situation.clock, lines=situation.mute_after or 10**9
+    )  # fmt: skip
+    return far_served(far, situation, lambda: far.running)
+
+
+CASES = (Case(kind="lines", serve=serve_lines, rate=100.0, lose=(200, 50)),)

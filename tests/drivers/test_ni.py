@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 from campaign import read
+from contract import Case, Served, Situation
 from far import within
 from ni_device import Device, chassis
 from nidaqmx.errors import DaqError
@@ -299,3 +300,21 @@ def test_settings_that_cannot_be_are_refused(changed: dict[str, object], says: s
 
 def test_the_driver_imports_the_package_when_it_is_opened() -> None:
     assert "nidaqmx" not in vars(ni)
+
+
+@contextmanager
+def serve_ni(situation: Situation) -> Iterator[Served]:
+    # A loss is a host that is late: as long as it takes to overwrite the buffer.
+    device = Device(
+        clock=situation.clock, silent=situation.silent, overload_from=situation.overload_at, lost=situation.lose,
+        mute_after=situation.mute_after,
+    )  # fmt: skip
+
+    def unplug() -> None:
+        device.gone_after = 0
+
+    with chassis(device):
+        yield Served("cDAQ1", lambda: device.level != 0.0, unplug)
+
+
+CASES = (Case(kind="nidaqmx", serve=serve_ni, rate=2048.0),)

@@ -7,14 +7,16 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from itertools import pairwise
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
+import sound_device
 from campaign import read
+from contract import Case, Served, Situation
 from far import within
 from sound_server import RATE, Server, loop
 
@@ -172,3 +174,19 @@ def test_a_drive_that_is_not_ready_is_silence() -> None:
     instrument._parts.extend([np.full(5, 1.0), np.full(5, 2.0)])
     np.testing.assert_array_equal(instrument._next(7), [1.0] * 5 + [2.0] * 2)
     np.testing.assert_array_equal(instrument._next(6), [2.0] * 3 + [0.0] * 3)
+
+
+@contextmanager
+def serve_sound(situation: Situation) -> Iterator[Served]:
+    # The driver begins to count half a second after the start, when samples come regularly.
+    late = 4000
+    device = sound_device.Device(
+        clock=situation.clock, silent=situation.silent,
+        lost=None if situation.lose is None else (situation.lose[0] + late, situation.lose[1]),
+        mute_after=None if situation.mute_after is None else situation.mute_after + 3 * late,
+    )  # fmt: skip
+    with sound_device.card(device):
+        yield Served("card", lambda: device.level != 0, device.gone.set)
+
+
+CASES = (Case(kind="sound", serve=serve_sound, rate=8000.0, speed=1.0, lose=(8000, 4000), within=1600, reports=False),)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import cantools
 import numpy as np
 import pytest
 from campaign import SHORT
+from contract import Case, Served, Situation, far_served
+from far import DataqFar, SlcanFar, scan_bytes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -281,3 +284,27 @@ def test_mti_on_the_virtual_bus_reports_clipping_and_internal_loss() -> None:
         assert block.first_tick == 0
         assert len(block.samples) == 16
         instrument.close()
+
+
+def serve_dataq(situation: Situation) -> AbstractContextManager[Served]:
+    def stream(first: int, last: int) -> bytes:
+        return b"".join(scan_bytes(tick, tick + 1) for tick in range(first, last) if not situation.lost(tick))
+
+    far = DataqFar(stream=stream, rate=2000.0, clock=situation.clock, scans=situation.mute_after or 10**9)
+    return far_served(far, situation, lambda: far.scanning)
+
+
+def serve_mti(situation: Situation) -> AbstractContextManager[Served]:
+    def spoil(tick: int, frames: list[bytes]) -> bytes:
+        status = b"t011400000100\r" if situation.overloaded(tick) else frames[3]
+        return b"" if situation.lost(tick) else b"".join([*frames[:3], status])
+
+    return far_served(
+        SlcanFar(spoil=spoil, rate=100.0, speed=2.0 * situation.clock, groups=situation.mute_after or 10**9), situation
+    )  # fmt: skip
+
+
+CASES = (
+    Case(kind="di1100", serve=serve_dataq, rate=2000.0, speed=1.0, lose=(2000, 500), within=60, reports=False),
+    Case(kind="mti600", serve=serve_mti, rate=100.0, speed=2.0, lose=(100, 50), within=1),
+)

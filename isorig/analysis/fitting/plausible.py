@@ -183,7 +183,7 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str]) -> D
         return Doubt(
             parameter="sample_rate", kind="decade", ratio=found.ratio,
             text=f"The resonances are recorded at about {found.ratio:.3g} times the frequencies of the given rig, and no unit "
-            "explains this: check the sample rate in the mapping or of the instrument.",
+            "explains this: check the sample rate in the mapping, and the masses and stiffnesses of the description.",
         )  # fmt: skip
     if found.kind == "sign":
         if len(found.names) == len(given.sensors):
