@@ -110,13 +110,6 @@ def test_a_block_that_leaves_a_process_running_is_found(folder: Path) -> None:
     assert (status, said, left) == ("no end in 1 s", "begun\n", True)
 
 
-def test_every_command_is_on_the_first_page() -> None:
-    told = (DOCS / "index.md").read_text(encoding="utf-8")
-    registered = re.findall(r'name="(\w+)"\)', (ROOT / "isorig" / "rig" / "cli.py").read_text(encoding="utf-8"))
-    missing = [name for name in registered if f"`rig {name}" not in told and name != "demo"]
-    assert not missing
-
-
 def test_every_place_that_a_page_names_exists() -> None:
     # The rooms of the package also have links at the top level, which a clone may lack.
     named = re.compile(r"`((?:analysis|drivers|rig|tests|bench|docs|fixtures_data)/[\w./-]*)`")
