@@ -7,9 +7,9 @@ from difflib import get_close_matches
 
 import numpy as np
 
-#: From this share on a size is given as a multiple, and from this factor on a difference as a factor: three digits of per cent
-#: say no more than two digits of these.
-MULTIPLE, FACTOR = 0.99, 1.9
+#: From this share on a size is given as a multiple, and from this factor on a difference as a factor: more digits of per cent say
+#: no more than two digits of these.
+MULTIPLE, FACTOR = 10.0, 1.9
 #: Units by size, largest first: (smallest SI value that is written in it, its SI value, its name).
 SIZED: dict[str, tuple[tuple[float, float, str], ...]] = {
     "m": ((1.0, 1.0, "m"), (1e-4, 1e-3, "mm"), (1e-7, 1e-6, "µm"), (0.0, 1e-9, "nm")),
@@ -41,7 +41,7 @@ def of_signal(share: float, digits: int = 2) -> str:
     """
     if share >= MULTIPLE:
         return f"{share:.{digits}g} times the signal"
-    return f"{100.0 * share:.{digits}g} % of the signal"
+    return f"{float(f'{100.0 * share:.{digits}g}'):g} % of the signal"
 
 
 def by_factor(log_ratio: float) -> str:

@@ -128,6 +128,18 @@ def test_derivatives_hold_along_a_narrow_valley() -> None:
     assert np.linalg.norm(jacobian @ valley - central) < 0.1 * np.linalg.norm(central)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_simulation_that_diverges_by_a_step_has_no_slope() -> None:
+    class Diverging:
+        def residuals(self, models: list[RigModel]) -> FloatArray:
+            return np.array([[1e200, np.inf, np.nan, 2e-5 * 1e99, 1e-5]] * len(models))
+
+    here = np.zeros(5)
+    jacobian = jacobian_of(Diverging(), lambda theta: RIG, np.zeros(1), base_parameters(RIG)[:1], here)  # type: ignore[arg-type]
+    np.testing.assert_allclose(jacobian[:, 0], [0.0, 0.0, 0.0, 2e99, 1.0])
+    assert np.isfinite(jacobian.T @ jacobian).all()
+
+
 @pytest.mark.parametrize(("low", "high", "start"), [(1.0, 12.0, 12.0), (6.0, 20.0, 6.0)])
 def test_a_fit_leaves_a_bound_at_which_it_starts(low: float, high: float, start: float) -> None:
     problem = Problem(prepare(CAMPAIGN, RIG)[1:2])

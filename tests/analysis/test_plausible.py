@@ -8,7 +8,7 @@ from math import inf, pi
 import numpy as np
 import pytest
 
-from isorig.analysis.fitting.plausible import DECADE, NEAR, doubts, unit_factor
+from isorig.analysis.fitting.plausible import DECADE, EXPLAINS, NEAR, doubts, unit_factor
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.wire_bonder.description import FREE, FRICTION, THESIS, wire_bonder
@@ -93,9 +93,12 @@ def test_friction_a_unit_off() -> None:
 
 
 def test_levels_of_records() -> None:
-    """A sound session has none; a head in g, or one sensor in g, is named."""
+    """A sound session has none, not even if a fit misfits; a head in g, or one sensor in g, is named."""
     rig, campaign = wire_bonder(), virtual_campaign(wire_bonder(), TAKES, seed=1)
     assert not doubts(rig, (), campaign)
+    odd = fitted(rig, {"links.heatblock.stiffness": 10.0 * rig.get("links.heatblock.stiffness")})
+    assert [doubt.parameter for doubt in doubts(rig, (replace(odd, cost=EXPLAINS),), campaign)] == ["links.heatblock.stiffness"]
+    assert not doubts(rig, (replace(odd, cost=1.01 * EXPLAINS),), campaign)
     (doubt,) = doubts(wire_bonder({**THESIS, "head_mass": 6.5 / 9.81, "friction_force": 20.0 / 9.81}), (), campaign)
     assert doubt.parameter == "drive.head"
     assert "check the unit of the drive channel head" in doubt.text

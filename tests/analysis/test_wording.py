@@ -12,10 +12,11 @@ def test_examples() -> None:
     assert doctest.testmod(wording).failed == 0
 
 
-def test_an_error_as_large_as_the_signal_is_given_as_a_multiple() -> None:
+def test_an_error_of_ten_times_the_signal_is_given_as_a_multiple() -> None:
     assert of_signal(0.985) == "98 % of the signal"
-    assert of_signal(0.99) == "0.99 times the signal"
-    assert of_signal(9.87, 3) == "9.87 times the signal"
+    assert of_signal(1.024, 3) == "102 % of the signal"
+    assert of_signal(9.87) == "990 % of the signal"
+    assert of_signal(10.0) == "10 times the signal"
 
 
 def test_nearly_twice_as_much_is_given_as_a_factor_in_both_directions() -> None:

@@ -40,6 +40,9 @@ UNIT_FACTORS = {
     9.80665: "g and m/s^2, or kgf and N", 25.4: "inch and mm", 180.0 / pi: "degrees and radians",
     1000.0: "N and kN, mm and m, or mV and V", 1e6: "um and m",
 }  # fmt: skip
+#: Correlation of every record with its prediction from which an exchange repairs the phases: 0.61 and more after 60 exchanges on
+#: 23 rigs with a hidden cause; at most 0.39 where the sample rate or a stiffness was wrong instead.
+EXCHANGED = 0.5
 #: A ratio of levels is that of two units if it is within this factor of it: an unmodelled cause changes levels.
 ROUGHLY = 2.0
 #: Ratio of the levels of a run that starts from a given position above which its unit is wrong.
@@ -97,7 +100,8 @@ def doubts(given: RigModel, fits: Sequence[Fit], campaign: Campaign | None = Non
         # What the fits get wrong follows from it.
         return records
     found: dict[str, Doubt] = {}
-    for fitted in fits:
+    # Where the records agree with the given units, the values of a fit that misfits are off because of what the model lacks.
+    for fitted in fits if campaign is None else [each for each in fits if each.cost <= EXPLAINS]:
         for doubt in (*_of_units(given, fitted), *_at_limits(fitted)):
             if not any(path in other.split("+") for other in found for path in doubt.parameter.split("+")):
                 found[doubt.parameter] = doubt
@@ -142,10 +146,11 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
     found, agreement = wrong_scale(given, spectra)
     if (agreement < LINEAR).any():
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
-        swapped = {
-            pair: runs for pair, runs in swapped_channels(given, spectra).items()
-            if wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1].mean() > agreement.mean()
-        }  # fmt: skip
+        swapped = {}
+        for pair, runs in swapped_channels(given, spectra).items():
+            after = wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1]
+            if after.min() >= EXCHANGED and after.mean() > agreement.mean():
+                swapped[pair] = runs
         # Runs that contradict each other show a rig that behaves otherwise, not a cable.
         if len(swapped) == 1:
             return tuple(_of_swaps(swapped))

@@ -21,6 +21,8 @@ from isorig.analysis.parallel import side_by_side
 
 #: A parameter whose Jacobian column has at most this square has only rounding effects.
 FAINT = 1e-6
+#: Derivatives from this size on are those of a simulation that diverges: the sum of their squares would overflow.
+DIVERGED = 1e100
 #: Directions with less than this share of the information of the best-known one are ignored; and share of the information on a
 #: direction below which the other trials do not determine it.
 SINGULAR, ALONE = 1e-12, 0.01
@@ -406,7 +408,9 @@ def jacobian_of(
     columns = problem.residuals(shifted)
     columns -= residual
     columns /= steps[:, None]
-    return np.asarray(np.nan_to_num(columns, copy=False).T)
+    # A simulation that diverges by the step has no slope.
+    columns[~(np.abs(columns) < DIVERGED)] = 0.0
+    return np.asarray(columns.T)
 
 
 def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:

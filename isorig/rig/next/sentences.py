@@ -17,7 +17,7 @@ from isorig.analysis.simulate.gauges import DEFLECTION
 from isorig.analysis.wording import capitalized
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
-from isorig.rig.report.sections import words
+from isorig.rig.report.sections import with_article, words
 
 #: Number of causes listed by name in a sentence.
 LISTED = 4
@@ -93,7 +93,7 @@ def _uses(peaks: LargestMotions, limits: Limits, model: RigModel) -> list[str]:
     # Strokes in mm, of rotations in mrad.
     units = {name: f"m{unit_of(f'links.{name}.laws.0.stroke', model)}" for name in limits.stroke}
     uses = [
-        f"{1e3 * peaks.stroke[name]:.3g} of {1e3 * most:.3g} {units[name]} at the {name}"
+        f"{1e3 * peaks.stroke[name]:.3g} of {1e3 * most:.3g} {units[name]} at {with_article(name)}"
         for name, most in limits.stroke.items()
         if peaks.stroke.get(name, 0.0) > 0.0
     ]

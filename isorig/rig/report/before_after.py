@@ -89,6 +89,7 @@ def force_chart(at: PlaceForce, over: Over) -> Chart:
         return _force_over_time(at)
     length, force_unit = ("rad", "N m") if at.rotary else ("m", "N")
     x_unit = length if over == "deflection" else f"{length}/s"
+    quantity = "torque" if at.rotary else "force"
 
     def xy(one: Force) -> tuple[FloatArray, FloatArray]:
         if over == "deflection":
@@ -107,9 +108,9 @@ def force_chart(at: PlaceForce, over: Over) -> Chart:
     without = " without the linear spring's" if over == "velocity" and at.spring else ""
     return Chart(
         name=f"force-{at.place}",
-        caption=f"Force in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data: from the records (drive "
-        "minus inertia of the bodies beyond it), and the same from each model's simulation. Lines are means over bins.",
-        panels=[Panel(label=f"force, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
+        caption=f"{quantity.capitalize()} in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data: from "
+        "the records (drive minus inertia of the bodies beyond it), and from each model's simulation. Lines are means over bins.",
+        panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
     )  # fmt: skip
 
 
@@ -120,9 +121,11 @@ def _force_over_time(at: PlaceForce) -> Chart:
         ChartTrace(name=name, x=at.time, y=one.force / y_scale, role=role, style="dash")
         for (name, role), one in at.models.items()
     ]
+    quantity = "torque" if at.rotary else "force"
     return Chart(
-        name=f"force-{at.place}", caption=f"Force in {with_article(at.place)} over time, run {at.run}, held-out data.",
-        panels=[Panel(label=f"force, {y_name}")], traces=traces, x_label="time, s", x_log=False,
+        name=f"force-{at.place}",
+        caption=f"{quantity.capitalize()} in {with_article(at.place)} over time, run {at.run}, held-out data.",
+        panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label="time, s", x_log=False,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.wording import sized
+from isorig.analysis.wording import MULTIPLE, sized
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, Value
 from isorig.rig.report.sections import with_article, words
 
@@ -165,7 +165,7 @@ def _error(holdout: HeldOut, extended: bool, all_known: bool) -> str:
 
 def in_per_cent(share: float) -> str:
     """A share to two digits, in per cent; a multiple of the signal if it is larger."""
-    if share >= 10.0:
+    if share >= MULTIPLE:
         return f"{share:.2g} times the signal"
     return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
 

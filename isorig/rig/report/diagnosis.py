@@ -20,7 +20,7 @@ from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import First, Report, Section, Table, build_report
 from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force, residuals
-from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
+from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, with_article, words
 from isorig.rig.report.sketch import sketch
 from isorig.rig.report.surface import surface_charts
 
@@ -250,7 +250,7 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     worst = max(diagnosis.discrepancies, key=lambda d: d.size, default=None)
     if diagnosis.verdict in ("unexplained", "partly explained") and worst is not None:
         sentences.append(
-            f"The remaining error is largest at the {worst.channel}, "
+            f"The remaining error is largest at {with_article(worst.channel)}, "
             f"{state(worst.configuration, worst.gain, alone=len(diagnosis.baseline.model.configurations) == 1)}, between "
             f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )

@@ -16,7 +16,7 @@ from isorig.rig.report.frequency import isolation_chart
 from isorig.rig.report.misfit import Simulated
 from isorig.rig.report.page import AnsweredQuestion, First, Section
 from isorig.rig.report.place import held_out_records
-from isorig.rig.report.sections import channels_table
+from isorig.rig.report.sections import channels_table, with_article
 from isorig.rig.report.sketch import sketch
 from isorig.rig.wire_bonder.design_study import BOND
 from isorig.rig.wire_bonder.isolation import Compared
@@ -127,7 +127,7 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
             worst = wrong[0]
             where = state(worst.configuration, worst.gain, alone=len(found.fit.model.configurations) == 1)
             text += (
-                f" Its error is largest at the {worst.channel}, {where}, from "
+                f" Its error is largest at {with_article(worst.channel)}, {where}, from "
                 f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
             )
     return AnsweredQuestion(question=question, short=short, text=[text, *([costs] if costs else [])])
