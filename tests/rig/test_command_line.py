@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import re
 import subprocess
 import sys
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from cyclopts import App
 
 from isorig.rig.cli import COMMANDS, READER_GONE, main, purpose
 
@@ -24,6 +28,16 @@ def test_help_has_one_line_for_each_command(capsys: pytest.CaptureFixture[str], 
     lines = capsys.readouterr().out.splitlines()
     for name in COMMANDS:
         assert len([line for line in lines if line.split()[1:2] == [name] and purpose(name) in line]) == 1, name
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_parameter_of_a_command_has_a_text(name: str) -> None:
+    file = import_module(f"isorig.rig.commands.{COMMANDS[name]}")
+    found = getattr(file, COMMANDS[name])
+    functions = [found[each].default_command for each in found if not each.startswith("-")] if isinstance(found, App) else [found]
+    for function in functions:
+        documented = re.findall(r"^(\w+)\n    \S", inspect.cleandoc(function.__doc__ or ""), re.MULTILINE)
+        assert set(inspect.signature(function).parameters) <= set(documented), function.__name__
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="bash")

@@ -61,12 +61,12 @@ def acquire(
         show during each run how well each equation of motion of the records holds, and the cause that explains the best what
         breaks one.
     until_known
-        End each run as soon as its equations of motion name a cause for certain, or have held for some time. The run counts as
+        End each run as soon as its equations of motion identify a cause, or have held for some time. The run counts as
         complete; --resume measures it again.
     json
         Print levels and results as one JSON object per line on standard output: event is "live" during a run, "taken" after it,
         "ask" when the rig must be locked or unlocked and a line on standard input is expected, "view" with the address of the
-        page, and "equations" for what the equations of motion tell with --until-known or --view.
+        page, and "equations" for what the equations of motion show with --until-known or --view.
     sync
         Seconds between two syncs of the data to disk: the maximum loss in a power failure. A kill loses at most a quarter of a
         second in any case. With 0 every block is synced.

@@ -44,8 +44,10 @@ def investigate(
         The wire bonder with Coulomb friction, or without any.
     tolerance
         Error, as a share of the signal, that counts as adequate.
-    runs, seconds
-        Maximum number of runs, and maximum seconds of measuring, in total.
+    runs
+        Maximum number of runs in total.
+    seconds
+        Maximum seconds of measuring in total.
     yes
         Do not prompt: for a rig that locks itself, or a virtual one.
     force

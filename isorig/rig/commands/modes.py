@@ -41,8 +41,10 @@ def modes(
         Lowest and highest frequency, Hz.
     output
         The folder for modes.json, modes.csv, and modes.html with the shapes in motion and the stabilization diagram.
-    configuration, gain
-        The set-up; by default the first that covers the band.
+    configuration
+        The set-up's configuration; by default that of the first set-up that covers the band.
+    gain
+        The set-up's gain, likewise.
     reference
         The channel that drives, once for each if several drive at the same time; by default those of the rig's description.
     response

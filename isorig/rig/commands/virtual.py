@@ -115,19 +115,30 @@ def instrument(
         Speed relative to real time; by default as fast as the connection allows.
     seconds
         Duration of the service.
-    drop, duplicate, corrupt, stall, overload
-        Probability per frame that it is not sent, sent twice, damaged, late, or reports an overload; for a DI-1100, which has no
-        frames, drop is the probability that half of a second's scans are not sent.
-    unplug_after, turn_after
-        Seconds of signal after which the connection is cut, or the gain is increased by a tenth.
+    drop
+        Probability per frame that it is not sent; for a DI-1100, which has no frames, that half of a second's scans are not sent.
+    duplicate
+        Probability per frame that it is sent twice.
+    corrupt
+        Probability per frame that it is damaged.
+    stall
+        Probability per frame that it is late.
+    overload
+        Probability per frame that it reports an overload.
+    unplug_after
+        Seconds of signal after which the connection is cut.
+    turn_after
+        Seconds of signal after which the gain is increased by a tenth.
     first_tick
         Initial value of the instrument's counter, to test its wrapping.
     ppm
         Rate error of its clock, parts per million.
     tcp
         Listen on a TCP port of the loopback interface instead of a pseudo-terminal, for systems that have none.
-    hide, size
-        An effect hidden in the rig of a framed instrument, and its size; as for rig virtual campaign.
+    hide
+        An effect hidden in the rig of a framed instrument; as for rig virtual campaign.
+    size
+        Its size.
     """
     from isorig.drivers.simulated.faults import Faults
     from isorig.drivers.simulated.framed import SimulatedFramed
