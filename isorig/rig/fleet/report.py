@@ -87,7 +87,7 @@ def _summary(fleet: Fleet) -> list[str]:
     sentences = [
         f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
-        f"At most {fleet.false_per_month:g} false alarms a month are expected in the whole fleet.",
+        f"False alarms expected in the whole fleet: at most {fleet.false_per_month:g} a month.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:
@@ -105,12 +105,12 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
         what = "; ".join(change_words(track, change) for track, change in incident.changes[:3])
         more = len(incident.changes) - 3
         what += f"; {more} more parameters" if more > 0 else ""
-        named = "; ".join(f"{words(n.cause)} is named" for n in incident.named)
+        named = "; ".join(words(n.cause) for n in incident.named)
         campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
         rows.append(
             (
-                day(campaign.date), PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
-                "; ".join(part for part in (what, named) if part), "not searched for" if found is None else explained(found),
+                PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident), what or "verdict",
+                named or ("not searched for" if found is None else explained(found)), day(campaign.date),
             )
         )  # fmt: skip
     if not rows:
@@ -119,7 +119,7 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
     return Section(
         title="What changed",
         text=[f"{more} earlier changes are on the rigs' pages."] if more > 0 else [],
-        tables=[Table(columns=("alarm", "rig", "changed", "what", "cause"), rows=rows)],
+        tables=[Table(columns=("rig", "changed", "what", "cause", "alarm"), rows=rows)],
     )
 
 
@@ -230,7 +230,9 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
     columns = ("parameter", "before", "after", "unit", "by", "standard deviations", "kind", "when (95 %)", "alarm")
     tables = [Table(columns=columns, rows=rows)] if rows else []
     text = [f"{incident_words(fleet, incident, None)}.", *coinciding_events(fleet, incident)]
-    if found is None:
+    if incident.named:
+        text.append("The cause that the diagnosis names is the cause of this change.")
+    elif found is None:
         text.append("The cause of this change was not searched for yet: run rig fleet update.")
     elif not found:
         text.append("The diagnosis of the difference finds no cause beyond the campaign-to-campaign scatter.")

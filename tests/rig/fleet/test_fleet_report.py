@@ -105,3 +105,16 @@ def test_sparklines_stay_small() -> None:
     assert len(many.marks) == 1
     assert sparkline(np.array([2.0]), "one", [0]).points == "32,10"
     assert {p.split(",")[1] for p in sparkline(np.full(5, 1.0), "level").points.split()} == {"10"}
+
+
+def test_a_cause_that_the_diagnosis_names_is_the_cause_of_the_change(tmp_path: Path) -> None:
+    frame = drawn_fleet(3, campaigns=12, shifts=[])
+    named = (frame.rig == "rig-004") & (frame.campaign >= "week-008")
+    frame.loc[named, ["verdict", "cause"]] = ["explained", "end_stop at isolation"]
+    write_catalogue(tmp_path, frame)
+    assert main(["fleet", "report", "-c", str(tmp_path), "-o", str(tmp_path / "fleet.html")]) == 0
+    page = (tmp_path / "fleet.html").read_text(encoding="utf-8")
+    row = next(row for row in re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL) if "rig-004" in row and "end stop" in row)
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL)
+    assert (cells[2], cells[3]) == ("verdict", "end stop at isolation")
+    assert page.count("The cause that the diagnosis names is the cause of this change.") == 1
