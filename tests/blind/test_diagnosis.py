@@ -79,6 +79,7 @@ def test_folder_of_envelopes(
     assert before == {name: (out / name / "findings.json").stat().st_mtime_ns for name in envelopes}
 
 
+@pytest.mark.study
 def test_friction_and_a_second_cause(tmp_path: Path) -> None:
     """A baseline without friction names the friction first, and then the second effect."""
     envelope = draw_envelope("hardening_stiffness", 0.33, 35)

@@ -16,6 +16,7 @@ from isorig.rig.virtual.described import described_campaign
 RUNS, SECONDS = 31, 4.0
 
 
+@pytest.mark.study
 def test_lapack_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """It writes to the file descriptor, past Python's streams."""
     campaign = described_campaign(read_rig("absorber"), seed=4, seconds=SECONDS)

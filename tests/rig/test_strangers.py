@@ -154,7 +154,7 @@ STRANGERS: Mapping[str, Stranger] = {
     ),
 }  # fmt: skip
 #: Diagnosed by default.
-QUICK = ("gain in a chain", "late angle", "stop in a chain, far within the motion")
+QUICK = ("gain in a chain", "late angle")
 
 
 def recorded(stranger: Stranger, seed: int) -> Campaign:

@@ -1,0 +1,171 @@
+"""Thresholds of fits, equations and checks of data, each just below and just above its value, which is written here again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from small_rigs import stage
+
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.diagnose import search
+from isorig.analysis.diagnose.search import Suspected
+from isorig.analysis.equations.sliding import Sliding
+from isorig.analysis.fitting import solve, uncertainty
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.solve import Fit, Free, fit
+from isorig.analysis.fitting.trials import fit_samples
+from isorig.analysis.spectra.noise import noise_level
+from isorig.analysis.spectra.quality import faults
+
+
+def blocks(*powers: tuple[int, float]) -> FloatArray:
+    """A response of a hundred blocks of a hundred samples with these powers, given as (number of blocks, power), then rest."""
+    power = np.concatenate([np.full(count, value) for count, value in powers])
+    power = np.concatenate([power, np.zeros(100 - len(power))])
+    return np.kron(np.sqrt(power), np.tile([1.0, -1.0], 50))[None]
+
+
+@pytest.mark.parametrize(("power", "samples"), [(0.0099, 4500), (0.0101, 3600)])
+def test_a_run_is_calm_between_two_moves_up_to_a_hundredth_of_the_largest_motion(power: float, samples: int) -> None:
+    # Calm: the second move is held out. Otherwise it is one motion, divided by its duration of sixty blocks.
+    assert fit_samples(blocks((40, 1.0), (5, power), (15, 1.0))) == samples
+
+
+@pytest.mark.parametrize(("power", "samples"), [(0.00101, 1800), (0.00099, 600)])
+def test_a_motion_lasts_until_it_is_a_thousandth_of_the_largest(power: float, samples: int) -> None:
+    assert fit_samples(blocks((10, 1.0), (20, power))) == samples
+
+
+@pytest.mark.parametrize(("resting", "moved"), [(249, False), (251, True)])
+def test_an_element_that_rests_for_a_quarter_of_the_time_is_moved(resting: int, moved: bool) -> None:
+    run = SimpleNamespace(velocity=np.where(np.arange(1000) < resting, 0.0, 1.0))
+    sliding = cast(Any, object.__new__(Sliding))
+    sliding.runs, sliding.integrated, sliding.speed = (run,), False, 1.0
+    assert sliding.rests is moved
+
+
+@pytest.mark.parametrize(("share", "sound"), [(0.49, True), (0.51, False)])
+def test_a_block_is_sound_of_which_a_shape_removes_half(share: float, sound: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Four blocks have the usual residual; one has a hundred times as much, which is this share of that without the shape.
+    powers, before = (1.0, 1.0, 1.0, 1.0, 100.0), (1.0, 1.0, 1.0, 1.0, 100.0 / share)
+    sliding = cast(Any, object.__new__(Sliding))
+    sliding.integrated, sliding.noise, sliding.power, sliding.parts, sliding.runs = False, 1.0, 0.0, 0.0, ()
+    sliding.blocks = sliding.active = [
+        SimpleNamespace(held_out=k == 0, base=base, power=power, spline=np.zeros(1))
+        for k, (power, base) in enumerate(zip(powers, before, strict=True))
+    ]
+
+    def reduced(self: Sliding, block: SimpleNamespace, *_: object) -> SimpleNamespace:
+        return SimpleNamespace(block=block, normal=np.eye(2), back=np.zeros((1, 2)), count=1, power=block.power)
+
+    monkeypatch.setattr(Sliding, "_reduced", reduced)
+    fitted = Sliding.fit(sliding, cast(Any, None), np.zeros(1), 1)
+    assert (4 in fitted.sound) is sound
+
+
+@pytest.mark.parametrize(("constant", "stuck"), [(15, False), (16, True)])
+def test_a_channel_is_stuck_after_eight_times_its_usual_number_of_equal_samples(constant: int, stuck: bool) -> None:
+    # Each sample comes twice.
+    draw = np.random.default_rng(1)
+    values = np.repeat(draw.normal(size=4096), 2)
+    values[4000 : 4000 + constant] = 0.1
+    run = Run(
+        id="a", configuration="unlocked", sample_rate=1024.0, gain=1.0,
+        channels={
+            "head": Channel(name="head", samples=draw.normal(size=8192), quantity="acceleration", unit="m/s^2"),
+            "table": Channel(name="table", samples=values, quantity="acceleration", unit="m/s^2"),
+        },
+    )  # fmt: skip
+    found = faults(Campaign(runs=(run,)), reference="head")
+    assert any(fault.kind == "stuck" and fault.channel == "table" for fault in found) is stuck
+
+
+@pytest.mark.parametrize(("error", "steps"), [(0.0199, uncertainty.STEPS), (0.0201, 1)])
+def test_a_fit_that_is_biased_by_two_percent_is_not_refined(error: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    refined: list[int] = []
+
+    def polished(done: Fit, trials: object, steps: int) -> Fit:
+        refined.append(steps)
+        raise StopIteration
+
+    monkeypatch.setattr(uncertainty, "score", lambda *_: SimpleNamespace(error=np.full((2, 3), error)))
+    monkeypatch.setattr(uncertainty, "_noisy", lambda *_: False)
+    monkeypatch.setattr(uncertainty, "polished", polished)
+    done = Fit(model=stage(), free=(), covariance=np.zeros((0, 0)), cost=1.0, evaluations=1)
+    with pytest.raises(StopIteration):
+        uncertainty.assessed(done, (), 0.0, {}, np.zeros((2, 3)))
+    assert refined == [steps]
+
+
+@pytest.mark.parametrize(("distance", "count"), [(0.98, 2), (1.02, 3)])
+def test_the_last_derivatives_are_within_one_standard_uncertainty_of_the_end(
+    distance: float, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A line with derivatives that are twice as large in the coarse simulations: its first step leads to this distance in units
+    # of the residual.
+    model, free = stage(), Free(path="drive.factor", low=-np.inf, log=False)
+    end, start = 3.0, 3.0 + distance / (1.0 - 0.5 / 1.001)
+    seen: list[float] = []
+
+    class Line:
+        size, sizes = 2, (2,)
+
+        def residuals(self, models: list[Any]) -> FloatArray:
+            return np.array([[free.encode(one.get(free.path)) - end, 5.0] for one in models])
+
+    def derivatives(problem: object, build: object, theta: FloatArray, *_: object) -> FloatArray:
+        seen.append(float(theta[0]))
+        return np.array([[1.0 if problem is exact else 2.0], [0.0]])
+
+    exact, coarse = cast(Any, Line()), cast(Any, Line())
+    monkeypatch.setattr(solve, "jacobian_of", derivatives)
+    fit(model.replace({free.path: free.decode(start)}), [free], exact, coarse=coarse, tolerance=1e-6)
+    assert seen[1] - end == pytest.approx(distance, rel=1e-3)
+    assert len(seen) == count
+
+
+def suspected(found: Any = None, **job: Any) -> Suspected:
+    return Suspected(job=cast(Any, SimpleNamespace(progress=print, rungs=[SimpleNamespace()], current=None, **job)), found=found)
+
+
+def with_cost(cost: float, cause: str = "end_stop") -> tuple[Candidate, Fit]:
+    candidate = Candidate(cause=cause, location="l0", family=cause, starts=(), free=(), reported=())
+    return candidate, Fit(model=stage(), free=(), covariance=np.zeros((0, 0)), cost=cost, evaluations=1)
+
+
+@pytest.mark.parametrize(("cost", "lost"), [(399.0, False), (401.0, True)])
+def test_a_fit_that_errs_by_a_fifth_of_the_signal_is_repeated_on_growing_lengths(
+    cost: float, lost: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # An allowed error is a hundredth of the signal: a fifth has a cost of 400.
+    begun, again = [with_cost(cost)], [with_cost(1.0)]
+    monkeypatch.setattr(search, "verified", lambda *_, **__: begun)
+    monkeypatch.setattr(search, "followed", lambda *_, **__: again)
+    one = suspected(SimpleNamespace(shows=0), left=1.0, stays=lambda run: True, promising=0.5)
+    assert one._fitted([]) == (again if lost else begun)
+
+
+@pytest.mark.parametrize(("ratio", "kept"), [(1.49, True), (1.51, False)])
+def test_a_form_replaces_the_curve_of_a_pair_up_to_one_and_a_half_times_its_error(
+    ratio: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    form, (curve, fitted) = with_cost(4.0 * ratio**2), with_cost(4.0, "spring_shape")
+    monkeypatch.setattr(Suspected, "_after", lambda *_, **__: [(form[0], (), None)])
+    monkeypatch.setattr(search, "verified", lambda *_, **__: [form])
+    assert (suspected()._forms_for(replace(curve, shape=cast(Any, object())), fitted, cast(Any, None)) == [form]) is kept
+
+
+def test_noise_is_the_level_of_the_calmest_quarter_of_the_time() -> None:
+    # Events of a sample's length, which have power at all frequencies, reach all but this share of the record.
+    for calm, low in ((0.3, True), (0.2, False)):
+        draw = np.random.default_rng(2)
+        values = draw.normal(0.0, np.where(np.arange(8192) < calm * 8192, 1.0, 100.0))
+        channels = {"a": Channel(name="a", samples=values)}
+        run = Run(id="r", configuration="unlocked", sample_rate=1024.0, gain=1.0, channels=channels)
+        level = noise_level(run, "a")
+        assert level is not None
+        assert (level < 10.0) is low
