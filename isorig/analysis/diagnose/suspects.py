@@ -18,7 +18,7 @@ from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
-from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking
+from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
@@ -114,10 +114,17 @@ class Suspects:
         return max((item.score for item in self.chosen if self._is(item, cause, location)), default=0.0)
 
     def shown(self, kind: str, place: str) -> bool:
-        """Whether the equations show this kind and place: no explanation of another kind or place comes close to it."""
-        mine = max((e.score for e in self.chosen if self._is(e, kind, place)), default=0.0)
-        others = (e.score for e in self.ranking.explanations if not self._is(e, kind, place))
-        return mine >= SHOWN and mine > max(others, default=0.0) + APART
+        """Whether the equations show this kind and place: in all of them, or in a broken one, no other explanation comes close."""
+        mine = [e for e in self.chosen if self._is(e, kind, place)]
+        others = [e for e in self.ranking.explanations if not self._is(e, kind, place)]
+        if not mine:
+            return False
+        pairs = [(max(e.score for e in mine), max((e.score for e in others), default=0.0))]
+        for name, before in self.ranking.residuals.items():
+            if before >= BROKEN:
+                own, other = (min((e.residuals[name] for e in group), default=before) for group in (mine, others))
+                pairs.append((score_of({name: before}, {name: own}), score_of({name: before}, {name: other})))
+        return any(score >= SHOWN and score > other + APART for score, other in pairs)
 
     @property
     def broken(self) -> bool:

@@ -10,6 +10,9 @@ from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Stribeck
 from isorig.analysis.model.rig_model import RigModel
 
+#: Highest breakaway force as a multiple of the likely friction, and lowest Stribeck velocity as a share of the largest velocity.
+#: Chosen: dry contacts hold with up to twice their sliding force; a steeper fall than both together is slow to simulate.
+MOST_STATIC, LEAST_SPEED = 5.0, 2e-3
 #: Sliding and breakaway force as multiples of the friction, and velocities as shares of the largest, at the starts.
 LEVELS, SPEEDS = ((0.8, 1.3), (0.98, 1.08)), (0.02, 0.1)
 
@@ -40,8 +43,8 @@ class StribeckFriction(ContactCause):
     def free(self, contact: ContactInRuns) -> Iterable[Free]:
         force = contact.likely_friction
         return (
-            Free(path="static_force", low=1e-3 * force, high=20.0 * force),
-            Free(path="stribeck_velocity", low=2e-4 * contact.speed, high=2.0 * contact.speed),
+            Free(path="static_force", low=1e-3 * force, high=MOST_STATIC * force),
+            Free(path="stribeck_velocity", low=LEAST_SPEED * contact.speed, high=2.0 * contact.speed),
         )
 
     def sized_law(self, contact: ContactInRuns, size: float, sizes: Sizes) -> Stribeck:
