@@ -114,7 +114,7 @@ class Suspects:
         return max((item.score for item in self.chosen if self._is(item, cause, location)), default=0.0)
 
     def shown(self, kind: str, place: str) -> bool:
-        """Whether the equations show this kind and place: in all of them, or in a broken one, no other explanation comes close."""
+        """Whether no explanation of another kind or place comes close to this one in all equations, or in a broken one."""
         mine = [e for e in self.chosen if self._is(e, kind, place)]
         others = [e for e in self.ranking.explanations if not self._is(e, kind, place)]
         if not mine:

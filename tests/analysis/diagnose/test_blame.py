@@ -13,7 +13,7 @@ from isorig.analysis import laws
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.search import Job, Suspected
 from isorig.analysis.diagnose.step import Entry
-from isorig.analysis.diagnose.suspects import BROKEN, NEARLY, SHOWN, Suspects, suspects
+from isorig.analysis.diagnose.suspects import APART, BROKEN, NEARLY, SHOWN, Suspects, suspects
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting.score import Score
@@ -35,6 +35,26 @@ def test_a_kind_is_blamed_if_it_explains_nearly_as_much_as_the_best(share: float
     assert found.blamed("hardening_stiffness", "rail")
     assert found.blamed("relaxation", "rail") == blamed
     assert not found.blamed("hardening_stiffness", "belt")
+
+
+def two_broken(own: float, other: float) -> Suspects:
+    """A spring and a resonator that repair one of two broken equations each; `other` is what the latter leaves of the first."""
+    spring, resonator = (
+        Explanation(kind=kind, place=place, what="slip", score=score, residuals=residuals, values={})
+        for kind, place, score, residuals in (
+            ("spring_shape", "rail", 0.35, {"rail": own, "belt": 11.0}),
+            ("added_motion", "cart", 0.3, {"rail": other, "belt": 1.0}),
+        )
+    )
+    ranking = Ranking(residuals={"rail": 11.0, "belt": 11.0}, explanations=(spring, resonator))
+    return Suspects(ranking=ranking, chosen=(spring, resonator), places={}, equations=cast(Equations, None))
+
+
+@pytest.mark.parametrize(("share", "shown"), [(0.9, True), (1.15, False)])
+def test_a_broken_equation_shows_the_only_explanation_that_repairs_it(share: float, shown: bool) -> None:
+    """Half of its excess must be gone, and any other explanation must leave twice as much."""
+    assert two_broken(1.0 + share * 10.0 ** (1.0 - SHOWN), 11.0).shown("spring_shape", "rail") == shown
+    assert two_broken(1.0 + share * 10.0 ** (0.7 - APART), 1.0 + 10.0**0.7).shown("spring_shape", "rail") == shown
 
 
 @pytest.mark.parametrize(
@@ -71,7 +91,7 @@ def test_a_form_explains_by_eight_tenths_of_the_whole_error_or_all_of_the_rest(
 def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> None:
     clear = blaming(("sensor", "motor", SHOWN + 0.1))
     assert clear.clearly == "slip (motor) reduces the largest residual, that of table, from 20 to 2 times the noise."
-    assert blaming(("sensor", "motor", SHOWN - 1e-9)).clearly == ""
+    assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clearly == ""
     assert blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.5)).clearly == ""
     assert blaming(("sensor", "motor", 0.6), worst=BROKEN - 1e-9).clearly == ""
 
