@@ -1,4 +1,4 @@
-"""Sealed envelopes with effects that the equations of motion do not show, or that look like an exchange of two channels."""
+"""Sealed envelopes with effects that the equations of motion do not show, or that look like wrong cables, units or noise."""
 
 import json
 from dataclasses import replace
@@ -40,3 +40,23 @@ def test_an_imperfect_lock_is_no_exchange_of_channels(tmp_path: Path) -> None:
     found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
     assert [(step["cause"], step["location"]) for step in found["steps"]] == list(envelope.truth)
     assert found["doubts"] == []
+
+
+@pytest.mark.timeout(300)
+def test_friction_that_holds_two_carts_together_is_no_wrong_unit(tmp_path: Path) -> None:
+    """The records agree with a link a thousand times as stiff; the equations with friction give the described stiffness."""
+    envelope = draw_other("stribeck_friction", 0.33, 870011, soil=0.0, rest=True)
+    write(tmp_path / "sealed.h5", replace(envelope.campaign, description=described(envelope)))
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert found["doubts"] == []
+    assert {(step["kind"], step["location"]) for step in found["steps"]} == {("friction_shape", "between")}
+
+
+@pytest.mark.timeout(300)
+def test_a_cause_that_amplifies_noise_leaves_the_baseline_inadequate(tmp_path: Path) -> None:
+    """Play in a chain: noise on the drive soon changes its motion as much as the whole cause does."""
+    envelope = draw_other("backlash", 1.0, 870019, soil=0.02, rest=False)
+    write(tmp_path / "sealed.h5", replace(envelope.campaign, description=described(envelope)))
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert found["verdict"] != "adequate"
+    assert [(step["cause"], step["location"]) for step in found["steps"]] == [("backlash", "l1")]

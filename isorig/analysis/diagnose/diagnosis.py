@@ -31,7 +31,7 @@ from isorig.analysis.diagnose.policy import (
 )
 from isorig.analysis.diagnose.search import Job, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evidence, without_form
-from isorig.analysis.diagnose.suspects import BROKEN, equations_of
+from isorig.analysis.diagnose.suspects import BROKEN, equations_of, suspects
 from isorig.analysis.equations.forms import start_values
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.errors import FitError, OutOfTimeError
@@ -49,7 +49,7 @@ from isorig.analysis.fitting.ladder import (
     without,
     without_step,
 )
-from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given
+from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
 from isorig.analysis.fitting.repeats import disturbance
 from isorig.analysis.fitting.score import (
     Improvement,
@@ -210,7 +210,9 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     except OutOfTimeError:
         baseline, late = not_fitted(guess), True
     # Records in wrong units, or exchanged, have no cause in the rig: they are to be corrected first.
-    contradicted = not explains_as_given(model, baseline) and bool(doubts_of_records(model, campaign))
+    contradicted = not explains_as_given(model, baseline) and bool(
+        _standing(doubts_of_records(model, campaign), model, equations)
+    )
     search = _Search(campaign, model, guess, equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
     search.cut_short = late
     found = search.causes(baseline, ends)
@@ -263,8 +265,18 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
         pointed=pointed(equations) if search.cut_short and found.verdict == "unexplained" else None,
-        doubts=doubts(model, _credible(found), campaign),
+        doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
     )  # fmt: skip
+
+
+def _standing(found: Sequence[Doubt], model: RigModel, equations: Equations) -> tuple[Doubt, ...]:
+    # The doubts without those of a link's value that the equations of motion, with what explains them best, give as described:
+    # strong friction holds two bodies together as a far stiffer link would.
+    if not any(doubt.parameter.startswith("links.") for doubt in found):
+        return tuple(found)
+    blamed = suspects(equations)
+    values = start_values(equations, blamed.chosen[0] if blamed is not None else None)
+    return tuple(d for d in found if d.parameter not in values or not is_near(values[d.parameter], model.get(d.parameter)))
 
 
 def _credible(found: _Found) -> tuple[Fit, ...]:
@@ -375,6 +387,10 @@ class _Search:
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
             quiet = np.maximum(quiet, self.floors(better.model, judged))
             stages.append(stage)
+        if len(stages) > 1 and self._adequate(stages[0].score, _allowed(quiet), enough):
+            # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
+            # of the baseline.
+            quiet = self.floors(stages[0].fit.model, judged)
         word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
         named, replaced = merged(stages[: kept + 1], _allowed(quiet))
         return _Found(

@@ -120,10 +120,11 @@ def explains_as_given(given: RigModel, fitted: Fit) -> bool:
     if not weighed or fitted.cost > EXPLAINS or any(path in given_ones or path.endswith((".gain", ".factor")) for path in others):
         return False
     sized = [path for path in given.free if path.endswith((".mass", ".stiffness", ".factor"))]
-    return all(_is_near(fitted.values.get(path, given.get(path)), given.get(path)) for path in sized)
+    return all(is_near(fitted.values.get(path, given.get(path)), given.get(path)) for path in sized)
 
 
-def _is_near(value: float, given: float) -> bool:
+def is_near(value: float, given: float) -> bool:
+    """Whether a value is close to the given one, or not far and by no unit factor."""
     if not (value > 0.0 and given > 0.0):
         return False
     ratio = value / given
