@@ -539,8 +539,8 @@ class Screened:
         return False
 
     def allows(self, entry: Entry) -> bool:
-        """Where all equations hold, or place and kind are given, only for a first cause."""
-        return self.job.left >= 1.0 or (self.kinds is None and not self.equations_hold)
+        """Not where all equations hold: what is merely closer there is no cause. Where the place is given, only for a first one."""
+        return not self.equations_hold and (self.kinds is None or self.job.left >= 1.0)
 
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""
