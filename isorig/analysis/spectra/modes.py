@@ -143,8 +143,7 @@ def fit_modes(
         # The amplitudes follow the modes: only what they cannot take up changes the error (Kaufman 1975).
         pairs = np.exp(theta)
         columns = _parts(shape.columns(pairs) / sigma[:, None])
-        amplitudes = np.asarray(np.linalg.lstsq(columns, side, rcond=None)[0], dtype=np.float64)
-        moved = _parts(shape.slopes(pairs, amplitudes) * pairs / sigma[:, None])
+        moved = _parts(shape.slopes(pairs, np.linalg.lstsq(columns, side, rcond=None)[0]) * pairs / sigma[:, None])
         return np.asarray(moved - columns @ np.linalg.lstsq(columns, moved, rcond=None)[0])
 
     solved = least_squares(error, start, jac=slope, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
