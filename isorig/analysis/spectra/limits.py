@@ -29,8 +29,6 @@ CLEAR, PEAKS = 4.0, 30
 TOGETHER = 6
 #: Bins and half-power widths on each side of a peak in the fit of its mode.
 REACH_BINS, REACH_WIDTHS = 6.0, 4.0
-#: Bins on each side of the fitted peaks in which their leakage is computed: farther away it is below 1e-7 of the peak.
-FAR = 1000
 #: rms of the weighted residuals above which the fitted modes do not describe a peak: with the right number of modes 95 % of fits
 #: have less than 1.1. Modes are added to a peak, at most this many, until it is reached.
 MISFIT, ADDED = 1.25, 2
@@ -120,10 +118,7 @@ def _leakage(frf: Frf, size: FloatArray) -> tuple[FloatArray, tuple[float, ...],
     unknown: list[float] = []
     for group in _groups(_peaks(frf, size)):
         fit = _fitted(frf, group)
-        own = np.zeros(size.shape, dtype=np.complex128)
-        if fit is not None and fit.leakage is not None:
-            close = slice(max(0, group[0].top - FAR), group[-1].top + FAR + 1)
-            own[close] = fit.leakage(frf.frequency[close])
+        own = np.zeros(size.shape, dtype=np.complex128) if fit is None or fit.leakage is None else fit.leakage(frf.frequency)
         matters = np.abs(size - np.abs(frf.value - own)) > SLIGHT * frf.magnitude_std
         described = fit is not None and fit.misfit <= MISFIT
         if described:

@@ -22,9 +22,6 @@ from isorig.analysis.spectra.leakage import error_moments, record_moments, throu
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
 
-#: Relative step of the numerical derivatives of a mode.
-STEP = 1e-5
-
 Kind = Literal["accelerance", "transmissibility", "general"]
 
 
@@ -139,14 +136,7 @@ def fit_modes(
             return np.full(len(side), np.nan)
         return np.asarray(columns @ np.linalg.lstsq(columns, side, rcond=None)[0] - side)
 
-    def slope(theta: FloatArray) -> FloatArray:
-        # The amplitudes follow the modes: only what they cannot take up changes the error (Kaufman 1975).
-        pairs = np.exp(theta)
-        columns = _parts(shape.columns(pairs) / sigma[:, None])
-        moved = _parts(shape.slopes(pairs, np.linalg.lstsq(columns, side, rcond=None)[0]) * pairs / sigma[:, None])
-        return np.asarray(moved - columns @ np.linalg.lstsq(columns, moved, rcond=None)[0])
-
-    solved = least_squares(error, start, jac=slope, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    solved = least_squares(error, start, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
     pairs = np.asarray(np.exp(solved.x), dtype=np.float64).reshape(-1, 2)
     if not np.isfinite(pairs).all() or ((pairs[:, 0] < band[0]) | (pairs[:, 0] > band[1]) | (pairs[:, 1] > 1.0)).any():
         raise FitError(
@@ -211,34 +201,29 @@ class _Shape:
 
     def columns(self, pairs: FloatArray) -> ComplexArray:
         """Shape (..., modes + residuals), for frequencies (Hz) and damping ratios in turn."""
-        modes = self._modes(pairs.reshape(-1, 2)).reshape(-1, *self.frequency.shape)
+        modes = [column for i in range(0, len(pairs), 2) for column in self._mode(2.0 * np.pi * pairs[i], pairs[i + 1])]
         return np.stack([*modes, *self._rest], axis=-1)
 
-    def slopes(self, pairs: FloatArray, amplitudes: FloatArray) -> ComplexArray:
-        """Derivatives of the columns' sum with these amplitudes with respect to `pairs`, shape (..., pairs)."""
-        own = pairs.reshape(-1, 1, 2)
-        ahead, behind = (self._modes(own * (1.0 + step * np.eye(2))) for step in (STEP, -STEP))
-        each = (ahead - behind) / (2.0 * STEP * pairs.reshape(-1, 2, 1, 1))
-        many = each.shape[2]
-        sums = np.einsum("mpcf,mc->fmp", each, amplitudes[: len(own) * many].reshape(-1, many))
-        return np.asarray(sums.reshape(-1, pairs.size))
-
-    def _modes(self, pairs: FloatArray) -> ComplexArray:
-        # Columns of modes, (..., columns, bins), for pairs (..., 2). (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial
-        # fractions; s^2 divided by the same is 1 minus it.
-        frequency, zeta = pairs[..., :1], pairs[..., 1:]
-        omega, pole = 2.0 * np.pi * frequency, pole_of(frequency, zeta)
-        seen, mirrored = (self._seen.pole(self.frequency.ravel(), each) for each in (pole, np.conj(pole)))
+    def _mode(self, omega: float, zeta: float) -> tuple[ComplexArray, ...]:
+        # (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial fractions; s^2 divided by the same is 1 minus it.
+        pole = pole_of(omega / (2.0 * np.pi), zeta)
+        seen, mirrored = (self._seen.pole(self.frequency, each) for each in (pole, np.conj(pole)))
         if self._kind == "general":
-            return np.stack([omega * (seen + mirrored), 1j * omega * (seen - mirrored)], axis=-2)
+            return omega * (seen + mirrored), 1j * omega * (seen - mirrored)
         residue = (2.0 * zeta * omega * pole + omega**2) / (pole - np.conj(pole))
-        ratio = (residue * seen + np.conj(residue) * mirrored)[..., None, :]
-        return np.asarray(ratio if self._kind == "transmissibility" else 1.0 - ratio)
+        ratio: ComplexArray = np.asarray(residue * seen + np.conj(residue) * mirrored)
+        return (ratio,) if self._kind == "transmissibility" else (np.asarray(1.0 - ratio),)
 
 
 def _derivatives(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray) -> tuple[ComplexArray, FloatArray]:
     # Derivatives with respect to frequencies, damping ratios and amplitudes, shape (bins, values), and the inverse normal matrix.
-    rows: ComplexArray = np.concatenate([shape.slopes(pairs, amplitudes), shape.columns(pairs)], axis=1)
+    columns = shape.columns(pairs)
+    slopes = []
+    for i, value in enumerate(pairs):
+        moved = pairs.copy()
+        moved[i] += 1e-5 * value
+        slopes.append((shape.columns(moved) - columns) @ amplitudes / (1e-5 * value))
+    rows: ComplexArray = np.concatenate([np.stack(slopes, axis=1), columns], axis=1)
     stacked = _parts(rows / sigma[:, None])
     return rows, np.asarray(np.linalg.pinv(stacked.T @ stacked), dtype=np.float64)
 
