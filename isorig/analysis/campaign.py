@@ -99,7 +99,7 @@ class Channel:
 
     def read(self, start: int = 0, stop: int | None = None) -> FloatArray:
         """Physical values from `start` to `stop` (the end if None), shape (stop - start,)."""
-        values = np.asarray(self.samples[start:stop], dtype=np.float64) * self.scale
+        values: FloatArray = np.multiply(self.samples[start:stop], self.scale, dtype=np.float64)
         if self.offset:
             values += self.offset
         return values
@@ -312,11 +312,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-Recorded = TypeVar("Recorded", bound=Campaign | Run)
+Recorded = TypeVar("Recorded", bound=Campaign | Run | Channel)
 
 
 def once(function: Callable[Concatenate[Recorded, P], R]) -> Callable[Concatenate[Recorded, P], R]:
-    """A function of a campaign or run that is computed once for each and its hashable arguments: records do not change."""
+    """A function of records that is computed once for each and its hashable arguments: records do not change."""
 
     form = signature(function)
 

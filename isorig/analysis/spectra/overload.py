@@ -7,10 +7,11 @@ command and at the top of a slow swing it does not.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
-from isorig.analysis.campaign import BoolArray, Channel, FloatArray, IntArray
+from isorig.analysis.campaign import BoolArray, Channel, FloatArray, IntArray, once
 
 #: Share of full scale that counts as overload.
 FULL = 0.999
@@ -45,15 +46,33 @@ def cut_off(values: FloatArray, at: BoolArray) -> IntArray:
     return lengths
 
 
+class Extent(NamedTuple):
+    """The smallest and the largest value of a block, and its standard deviation."""
+
+    low: float
+    high: float
+    std: float
+
+
+@once
+def extents(channel: Channel) -> tuple[Extent, ...]:
+    """The extent of each of a channel's `blocks`."""
+    return tuple(Extent(float(block.min()), float(block.max()), float(block.std())) for block in blocks(channel))
+
+
 def extremes(channel: Channel) -> tuple[float, float]:
     """The smallest and the largest value of a channel."""
-    ends = [(float(block.min()), float(block.max())) for block in blocks(channel)]
-    return min(low for low, _ in ends), max(high for _, high in ends)
+    return min(each.low for each in extents(channel)), max(each.high for each in extents(channel))
 
 
 def plateaus(channel: Channel) -> int:
     """Number of times that a motion is cut off at the record's largest or smallest value; 0 for a coarse converter."""
     if len(np.unique(channel.read(0, 4096))) < VALUES:
         return 0
-    ends = extremes(channel)
-    return sum(int((cut_off(block, block == end) >= ROW).sum()) for block in blocks(channel) for end in ends)
+    ends, count = extremes(channel), 0
+    for start, extent in zip(range(0, len(channel), LONGEST), extents(channel), strict=True):
+        # Only blocks that reach an extreme are read again.
+        if {extent.low, extent.high} & set(ends):
+            block = channel.read(start, start + LONGEST)
+            count += sum(int((cut_off(block, block == end) >= ROW).sum()) for end in ends)
+    return count

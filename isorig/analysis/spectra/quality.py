@@ -15,7 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Run, broad, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.noise import noise_level
-from isorig.analysis.spectra.overload import FULL, LONGEST, blocks, extremes, plateaus
+from isorig.analysis.spectra.overload import FULL, LONGEST, blocks, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
 
 Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
@@ -102,7 +102,9 @@ def _clipped(run: Run) -> Iterator[Fault]:
     for name in run.sensors:
         channel = run.channels[name]
         top, unit = channel.full_scale, channel.unit
-        full = 0 if top is None else sum(int((np.abs(block) >= FULL * top).sum()) for block in blocks(channel))
+        full = 0
+        if top is not None and max(map(abs, extremes(channel))) >= FULL * top:
+            full = sum(int((np.abs(block) >= FULL * top).sum()) for block in blocks(channel))
         if full:
             text = f"run {run.id!r}: {name} clipped, {full} samples at the end of its range of ±{top:g} {unit}"
         elif (count := plateaus(channel)) >= ROWS:
@@ -115,7 +117,7 @@ def _clipped(run: Run) -> Iterator[Fault]:
 
 
 def _dead(run: Run) -> Iterator[Fault]:
-    sizes = {name: max(float(block.std()) for block in blocks(run.channels[name])) for name in run.sensors}
+    sizes = {name: max(each.std for each in extents(run.channels[name])) for name in run.sensors}
     for name, size in sizes.items():
         kind = run.channels[name].quantity
         loudest = max(s for other, s in sizes.items() if run.channels[other].quantity == kind)
@@ -130,7 +132,7 @@ def _dead(run: Run) -> Iterator[Fault]:
 def _stuck(run: Run, reference: str) -> Iterator[Fault]:
     # A drive may pause; a sensor on a moving rig cannot. A value at the record's extreme is clipped.
     names = _accelerations(run)
-    sizes = {name: max(float(block.std()) for block in blocks(run.channels[name])) for name in names}
+    sizes = {name: max(each.std for each in extents(run.channels[name])) for name in names}
     for name in names:
         if name == reference:
             continue
@@ -208,7 +210,9 @@ def _spectra_of(run: Run, reference: str, resolution: float = RESOLUTION) -> Spe
     if reference not in run.channels:
         return None
     try:
-        return estimate([run], references=[reference], channels=list(run.sensors), resolution=resolution, jackknife=False)
+        return estimate(
+            [run], references=[reference], channels=list(run.sensors), resolution=resolution, jackknife=False, longest=LONGEST
+        )
     except DataError:
         return None
 
@@ -250,14 +254,14 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
     worst: list[tuple[float, str]] = []
     low, high = _band(run, spectra)
     kept = (spectra.frequency >= low) & (spectra.frequency <= high)
+    # A length with small factors, for a quick transform.
+    padded = -(-(len(drive) + 2 * (len(spectra.frequency) - 1)) // 4096) * 4096
+    driven = np.fft.rfft(drive - drive.mean(), padded)
     for name in names:
         response = np.fft.irfft(np.where(kept, spectra.frf(name, reference).value, 0.0))
         ahead = len(response) // 8
         taps = np.roll(response, ahead)
-        # A length with small factors, for a quick transform.
-        padded = -(-(len(drive) + len(taps)) // 4096) * 4096
-        lines = np.fft.rfft(drive - drive.mean(), padded) * np.fft.rfft(taps, padded)
-        explained = np.fft.irfft(lines, padded)[ahead : ahead + len(drive)]
+        explained = np.fft.irfft(driven * np.fft.rfft(taps, padded), padded)[ahead : ahead + len(drive)]
         values = run.channels[name].read(0, LONGEST)
         left = values - values.mean() - explained
         second = round(rate)

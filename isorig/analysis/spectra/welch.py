@@ -20,8 +20,8 @@ from isorig.analysis.spectra.inputs import Drives, Estimator, partial_coherence
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 from isorig.analysis.views import Viewed
 
-#: Segments transformed at a time.
-BLOCK = 8
+#: Segments transformed at a time: at most so many, with at most so many samples together.
+BLOCK, CACHED = 8, 1 << 21
 OVERLAP = 0.5
 #: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
 FEWEST = 1.5
@@ -238,7 +238,7 @@ def _group_changes(
 
 def estimate(
     runs: Sequence[Run], *, references: Sequence[str], channels: Sequence[str] | None = None, resolution: float = 0.25,
-    window: Window = HANN, overlap: float = OVERLAP, jackknife: bool = True,
+    window: Window = HANN, overlap: float = OVERLAP, jackknife: bool = True, longest: int | None = None,
 ) -> Spectra:  # fmt: skip
     """Auto and cross spectra, averaged over all runs, with the mean of each segment removed.
 
@@ -256,6 +256,8 @@ def estimate(
         Window of the segments, and their relative overlap, 0 to `OVERLAP_MOST`.
     jackknife
         Whether groups of segments are kept for the uncertainty of modes; without them it takes less time and memory.
+    longest
+        Samples from the start of each run that are used; all if None.
 
     Raises
     ------
@@ -287,7 +289,7 @@ def estimate(
     parts = []
     for rate in dict.fromkeys(run.sample_rate for run in runs):
         length = 2 * max(4, round(rate / resolution / 2.0))
-        alike = [(run, *ends) for run in runs if run.sample_rate == rate for ends in stretches(run)]
+        alike = [(run, *ends) for run in runs if run.sample_rate == rate for ends in stretches(run, longest)]
         hop = _hop(length, overlap)
         count = sum(_segments(stop - start, length, hop) for _, start, stop in alike)
         group = group_size(count, BLOCK) if jackknife else count + 1
@@ -298,9 +300,9 @@ def estimate(
         if count:
             parts.append(sums.spectra(rate, _units(alike[0][0], names)))
     if not parts:
-        longest = max((stop - start) / run.sample_rate for run in runs for start, stop in (*stretches(run), (0, 0)))
+        seconds = max((stop - start) / run.sample_rate for run in runs for start, stop in (*stretches(run), (0, 0)))
         raise DataError(
-            f"the longest interval without a gap has {longest:.3g} s, but a resolution of {resolution:g} Hz needs "
+            f"the longest interval without a gap has {seconds:.3g} s, but a resolution of {resolution:g} Hz needs "
             f"{1.0 / resolution:.3g} s; give a coarser resolution or measure longer"
         )
     if len(parts) == 1:
@@ -425,16 +427,16 @@ def merged(parts: Sequence[Spectra]) -> Spectra:
     )  # fmt: skip
 
 
-def stretches(run: Run) -> Iterator[tuple[int, int]]:
-    """First and last + 1 stored sample of each interval of a run without a gap."""
-    start = lost = 0
+def stretches(run: Run, longest: int | None = None) -> Iterator[tuple[int, int]]:
+    """First and last + 1 stored sample of each interval without a gap of a run, or of its first `longest` samples."""
+    start, lost, end = 0, 0, min(len(run), longest or len(run))
     for gap in sorted(run.gaps, key=lambda gap: gap.first_tick):
-        at = min(max(gap.first_tick - lost, start), len(run))
+        at = min(max(gap.first_tick - lost, start), end)
         if at > start:
             yield start, at
         start, lost = at, lost + gap.count
-    if len(run) > start:
-        yield start, len(run)
+    if end > start:
+        yield start, end
 
 
 def _hop(length: int, overlap: float = OVERLAP) -> int:
@@ -446,17 +448,24 @@ def _segments(samples: int, length: int, hop: int) -> int:
 
 
 def _blocks(run: Run, names: Sequence[str], start: int, stop: int, length: int, hop: int) -> Iterator[FloatArray]:
-    # Segments of all channels, shape (channels, segments, length), each time in the same memory.
-    count = _segments(stop - start, length, hop)
-    rows = np.empty((len(names), (min(BLOCK, count) - 1) * hop + length if count else 0))
-    segments = np.lib.stride_tricks.sliding_window_view(rows, length, axis=1)[:, ::hop] if count else rows
-    for first in range(0, count, BLOCK):
-        many = min(BLOCK, count - first)
-        begin = start + first * hop
-        end = begin + (many - 1) * hop + length
+    # Segments of all channels, shape (channels, segments, length), each time in the same memory; every sample is read once.
+    count, kept = _segments(stop - start, length, hop), length - hop
+    if not count:
+        return
+    most = min(_at_once(length), count)
+    rows = np.empty((len(names), (most - 1) * hop + length))
+    segments = np.lib.stride_tricks.sliding_window_view(rows, length, axis=1)[:, ::hop]
+    for first in range(0, count, most):
+        many, held = min(most, count - first), kept if first else 0
+        begin, size = start + first * hop, (many - 1) * hop + length
         for row, name in zip(rows, names, strict=True):
-            row[: end - begin] = run.channel(name).read(begin, end)
+            row[:held] = row[most * hop :][:held].copy()
+            row[held:size] = run.channel(name).read(begin + held, begin + size)
         yield segments[:, :many]
+
+
+def _at_once(length: int) -> int:
+    return max(1, min(BLOCK, CACHED // length))
 
 
 class _Sums:
@@ -470,14 +479,16 @@ class _Sums:
         self.names, self.references, self.length = names, tuple(references), length
         self.seen_through, self.overlap, self.hop = window, overlap, _hop(length, overlap)
         self.window = window.samples(length)
+        self.of_mean = np.fft.rfft(self.window)[: len(window.cosines)]
         self.auto = np.zeros((len(names), lines))
         self.cross = {name: np.zeros((len(names), lines), dtype=np.complex128) for name in references}
         self.segments = 0
         # Memory that is new for each block would take longer than the transform.
-        self.windowed = np.empty((BLOCK, length))
-        self.transformed = np.empty((BLOCK, length // 2 + 1), dtype=np.complex128)
-        self.conjugates = {name: np.empty((BLOCK, lines), dtype=np.complex128) for name in references}
-        self.products = np.empty((BLOCK, lines), dtype=np.complex128)
+        most = _at_once(length)
+        self.windowed = np.empty((most, length))
+        self.transformed = np.empty((most, length // 2 + 1), dtype=np.complex128)
+        self.conjugates = {name: np.empty((most, lines), dtype=np.complex128) for name in references}
+        self.products = np.empty((most, lines), dtype=np.complex128)
         self.product, self.squares, self.power = np.empty(lines, dtype=np.complex128), np.empty(2 * lines), np.empty(lines)
         # Of the current group; the sums above are those of the groups before it.
         self.grouping = Grouping(group, groups)
@@ -499,9 +510,10 @@ class _Sums:
         squares, power = self.squares, self.power
         # References come first, so that a channel meets all of them when it is processed.
         for row, name in enumerate(self.names):
-            np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
-            part *= self.window
+            np.multiply(block[row], self.window, out=part)
             lines = np.fft.rfft(part, axis=1, out=self.transformed[:many])[:, : self.lines]
+            # A window of cosines spreads the mean over its first bins only.
+            lines[:, : len(self.of_mean)] -= np.outer(block[row].mean(axis=1), self.of_mean)
             if name in cross:
                 np.conj(lines, out=self.conjugates[name][:many])
             parts = lines.view(np.float64) if lines.flags.c_contiguous else np.ascontiguousarray(lines).view(np.float64)

@@ -97,7 +97,7 @@ def frf(
         wrong = faults_in(measured, drives[0])
         found = transfer_functions(
             measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
-            overlap=overlap, found=wrong,
+            overlap=overlap, found=wrong, jackknife=False,
         )  # fmt: skip
         return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], limits_in_words(found)
 

@@ -119,7 +119,6 @@ def write_json(path: str | Path, content: Any) -> Path:
 
 def write_csv(path: str | Path, columns: Mapping[str, FloatArray]) -> Path:
     """Write columns of equal length, nine digits each."""
-    rows = zip(*columns.values(), strict=True)
-    return write_text(
-        path, "\n".join([",".join(map(cell, columns)), *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n"
-    )
+    row = ",".join(["%.9g"] * len(columns)) + "\n"
+    values = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return write_text(path, ",".join(map(cell, columns)) + "\n" + "".join([row % each for each in values]))

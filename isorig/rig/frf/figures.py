@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.typing import ColorType
 
-    from isorig.analysis.campaign import FloatArray
+    from isorig.analysis.campaign import FloatArray, IntArray
     from isorig.analysis.spectra.periodic import PeriodicFrf
     from isorig.analysis.spectra.welch import Frf
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 PER = "m/s² per m/s²"
 #: What a picture of transfer functions shows: magnitude, phase and coherence; real and imaginary parts; the complex plane.
 View = Literal["bode", "parts", "nyquist"]
+#: Columns of a figure in which curves are drawn.
+COLUMNS = 1500
 #: How curves are drawn that may lie on one another.
 DASHES = ("-", "--", ":", "-.")
 
@@ -108,7 +110,7 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     figure.subplots_adjust(left=0.1, right=0.98, top=0.98, bottom=0.07, hspace=0.08)
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
     for k, (name, frf) in enumerate(frfs.items()):
-        kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
+        kept = _drawn(frf, band)
         f, size = frf.frequency[kept], np.abs(frf.value[kept])
         line = banded(magnitude, f, size, frf.magnitude_std[kept], name, DASHES[k % 2])
         turned = np.degrees(np.angle(frf.value[kept]))
@@ -121,6 +123,18 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz")
     coherence.set_xlim(max(band[0], float(first.frequency[first.frequency > 0.0][0])), band[1])
     return gridded(figure)
+
+
+def _drawn(frf: Frf, band: tuple[float, float]) -> IntArray:
+    # Bins within the band: at most two of each column of the figure, those with the smallest and the largest magnitude.
+    kept = np.flatnonzero((frf.frequency >= band[0]) & (frf.frequency <= band[1]))
+    if len(kept) <= COLUMNS:
+        return kept
+    edges = np.geomspace(max(float(frf.frequency[kept[0]]), frf.resolution), float(frf.frequency[kept[-1]]), COLUMNS)
+    column = np.searchsorted(edges, frf.frequency[kept])
+    order = np.lexsort((np.abs(frf.value[kept]), column))
+    change = np.flatnonzero(np.diff(column[order]))
+    return np.unique(kept[order[np.concatenate([[0], change, change + 1, [len(order) - 1]])]])
 
 
 def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:

@@ -102,6 +102,7 @@ def transfer_functions(
     window: WindowName = "hann",
     overlap: float = OVERLAP,
     found: Sequence[Fault] | None = None,
+    jackknife: bool = True,
 ) -> list[Transfer]:
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
 
@@ -114,7 +115,7 @@ def transfer_functions(
         Measured or simulated.
     reference
         The drive channel, or all channels that drive at the same time; those of the rig's description if None.
-    responses, resolution, estimator, window, overlap
+    responses, resolution, estimator, window, overlap, jackknife
         As in `isorig.analysis.spectra.welch`; by default all other channels are responses. Hammer hits need no window and no
         overlap.
     found
@@ -169,7 +170,9 @@ def transfer_functions(
                 if struck:
                     transfers += _struck(averaged, drives[0], group, resolution, estimator, left_out)
                 else:
-                    chosen = partial(estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap)
+                    chosen = partial(
+                        estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap, jackknife=jackknife
+                    )
                     found_here = _averaged(averaged, drives, group, chosen, estimator, left_out)
                     transfers += [replace(item, level=level) for item in found_here]
     return sorted((replace(item, alone=campaign.alone) for item in transfers), key=lambda item: item.frf.response)
