@@ -539,7 +539,7 @@ class Screened:
         return False
 
     def allows(self, entry: Entry) -> bool:
-        """Not where all equations hold: what is merely closer there is no cause. Where the place is given, only for a first one."""
+        """Not where all equations hold, for what is merely closer there is no cause; for given kinds, only for a first cause."""
         return not self.equations_hold and (self.kinds is None or self.job.left >= 1.0)
 
     def shown(self, cause: str, place: str) -> bool:
