@@ -479,7 +479,6 @@ class _Sums:
         self.names, self.references, self.length = names, tuple(references), length
         self.seen_through, self.overlap, self.hop = window, overlap, _hop(length, overlap)
         self.window = window.samples(length)
-        self.of_mean = np.fft.rfft(self.window)[: len(window.cosines)]
         self.auto = np.zeros((len(names), lines))
         self.cross = {name: np.zeros((len(names), lines), dtype=np.complex128) for name in references}
         self.segments = 0
@@ -510,10 +509,9 @@ class _Sums:
         squares, power = self.squares, self.power
         # References come first, so that a channel meets all of them when it is processed.
         for row, name in enumerate(self.names):
-            np.multiply(block[row], self.window, out=part)
+            np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
+            part *= self.window
             lines = np.fft.rfft(part, axis=1, out=self.transformed[:many])[:, : self.lines]
-            # A window of cosines spreads the mean over its first bins only.
-            lines[:, : len(self.of_mean)] -= np.outer(block[row].mean(axis=1), self.of_mean)
             if name in cross:
                 np.conj(lines, out=self.conjugates[name][:many])
             parts = lines.view(np.float64) if lines.flags.c_contiguous else np.ascontiguousarray(lines).view(np.float64)
