@@ -7,27 +7,33 @@ changes the transfer function with the drive's level.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Run
+from isorig.analysis.campaign import BoolArray, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.spectra.detection import Detection
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.overload import LONGEST
+from isorig.analysis.spectra.periodic import SETTLING
 from isorig.analysis.spectra.welch import Spectra, estimate
-from isorig.rig.acquire.policy import DIFFERENT, DIFFERENT_BINS, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
+from isorig.rig.acquire.policy import DIFFERENT, DRIVEN, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
+
+Kind = Literal["nonlinear", "undecided", "noise"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Incoherence:
     """Why a response is incoherent, and the sentence for the operator."""
 
-    kind: Literal["noise", "nonlinear", "undecided"]
+    response: str
+    kind: Kind
     text: str
 
 
@@ -48,42 +54,46 @@ def incoherence(
         Noise and distortion of the responses, if the drive is periodic.
     """
     run, others = _begun(run, name, drive), [_begun(other, name, drive) for other in others]
-    low, high = run.band or (0.0, 0.5 * run.sample_rate)
-    inside = (spectra.frequency >= low) & (spectra.frequency <= high)
-    frf = spectra.frf(name, drive)
-    begin = f"{name} has a coherence of {float(np.median(frf.coherence[inside])):.2f} with the drive"
-    density = spectra.density(name)[inside]
-    left = float(np.sum((1.0 - frf.coherence[inside]) * density) / max(float(np.sum(density)), 1e-300))
-    noisy = Incoherence(
-        kind="noise", text=f"{begin} because of noise; drive harder, or use a more sensitive range or sensor, and repeat the run."
-    )
+    driven = driven_bins(run, spectra, drive)
+    coherence = spectra.frf(name, drive).coherence[driven]
+    begin = f"{name} has a coherence of {float(np.median(coherence)):.2f} with the drive"
+    density = spectra.density(name)[driven]
+    left = _incoherent_power(spectra, name, drive, driven) / max(float(np.sum(density)), 1e-300)
     level = noise_levels(Campaign(runs=(run,))).get(name, 0.0)
     if left * float(np.mean(density)) <= NOISE_RATIO * 2.0 * level**2 / run.sample_rate:
-        return noisy
-    share = _not_repeated(run, name, drive, others)
-    if share is not None and share >= NOT_REPEATABLE * left:
         return Incoherence(
-            kind="noise",
-            text=f"{begin}, and differs between runs with the same drive; look for another source of vibration, drive harder, "
-            "and repeat the run.",
+            response=name, kind="noise",
+            text=f"{begin} because of noise; drive harder, or use a more sensitive range or sensor, and repeat the run.",
         )  # fmt: skip
+    share, what = _not_repeated(run, spectra, name, drive, others)
     found = next((item for item in detections if item.response == name), None)
-    distorted = found is not None and max(found.odd, found.even) > found.noise
-    reason = "two runs with the same drive agree" if share is not None and share <= REPEATABLE * left else ""
-    reason = reason or ("its distortion exceeds its noise" if distorted else "")
-    reason = reason or (
-        "its transfer function changes with the drive's level" if _by_level(run, spectra, name, drive, others) else ""
-    )
-    if reason:
+    reason = f"{what} agree" if share <= REPEATABLE * left else ""
+    if found is not None and max(found.odd, found.even) > found.noise:
+        reason = reason or "its distortion exceeds its noise"
+    if reason or _by_level(run, spectra, name, drive, others):
+        reason = reason or "its transfer function changes with the drive's level"
         return Incoherence(
-            kind="nonlinear",
+            response=name, kind="nonlinear",
             text=f"{begin}, but {reason}: the rig is nonlinear there, and the record is good; rig diagnose finds the cause.",
         )  # fmt: skip
+    if what and share >= NOT_REPEATABLE * left:
+        return Incoherence(
+            response=name, kind="noise",
+            text=f"{begin}, and {what} differ; look for another source of vibration, drive harder, and repeat the run. Impacts "
+            "differ, too: they change the transfer function with the drive's level.",
+        )  # fmt: skip
     return Incoherence(
-        kind="undecided",
+        response=name, kind="undecided",
         text=f"{begin}, which is more than the sensor's noise: the rig is nonlinear, or something else moves it; a run with the "
         "same drive (repeat_of) decides it.",
     )  # fmt: skip
+
+
+def driven_bins(run: Run, spectra: Spectra, drive: str) -> BoolArray:
+    """The frequency bins within the band of a run in which its drive has power, shape (bins,)."""
+    low, high = run.band or (spectra.resolution, 0.5 * run.sample_rate)
+    density = np.where((spectra.frequency >= low) & (spectra.frequency <= high), spectra.density(drive), 0.0)
+    return np.asarray((density >= DRIVEN * density.max()) & (density > 0.0))
 
 
 def _begun(run: Run, name: str, drive: str) -> Run:
@@ -92,17 +102,52 @@ def _begun(run: Run, name: str, drive: str) -> Run:
     return replace(run, channels={key: replace(channel, samples=channel.samples[:LONGEST]) for key, channel in kept.items()})
 
 
-def _not_repeated(run: Run, name: str, drive: str, others: Sequence[Run]) -> float | None:
-    # Half the power of the difference of two runs with one drive, relative to the response; None if there is no such run.
+def _incoherent_power(spectra: Spectra, name: str, drive: str, driven: BoolArray) -> float:
+    return float(np.sum(((1.0 - spectra.frf(name, drive).coherence) * spectra.density(name))[driven]))
+
+
+def _not_repeated(run: Run, spectra: Spectra, name: str, drive: str, others: Sequence[Run]) -> tuple[float, str]:
+    # Half the incoherent power of the difference of two records with one drive, relative to the response, and what was compared;
+    # infinite if there are none. The difference obeys the same equations, so it removes what differs between the drives.
+    driven = driven_bins(run, spectra, drive)
+    whole = max(float(np.sum(spectra.density(name)[driven])), 1e-300)
+    for one, other, what in _repeats(run, name, drive, others):
+        n = min(len(each) for each in (*one, *other))
+        channels = {
+            key: replace(run.channels[key], samples=a[:n] - b[:n], scale=1.0, offset=0.0)
+            for key, a, b in zip((drive, name), one, other, strict=True)
+        }  # fmt: skip
+        with suppress(DataError):
+            apart = estimate([replace(run, channels=channels, gaps=())], references=[drive], resolution=spectra.resolution)
+            return 0.5 * _incoherent_power(apart, name, drive, driven) / whole, what
+    return np.inf, ""
+
+
+def _repeats(
+    run: Run, name: str, drive: str, others: Sequence[Run]
+) -> Iterator[tuple[Sequence[FloatArray], Sequence[FloatArray], str]]:
+    # Drive and response of a record and of another one with the same drive, and both in words.
+    x, y = run.read(drive), run.read(name)
+    if run.period is not None and len(run) > (SETTLING + 1) * run.period and not run.gaps:
+        settled, later = slice(SETTLING * run.period, -run.period), slice((SETTLING + 1) * run.period, None)
+        yield (x[settled], y[settled]), (x[later], y[later]), "its periods"
     for other in others:
         known = {name, drive} <= set(other.channels) and other.id != run.id and other.configuration == run.configuration
-        if not known or other.sample_rate != run.sample_rate:
+        if not known or other.sample_rate != run.sample_rate or run.gaps or other.gaps:
             continue
-        n = min(len(run), len(other))
-        one, two = (each.channels[name].read(0, n) for each in (run, other))
-        if other.repeat_of == run.id or run.repeat_of == other.id or same_drive(run.read(drive), other.read(drive)):
-            return float(0.5 * np.var(one - two) / max(float(np.var(one)), 1e-300))
-    return None
+        again = other.read(drive)
+        if other.repeat_of == run.id or run.repeat_of == other.id or same_drive(x, again):
+            late = _lag(x, again)
+            mine, theirs = slice(max(-late, 0), None), slice(max(late, 0), None)
+            yield (x[mine], y[mine]), (again[theirs], other.read(name)[theirs]), "two runs with the same drive"
+
+
+def _lag(one: FloatArray, other: FloatArray) -> int:
+    # By how many samples the second record of a drive is later than the first.
+    from scipy.signal import correlate, correlation_lags
+
+    across = correlate(other - other.mean(), one - one.mean(), method="fft")
+    return int(correlation_lags(len(other), len(one))[int(np.argmax(across))])
 
 
 def _by_level(run: Run, spectra: Spectra, name: str, drive: str, others: Sequence[Run]) -> bool:
@@ -118,11 +163,10 @@ def _by_level(run: Run, spectra: Spectra, name: str, drive: str, others: Sequenc
             compared = estimate([other], references=[drive], resolution=spectra.resolution)
         except DataError:
             continue
-        low, high = run.band or (0.0, 0.5 * run.sample_rate)
+        driven = driven_bins(run, spectra, drive) & driven_bins(other, compared, drive)
         one, two = spectra.frf(name, drive), compared.frf(name, drive)
-        n = min(len(one.value), len(two.value))
-        inside = (one.frequency[:n] >= low) & (one.frequency[:n] <= high)
-        apart = np.abs(one.value[:n] - two.value[:n]) > DIFFERENT * np.hypot(one.magnitude_std[:n], two.magnitude_std[:n])
-        if inside.any() and float(np.mean(apart[inside])) >= DIFFERENT_BINS:
+        variance = 2.0 * (one.magnitude_std**2 + two.magnitude_std**2)
+        apart = np.abs(one.value - two.value) ** 2 / np.maximum(variance, np.finfo(float).tiny)
+        if driven.any() and float(np.mean(apart[driven])) >= DIFFERENT:
             return True
     return False

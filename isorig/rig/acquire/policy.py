@@ -32,6 +32,8 @@ DISTORTED, GAIN_DIFFERENCE = 0.1, 1e-3
 REPEATABLE, NOT_REPEATABLE = 0.3, 0.7
 #: Ratio of incoherent power to that of the sensor's noise outside the band, up to which it is this noise.
 NOISE_RATIO = 3.0
-#: Two levels of the drive differ by this factor; transfer functions differ by this many standard deviations, in this share of the
-#: frequency bins: by chance 0.3 % of them would.
-LEVEL_RATIO, DIFFERENT, DIFFERENT_BINS = 1.2, 3.0, 0.3
+#: Two levels of the drive differ by this factor; their transfer functions differ by more than chance if the mean square of their
+#: difference exceeds this multiple of its variance.
+LEVEL_RATIO, DIFFERENT = 1.2, 2.0
+#: Share of the largest density of the drive below which a frequency bin is not driven.
+DRIVEN = 1e-2

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, Run, broad
+from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.detection import Detection, detect
+from isorig.analysis.spectra.hits import looks_hit
+from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.welch import Spectra, estimate
-from isorig.rig.acquire.incoherence import incoherence
+from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, incoherence
 from isorig.rig.acquire.policy import COHERENT, DEAD, DISTORTED, FULL_SCALE_SHARE, GAIN_DIFFERENCE, RATE_REPORTED, STICKING
 from isorig.rig.acquire.recover import Recovered
 
@@ -83,6 +85,34 @@ def check_run(
         good=not against, coherence=coherence, detections=detections,
         sliding=None if sliding is None else sliding.share, advice=(*against, *remarks)
     )  # fmt: skip
+
+
+def incoherences(campaign: Campaign, drives: Sequence[str]) -> list[Incoherence]:
+    """Why responses of a recording are incoherent: one reason for each, a nonlinearity before what is undecided and noise.
+
+    None for several drives, whose coherences with the response are low in any rig, and for hammer tests.
+
+    Parameters
+    ----------
+    campaign
+        The recording.
+    drives
+        The channels that drive.
+    """
+    drive, *more = drives
+    runs = [run for run in broad(campaign.runs) if not more and drive in run.channels and not looks_hit(run, drive)]
+    found: dict[str, Incoherence] = {}
+    for run in runs:
+        spectra = _spectra(run, drive, LONGEST)
+        coherence = {} if spectra is None else _coherence(run, spectra, drive)
+        for name, value in coherence.items():
+            if value < COHERENT and spectra is not None and (name not in found or found[name].kind != "nonlinear"):
+                others = [other for other in runs if other.id != run.id]
+                reason = incoherence(run, spectra, name, drive, others=others, detections=_detections(run, drive))
+                earlier = found.get(name)
+                if earlier is None or KINDS.index(reason.kind) < KINDS.index(earlier.kind):
+                    found[name] = replace(reason, text=f"Run {run.id!r}: {reason.text}")
+    return list(found.values())
 
 
 def _losses(run: Recovered) -> Iterator[str]:
@@ -220,20 +250,20 @@ def _detections(run: Run, drive: str) -> tuple[Detection, ...]:
         return ()
 
 
-def _spectra(run: Run, drive: str) -> Spectra | None:
-    if drive not in run.channels or not broad([run]) or run.band is None:
+def _spectra(run: Run, drive: str, longest: int | None = None) -> Spectra | None:
+    if drive not in run.channels or not broad([run]):
         return None
     try:
-        return estimate([run], references=[drive], resolution=max(0.5, 8.0 / run.duration))
+        resolution = max(0.5, 8.0 / run.duration)
+        return estimate([run], references=[drive], resolution=resolution, jackknife=False, longest=longest)
     except DataError:
         return None
 
 
 def _coherence(run: Run, spectra: Spectra, drive: str) -> dict[str, float]:
-    assert run.band is not None
-    inside = (spectra.frequency >= run.band[0]) & (spectra.frequency <= run.band[1])
+    driven = driven_bins(run, spectra, drive)
     return {
-        name: float(np.median(spectra.frf(name, drive).coherence[inside]))
+        name: float(np.median(spectra.frf(name, drive).coherence[driven]))
         for name in run.sensors
-        if name != drive and inside.any()
+        if name != drive and driven.any()
     }

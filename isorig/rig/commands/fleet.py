@@ -61,7 +61,7 @@ def update(
     again: bool = False,
     reread: bool = False,
     explain: bool = True,
-    false_alarms: float = 1.0,
+    false_alarms: float | None = None,
 ) -> None:
     """Diagnose every recording without an answer from this version of the program.
 
@@ -87,7 +87,7 @@ def update(
     explain
         Search for the causes of changes as well.
     false_alarms
-        Allowed false alarms per month in the whole fleet.
+        Allowed false alarms per month in the whole fleet; by default one, and one in four years for each rig of a small fleet.
     """
     from rich.console import Console
 
@@ -130,7 +130,7 @@ def show(
     parameter: str | None = None,
     catalogue: Where = HERE,
     baseline: Baseline = "coulomb",
-    false_alarms: float = 1.0,
+    false_alarms: float | None = None,
 ) -> None:
     """Show the fleet: all rigs, one rig, one parameter of all rigs, or one parameter of one rig campaign by campaign.
 
@@ -147,7 +147,7 @@ def show(
     baseline
         The diagnoses to show.
     false_alarms
-        Allowed false alarms per month in the whole fleet.
+        Allowed false alarms per month in the whole fleet; by default one, and one in four years for each rig of a small fleet.
     """
     from isorig.rig.files.output import displayable
     from isorig.rig.fleet.catalogue import Catalogue
@@ -231,7 +231,7 @@ def report(
     output: Annotated[Path, Parameter(name=["-o", "--output"])],
     catalogue: Where = HERE,
     baseline: Baseline = "coulomb",
-    false_alarms: float = 1.0,
+    false_alarms: float | None = None,
 ) -> None:
     """Write one page about the fleet that works offline: changes, an overview of all rigs, and a page for each rig.
 
@@ -246,7 +246,7 @@ def report(
     baseline
         The diagnoses to report.
     false_alarms
-        Allowed false alarms per month in the whole fleet.
+        Allowed false alarms per month in the whole fleet; by default one, and one in four years for each rig of a small fleet.
     """
     from isorig.rig.files.output import write_text
     from isorig.rig.fleet.catalogue import Catalogue

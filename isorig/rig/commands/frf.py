@@ -81,6 +81,7 @@ def frf(
         For a recording that is being written: estimate repeatedly from the available data until it is finished.
     """
     from isorig.analysis.errors import DataError
+    from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.exchange.formats import FORMATS
     from isorig.rig.exchange.responses import read_responses
     from isorig.rig.files.output import write_text
@@ -99,7 +100,9 @@ def frf(
             measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
             overlap=overlap, found=wrong, jackknife=False,
         )  # fmt: skip
-        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], limits_in_words(found)
+        named = {item.response for item in found}
+        why = [reason.text for reason in incoherences(measured, drives) if reason.response in named]
+        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], [*why, *limits_in_words(found)]
 
     def foreign(path: Path) -> bool:
         return path.suffix.lower() in FORMATS and path.suffix.lower() not in HDF5

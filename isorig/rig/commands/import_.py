@@ -35,12 +35,14 @@ def import_(
     draft
         Propose a mapping from the files.
     """
+    from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError
     from isorig.rig.exchange.draft import draft_mapping
     from isorig.rig.exchange.importing import import_campaign, shortcomings
     from isorig.rig.exchange.mapping import read_mapping
     from isorig.rig.exchange.reading import read_foreign
     from isorig.rig.files.output import write_text
+    from isorig.rig.files.rigfile import references_of
     from isorig.rig.model.baseline import doubts_in
 
     if draft:
@@ -62,7 +64,8 @@ def import_(
                 print(f"run {run.id!r}: the file has no value of {lost} samples; they are kept as {len(run.gaps)} gaps")
             if run.repeat_of is not None:
                 print(f"run {run.id!r} has the drive of run {run.repeat_of!r} and is stored as its repeat")
-        for sentence in shortcomings(campaign):
+        reasons = incoherences(campaign, references_of(campaign))
+        for sentence in (*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")):
             print(sentence)
         units = {name: channel.unit for name, channel in read_mapping(files[0]).channels.items()}
         for doubt in doubts_in(campaign, units):

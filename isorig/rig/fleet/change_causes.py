@@ -16,7 +16,7 @@ from isorig.rig.diagnose.many import shared_out
 from isorig.rig.errors import REFUSALS
 from isorig.rig.files.models import read_model
 from isorig.rig.fleet.catalogue import Catalogue, key_of
-from isorig.rig.fleet.history import FALSE_PER_MONTH, Fleet, Incident, TrackedRig, followed
+from isorig.rig.fleet.history import Fleet, Incident, TrackedRig, followed
 from isorig.rig.fleet.sentences import incident_words
 
 #: Number of explanations stored for a change.
@@ -134,7 +134,7 @@ def _explain(question: ChangeToExplain) -> None:
 
 
 def search_causes(
-    catalogue: Catalogue, baseline: str, *, scheduler: str | None = None, false_per_month: float = FALSE_PER_MONTH
+    catalogue: Catalogue, baseline: str, *, scheduler: str | None = None, false_per_month: float | None = None
 ) -> Iterator[str]:
     """Track the fleet, search for the causes of new changes, and yield a line for each.
 

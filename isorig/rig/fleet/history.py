@@ -25,8 +25,9 @@ from isorig.rig.fleet.catalogue import SUPERSEDED, WITHOUT
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Allowed false alarms per month in the whole fleet, and the days of a month.
-FALSE_PER_MONTH, MONTH = 1.0, 365.25 / 12.0
+#: Allowed false alarms per month: in the whole fleet, and of each rig (one in four years); and the days of a month. Chosen: a
+#: month is what one operator can follow up, but at this rate three rigs would have a false change every five weeks.
+FALSE_PER_MONTH, FALSE_PER_RIG, MONTH = 1.0, 1.0 / 48.0, 365.25 / 12.0
 #: Days between campaigns, if the interval of a rig is unknown.
 WEEK = 7.0
 #: Probability that a rig of a fleet without outliers is called an outlier.
@@ -227,7 +228,7 @@ def date_of(days: float) -> datetime:
     return EPOCH + timedelta(days=days)
 
 
-def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = FALSE_PER_MONTH) -> Fleet:
+def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:
     """Track every parameter of every rig.
 
     Parameters
@@ -237,14 +238,15 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = F
     baseline
         The diagnoses to use.
     false_per_month
-        Allowed false alarms per month in the whole fleet.
+        Allowed false alarms per month in the whole fleet; None for the smaller of `FALSE_PER_MONTH` and `FALSE_PER_RIG` of every
+        rig.
 
     Raises
     ------
     RigError
         No campaign can be tracked, or the rate is not positive.
     """
-    if not false_per_month > 0.0:
+    if false_per_month is not None and not false_per_month > 0.0:
         raise RigError(f"the rate of false alarms is {false_per_month:g} a month; give a positive one")
     mine = answers[(answers.baseline == baseline) & (answers.verdict != SUPERSEDED)]
     usable = mine[~mine.verdict.isin(WITHOUT)]
@@ -271,7 +273,8 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = F
         for name, (_, _, series) in tracks.items():
             by_name.setdefault(name, []).append(series)
     scatter = {name: scatter_of(series) for name, series in by_name.items()}
-    rate = false_per_month / max(_tests_per_month(raw.values()), 2.0 * false_per_month)
+    allowed = min(FALSE_PER_MONTH, FALSE_PER_RIG * len(raw)) if false_per_month is None else false_per_month
+    rate = allowed / max(_tests_per_month(raw.values()), 2.0 * allowed)
     limits = {name: thresholds(rate, _coarse(s.freedom)) for name, s in scatter.items() if _coarse(s.freedom) >= FEWEST}
     rigs = {}
     for name, (_, version, waiting) in chosen.items():
@@ -287,7 +290,7 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float = F
             incidents=_incidents(name, own, causes[name]),
         )  # fmt: skip
     return Fleet(
-        baseline=baseline, rigs=rigs, scatter=scatter, limits=limits, false_per_month=false_per_month,
+        baseline=baseline, rigs=rigs, scatter=scatter, limits=limits, false_per_month=allowed,
         siblings=_siblings(rigs), notes=tuple(notes),
     )  # fmt: skip
 

@@ -87,7 +87,7 @@ def _summary(fleet: Fleet) -> list[str]:
     sentences = [
         f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
-        f"False alarms expected in the whole fleet: at most {fleet.false_per_month:g} a month.",
+        f"False alarms expected in the whole fleet: at most {fleet.false_per_month:.2g} a month.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:

@@ -9,6 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.acquire.run_check import incoherences
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.model.prediction import predicted
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over
@@ -64,7 +65,8 @@ def frf_section(campaign: Campaign, simulated: Campaign, drives: Sequence[str], 
     text = [
         f"H1 from {references}, resolution {first.resolution:g} Hz, averaged over the runs of each configuration and gain, "
         "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
-        "another nonlinearity."
+        "another nonlinearity.",
+        *(reason.text for reason in incoherences(campaign, drives)),
     ]
     charts = [
         frf_chart(

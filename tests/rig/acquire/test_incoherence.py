@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from strange_rigs import StrangeRig, campaign, dry
+from strange_rigs import StrangeRig, campaign, dry, noise, play
 
-from isorig.analysis.campaign import Run
+import isorig as iso
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Run
 from isorig.rig.acquire.policy import COHERENT
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import Verdict, check_run
+from isorig.rig.acquire.run_check import Verdict, check_run, incoherences
+from isorig.rig.cli import main
+from isorig.rig.files.rigtext import description_text
+from isorig.rig.report.frequency import transfer_section
 
 RIG = StrangeRig(masses=(4.0,), joints=((0, -1, 4e3, 12.0),), sensors=(("x", 0, "displacement"),))
 #: Friction that holds the mass most of the time, more at a low level.
@@ -74,3 +79,98 @@ def test_noise_is_noise(runs: tuple[Run, ...]) -> None:
     verdict = checked(disturbed[0], disturbed[1:])
     assert not verdict.good
     assert "look for another source of vibration" in verdict.advice[0]
+
+
+#: Play in a coupling: half of the far mass's motion is incoherent with the force.
+RATE, BAND, PERIOD = 256.0, (0.5, 60.0), 1024
+LOOSE = StrangeRig(
+    masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)),
+    sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")), laws={1: play(9e3, 3e-3)},
+)  # fmt: skip
+
+
+def driven(rig: StrangeRig, name: str, force: FloatArray, **about: object) -> Run:
+    """A run without a stated band, with noise of two thousandths."""
+    draw = np.random.default_rng(len(name))
+    channels = {
+        key: Channel(name=key, samples=x + draw.normal(0.0, 2e-3 * x.std(), len(x)), quantity=q, unit=SI_UNIT[q])
+        for (key, x), q in zip(rig.recorded(force, RATE).items(), rig.quantities().values(), strict=True)
+    }
+    return Run(id=name, configuration="unlocked", sample_rate=RATE, channels=channels, gain=1.0, excitation="random", **about)  # type: ignore[arg-type]
+
+
+def repeated(rig: StrangeRig, late: int = 0) -> tuple[Run, ...]:
+    """A run and its repeat: the drive differs by a third of a per cent, and starts later."""
+    first, other = (noise(12.0, RATE, level, BAND, seed) for level, seed in ((25.0, 1), (0.08, 2)))
+    again = np.concatenate([np.zeros(late), first + other])
+    return driven(rig, "first", first), driven(rig, "again", again, repeat_of="first")
+
+
+def periodic(rig: StrangeRig) -> tuple[Run, ...]:
+    """One run of eight periods that drive every frequency."""
+    f = np.fft.rfftfreq(PERIOD, 1.0 / RATE)
+    phases = np.exp(2j * np.pi * np.random.default_rng(3).random(len(f)))
+    wave = np.fft.irfft(np.where((f >= BAND[0]) & (f <= BAND[1]), phases, 0.0), PERIOD)
+    return (driven(rig, "periods", np.tile(25.0 * wave / wave.std(), 8), period=PERIOD),)
+
+
+def levels(rig: StrangeRig) -> tuple[Run, ...]:
+    """Different drives at two levels."""
+    return tuple(driven(rig, name, noise(12.0, RATE, level, BAND, len(name))) for name, level in (("loud", 25.0), ("soft", 10.0)))
+
+
+def shaken(runs: Sequence[Run], share: float) -> tuple[Run, ...]:
+    """The runs with another source of vibration in the far mass's record."""
+    found = []
+    for k, run in enumerate(runs):
+        x = run.read("b")
+        values = x + noise(len(x) / RATE, RATE, share * float(np.std(x)), (1.0, 100.0), 50 + k)
+        found.append(replace(run, channels={**run.channels, "b": replace(run.channels["b"], samples=values)}))
+    return tuple(found)
+
+
+WAYS = {
+    "two runs with the same drive agree": repeated,
+    "two runs with the same drive agree ": lambda rig: repeated(rig, 77),
+    "its periods agree": periodic,
+    "its transfer function changes with the drive's level": levels,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("said", WAYS)
+def test_every_way_leads_to_the_nonlinearity(
+    said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:  # fmt: skip
+    """Repeats, also those that start later, periods and levels: said by check, frf, import and the report."""
+    recorded = Campaign(runs=WAYS[said](LOOSE), source="loose", description=description_text(LOOSE.description(), {}))
+    (reason,) = incoherences(recorded, ["force"])
+    assert (reason.response, reason.kind) == ("b", "nonlinear")
+    assert said.strip() in reason.text
+    assert reason.text in transfer_section(recorded, LOOSE.description()).text
+    file = tmp_path / "loose.h5"
+    iso.write(file, recorded)
+    for words in (["check", str(file)], ["frf", str(file), "--resolution", "0.5", "-o", str(tmp_path / "frf")]):
+        assert main(words) == 0
+        assert f"{said.strip()}: the rig is nonlinear there" in capsys.readouterr().out.replace("\n", " ")
+    assert "the rig is nonlinear there" in (tmp_path / "frf" / "frf.html").read_text()
+
+
+@pytest.mark.parametrize("way", WAYS.values())
+@pytest.mark.parametrize("share", [1.5, 4.0])
+def test_another_source_is_no_nonlinearity(way: object, share: float) -> None:
+    runs = shaken(way(replace(LOOSE, laws={})), share)  # type: ignore[operator]
+    (reason,) = incoherences(Campaign(runs=runs, source="shaken"), ["force"])
+    assert reason.kind != "nonlinear"
+
+
+def test_imported_records_of_a_nonlinear_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = ['description = "rig.toml"']
+    lines += [f'[channels.{name}]\nsource = "{name}"\nunit = "{SI_UNIT[q]}"' for name, q in LOOSE.quantities().items()]
+    for run in repeated(LOOSE):
+        table = np.column_stack([run.read(name) for name in run.sensors])
+        np.savetxt(tmp_path / f"{run.id}.csv", table, delimiter=",", header=",".join(run.sensors), comments="")
+        lines.append(f'[[runs]]\nid = "{run.id}"\nfile = "{run.id}.csv"\ngain = 1.0\nsample_rate = 256.0\nexcitation = "random"')
+    (tmp_path / "m.toml").write_text("\n".join(lines))
+    (tmp_path / "rig.toml").write_text(description_text(LOOSE.description(), {}))
+    assert main(["import", str(tmp_path / "m.toml"), "-o", str(tmp_path / "c.h5")]) == 0
+    assert "with the drive, but two runs with the same drive agree: the rig is nonlinear" in capsys.readouterr().out

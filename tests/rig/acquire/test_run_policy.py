@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from isorig.analysis.campaign import Channel, Run
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.spectra.welch import estimate
 from isorig.drivers.block import Block
-from isorig.rig.acquire.incoherence import incoherence
+from isorig.rig.acquire.incoherence import driven_bins, incoherence
 from isorig.rig.acquire.levels import advice
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import plan_of
@@ -99,3 +100,17 @@ def test_what_two_runs_with_one_drive_do_not_share_is_noise(ratio: float, kind: 
 @pytest.mark.parametrize(("level", "kind"), [(1.1, "undecided"), (1.3, "nonlinear"), (0.7, "nonlinear")])
 def test_another_level_of_the_drive_differs_by_a_fifth(level: float, kind: str) -> None:
     assert reason(in_band(1) + 2.0 * in_band(3), 3.0 * level * in_band(2) + 2.0 * in_band(4), level=level) == kind
+
+
+@pytest.mark.parametrize(("gain", "kind"), [(1.3, "undecided"), (1.6, "nonlinear")])
+def test_transfer_functions_differ_by_more_than_chance(gain: float, kind: str) -> None:
+    """With twice as much disturbance as signal and 40 averages, a gain that is 45 % larger doubles the mean square."""
+    assert reason(in_band(1) + 2.0 * in_band(3), 1.5 * (gain * in_band(2) + 2.0 * in_band(4)), level=1.5) == kind
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.009, False), (0.011, True)])
+def test_a_frequency_is_driven_from_a_hundredth_of_the_largest_power_on(share: float, kept: bool) -> None:
+    frequency = np.linspace(0.0, 500.0, 501)
+    density = np.where(frequency < 100.0, 1.0, share)
+    spectra = SimpleNamespace(frequency=frequency, resolution=1.0, density=lambda name: density)
+    assert driven_bins(run(head=WAVE), spectra, "head")[200] == kept  # type: ignore[arg-type]

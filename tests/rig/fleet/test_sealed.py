@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import FRICTION, PARAMETERS, SPRING, Shift, drawn_fleet
+from made_up import FRICTION, PARAMETERS, SCATTER, SPRING, Shift, drawn_fleet
 from recorded import KINDS, Hidden, record_fleet, stopped, worn
 from scipy.stats import binomtest, poisson
 
 from isorig.rig.cli import main
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.change_causes import name_of
-from isorig.rig.fleet.history import MONTH, followed
+from isorig.rig.fleet.history import FALSE_PER_RIG, MONTH, followed
 
 #: Campaigns of a rig that are in hand before it changes, at least; and within how many after it the change must be found.
 BEFORE, WITHIN = 12, 3
@@ -82,6 +82,18 @@ def test_false_alarms_are_at_most_one_a_month() -> None:
     alarms, causes, months = alarms_of(1, 50, 200)
     assert poisson.sf(alarms - 1, months) > 1e-3
     assert causes <= 0.1 * months + 4
+
+
+def test_three_rigs_over_twelve_weeks_are_silent_unless_one_changes() -> None:
+    """Twenty sound fleets have no more false changes than a rig may have in four years; friction + 28 % is found soon in all."""
+    false, shift = 0, Shift(rig=0, first=5, by={FRICTION: np.log(1.28) / SCATTER[-1]})
+    for seed in range(20):
+        false += len(followed(drawn_fleet(seed, rigs=3, campaigns=12), "coulomb").incidents)
+        changed = followed(drawn_fleet(1000 + seed, rigs=3, campaigns=12, shifts=[shift]), "coulomb").rigs["rig-000"]
+        [(track, change)] = changed.incidents[0].changes[:1]
+        assert (track.name, change.first) == (FRICTION, 5)
+        assert change.alarm < 5 + WITHIN
+    assert poisson.sf(false - 1, 20 * 3 * FALSE_PER_RIG * 84.0 / MONTH) > 0.01
 
 
 @pytest.mark.study
