@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import (
+    ABOVE,
+    Isolated,
     IsolationRatio,
     Peaks,
     Piece,
     friction_bound,
     isolated_share,
+    isolation_frequency,
     isolation_ratio,
     stuck_share,
 )
@@ -91,21 +97,45 @@ def estimated(rng: np.random.Generator, size: float, error: float, bins: int = 4
     )  # fmt: skip
 
 
+def at_one_gain(unlocked: Frf, locked: Frf, band: tuple[float, float]) -> IsolationRatio:
+    """The ratio of two transfer functions, measured at one gain."""
+    ratio = np.abs(unlocked.value) / np.abs(locked.value)
+    piece = Piece(gain=70.0, band=band, unlocked=unlocked, locked=locked, ratio=ratio, std=0.05 * ratio)
+    return IsolationRatio(
+        frequency=unlocked.frequency, ratio=ratio, std=0.05 * ratio, gain=np.full(len(ratio), 70.0), pieces=(piece,), stitches=(),
+        steps=(), peaks=Peaks(*[np.nan] * 5),
+    )  # fmt: skip
+
+
 def test_the_uncertainty_of_the_isolation_is_its_scatter_over_repeated_estimates() -> None:
     rng = np.random.default_rng(5)
     found = []
     for _ in range(300):
-        unlocked, locked = estimated(rng, 0.2, 0.3), estimated(rng, 1.0, 0.3)
-        ratio = np.abs(unlocked.value) / np.abs(locked.value)
-        std = ratio * 0.05
-        piece = Piece(gain=70.0, band=(10.0, 200.0), unlocked=unlocked, locked=locked, ratio=ratio, std=std)
-        stitched = IsolationRatio(
-            frequency=unlocked.frequency, ratio=ratio, std=std, gain=np.full(len(ratio), 70.0), pieces=(piece,), stitches=(),
-            steps=(), peaks=Peaks(*[np.nan] * 5),
-        )  # fmt: skip
+        stitched = at_one_gain(estimated(rng, 0.2, 0.3), estimated(rng, 1.0, 0.3), (10.0, 200.0))
         found.append(isolated_share(stitched, above=10.0))
     assert np.mean([each.share for each in found]) == pytest.approx(0.8, abs=0.001)
     assert np.mean([each.std for each in found]) == pytest.approx(np.std([each.share for each in found]), rel=0.15)
+
+
+def test_the_isolation_needs_two_frequency_bins() -> None:
+    rng = np.random.default_rng(6)
+    both = estimated(rng, 0.2, 0.3), estimated(rng, 1.0, 0.3)
+    assert isolated_share(at_one_gain(*both, (10.0, 10.25)), above=10.0).band == (10.0, 10.25)
+    with pytest.raises(DataError, match="extend its band"):
+        isolated_share(at_one_gain(*both, (10.0, 10.2)), above=10.0)
+
+
+def test_the_interval_of_the_isolation_is_that_of_a_normal_variable() -> None:
+    low, high = Isolated(share=0.8, std=0.01, band=(10.0, 20.0), gain=70.0).interval
+    assert (low, high) == pytest.approx(norm.interval(0.95, 0.8, 0.01), abs=1e-6)
+
+
+def test_the_isolation_is_effective_where_the_transmissibility_is_one() -> None:
+    assert 1.0 / abs(1.0 - ABOVE**2) == pytest.approx(1.0)
+    # Free and undamped, the motor on its spring alone vibrates at this frequency.
+    model = wire_bonder(FREE, friction=False)
+    link = model.link("isolation")
+    assert (2.0 * np.pi * isolation_frequency(model)) ** 2 * model.body(link.a).mass == pytest.approx(link.stiffness)
 
 
 def test_the_stitch_is_where_it_is_asked(rubbing: tuple[RigModel, Campaign]) -> None:
@@ -114,10 +144,14 @@ def test_the_stitch_is_where_it_is_asked(rubbing: tuple[RigModel, Campaign]) -> 
     assert found.stitches == (12.0,)
     assert set(found.gain[found.frequency <= 12.0]) == {70.0}
     assert set(found.gain[found.frequency > 12.0]) == {7.0}
+    # A quarter of the stitching frequency on both sides counts, each bin by its inverse variance.
     near = np.abs(found.pieces[0].unlocked.frequency - 12.0) <= 3.0
     high, low = (piece.ratio[near] for piece in found.pieces)
+    variance = sum((piece.std[near] / piece.ratio[near]) ** 2 for piece in found.pieces)
     step, std = found.steps[0]
     assert std < 0.1 * step
+    assert step == pytest.approx(np.exp((np.log(high / low) / variance).sum() / (1.0 / variance).sum()))
+    assert std == pytest.approx(step / np.sqrt((1.0 / variance).sum()))
     # Friction holds the motor at gain 7, so the two gains do not meet.
     assert abs(step - 1.0) > 5.0 * std
     assert (high / low).min() < step < (high / low).max()
@@ -148,6 +182,29 @@ def test_a_gain_that_was_not_measured_both_ways_is_refused(smooth: tuple[RigMode
     _, campaign = smooth
     with pytest.raises(DataError, match="measure the missing one"):
         isolation_ratio(Campaign(runs=campaign.runs[:2], source="half.h5"))
+
+
+def test_a_gain_counts_where_all_its_runs_were_driven(smooth: tuple[RigModel, Campaign]) -> None:
+    _, campaign = smooth
+    unlocked, locked = campaign.runs[1], campaign.runs[3]
+    found = isolation_ratio(Campaign(runs=(replace(unlocked, band=(2.0, 300.0)), replace(locked, band=(1.0, 250.0)))))
+    assert found.stitches == ()
+    assert (found.frequency[0], found.frequency[-1]) == (2.0, 250.0)
+    # Without a stated band from one resolution to the usable frequency, which the recording format gives as 1/2.56 of the rate.
+    unstated = isolation_ratio(Campaign(runs=(replace(unlocked, band=None), replace(locked, band=None))), resolution=0.5)
+    assert unstated.frequency[0] == 0.5
+    assert unstated.frequency[-1] == pytest.approx(unlocked.sample_rate / 2.56, abs=0.5)
+
+
+def test_peaks_need_three_frequency_bins(smooth: tuple[RigModel, Campaign]) -> None:
+    _, campaign = smooth
+    three, two = (isolation_ratio(campaign, around_peak=(164.0, top)).peaks for top in (164.5, 164.4))
+    assert 164.0 <= three.unlocked <= 164.5
+    assert np.isnan(two).all()
+
+
+def test_the_thesis_stitches_at_15_hz(smooth: tuple[RigModel, Campaign]) -> None:
+    assert isolation_ratio(smooth[1]).stitches == (15.0,)
 
 
 def test_without_friction_the_offset_is_mass_loading(smooth: tuple[RigModel, Campaign]) -> None:

@@ -298,8 +298,8 @@ class Comparison:
 
     def _first_of_each(self) -> list[tuple[int, list[Variant]]]:
         # The models drawn for every true cause, the fitted one first, with their index among all.
-        starts = np.cumsum([0, *(len(models) for models in self._drawn[:-1])]).tolist()
-        return list(zip(starts, self._drawn, strict=True))
+        ends = np.cumsum([len(models) for models in self._drawn], dtype=int).tolist()
+        return [(end - len(models), models) for end, models in zip(ends, self._drawn, strict=True)]
 
     def distances(self, pairs: Sequence[Pairs]) -> list[PairDistance]:
         """Distance of every true cause from every rival after some further runs."""

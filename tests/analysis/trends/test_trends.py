@@ -55,6 +55,11 @@ def test_thresholds_keep_the_stated_rate() -> None:
         thresholds(1e-3, 3.0)
 
 
+def test_a_standard_deviation_counts_as_known_from_2000_degrees_of_freedom_on() -> None:
+    assert false_rate(5.0, 0.5, 2000.0) == false_rate(5.0, 0.5)
+    assert false_rate(5.0, 0.5) < false_rate(5.0, 0.5, 1999.0) < 1.02 * false_rate(5.0, 0.5)
+
+
 def test_distances_are_standard_normal_however_short_the_history() -> None:
     draw = np.random.default_rng(1)
     variance = draw.uniform(0.5, 4.0, (4000, 8))
@@ -75,14 +80,15 @@ def test_false_alarms_are_at_most_as_stated() -> None:
     assert interval.high > 0.4 / 1740.0  # not bought with deafness
 
 
-@pytest.mark.parametrize(("before", "size"), [(6, 4.0), (20, 3.5)])
+@pytest.mark.parametrize(("before", "size"), [(6, -4.0), (20, -3.5), (6, 4.0), (20, 3.5)])
 def test_a_step_is_found_within_three_campaigns(before: int, size: float) -> None:
     draw = np.random.default_rng(3)
     found = 0
     for _ in range(600):
         value = draw.normal(size=before + 3)
-        value[before:] -= size
-        found += any(at >= before for at in alarms(value, np.ones(len(value)), LIMITS).at)
+        value[before:] += size
+        seen = alarms(value, np.ones(len(value)), LIMITS)
+        found += (size > 0.0) in [rising for at, rising in zip(seen.at, seen.rising, strict=True) if at >= before]
     assert binomtest(found, 600).proportion_ci(0.95).high > 0.95
     assert found / 600 > 0.93
 

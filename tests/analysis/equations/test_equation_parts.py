@@ -1,0 +1,223 @@
+"""Filters, columns, laws and combinations of the equations against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from small_rigs import chain, rubbing, stage, with_law
+
+from isorig.analysis import laws
+from isorig.analysis.equations.balances import Element, balances, elements, locks
+from isorig.analysis.equations.columns import SHAPES, Course
+from isorig.analysis.equations.filters import resonator, rocked
+from isorig.analysis.equations.hidden import estimable, fitted, transfer
+from isorig.analysis.equations.known import law_columns, law_forces
+from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain, lowpass_gain
+from isorig.analysis.equations.sliding import spline_columns
+from isorig.analysis.equations.slip import slip_operator
+from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
+from isorig.rig.wire_bonder.description import wire_bonder
+
+RATE, N = 100.0, 1000
+TIME = np.arange(N) / RATE
+
+
+def test_an_attached_resonator_is_a_mass_on_a_spring_and_a_damper() -> None:
+    mass, own, damping = 2.0, 2.0 * np.pi * 7.0, 0.05
+    omega = 2.0 * np.pi * np.array([1.0, 7.0, 30.0])
+    force = mass * own**2 + 1j * omega * 2.0 * damping * own * mass
+    assert resonator(omega, 7.0, damping) == pytest.approx(force / (force - mass * omega**2))
+
+
+def test_a_rocking_body_follows_a_sine() -> None:
+    """At half its natural frequency: angle, and its derivatives relative to the natural frequency."""
+    factor = 1.0 / (1.0 - 0.25 + 2j * 0.035 * 0.5)
+    wave = np.exp(2j * np.pi * 5.0 * TIME)
+    found = rocked(wave.real, RATE, 10.0)
+    for values, relative in zip(found, (1.0, 0.5j, -0.25), strict=True):
+        assert values == pytest.approx((relative * factor * wave).real, abs=1e-9)
+
+
+def course(deflection: float, velocity: float, time: float) -> Course:
+    """One sample of an element whose largest deflection is 2 m, largest velocity 3 m/s, until 4 s."""
+    return Course(
+        deflection=np.array([deflection]), velocity=np.array([velocity]), time=np.array([time]), whole=np.zeros(1),
+        place=np.array([0]), rate=RATE, low=-2.0, high=2.0, fastest=3.0, speed=1.5, swing=2.0, own=5.0, end=4.0, memory={},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("shape", "at", "columns"),
+    [
+        ("damping over velocity", (0.0, 3.0, 0.0), [3.0, 3.0, 3.0]),
+        ("damping over velocity", (0.0, -1.5, 0.0), [-0.75, -0.375, 0.75]),
+        ("drift of stiffness", (2.0, 0.0, 4.0), [1.0, 1.0]),
+        ("drift of stiffness", (1.0, 0.0, 2.0), [0.25, 0.125]),
+        ("drift of damping", (0.0, 1.5, 4.0), [1.0, 1.0]),
+        ("drift of damping", (0.0, 0.75, 2.0), [0.25, 0.125]),
+    ],
+)
+def test_columns_of_a_shape(shape: str, at: tuple[float, float, float], columns: list[float]) -> None:
+    found = next(s for s in SHAPES if s.name == shape).columns(course(*at))
+    assert found[0] == pytest.approx(columns)
+
+
+def test_shapes_that_need_friction_and_shapes_that_are_smooth() -> None:
+    assert {s.name for s in SHAPES if s.with_friction} == {
+        "drift of friction", "friction over velocity", "friction over position", "slip"
+    }  # fmt: skip
+    assert {s.name for s in SHAPES if s.smooth} == {"force over deflection", "friction over position"}
+    plain = next(s for s in SHAPES if not s.smooth)
+    assert plain.penalty(3, 2, 1.0, 1.0) is None
+
+
+def test_the_penalty_of_a_curve_is_that_of_its_second_differences() -> None:
+    """A curve whose second differences are 0.15 % of the rms force costs as much as the allowed error of one coefficient."""
+    smooth = next(s for s in SHAPES if s.smooth)
+    penalty = smooth.penalty(3, 1, power=4.0, allowed=0.25)
+    assert penalty is not None
+    curve = np.array([9.0, 0.0, 0.0, 0.0015 * 2.0])
+    assert curve @ penalty @ curve == pytest.approx(0.25)
+
+
+def test_cubic_splines_over_deflection() -> None:
+    found = spline_columns(np.array([-1.0, -0.5, 0.0, 3.0, 9.0]), -1.0, 3.0, 8)
+    assert found.shape == (5, 11)
+    assert found.sum(axis=1) == pytest.approx(1.0)
+    for row, knot in ((0, 0), (1, 1), (2, 2)):
+        assert found[row, knot : knot + 3] == pytest.approx([1 / 6, 4 / 6, 1 / 6])
+    assert found[3] == pytest.approx(found[4])
+
+
+def test_a_spring_that_slips() -> None:
+    found = slip_operator(np.array([0.0, 0.5, 3.0, 2.5, 1.0, -4.0, -3.5]), 1.0)
+    assert found == pytest.approx([0.0, 0.5, 1.0, 0.5, -1.0, -1.0, -0.5])
+    assert slip_operator(np.array([0.0, 0.5]), 2.0) == pytest.approx([0.0, 0.25])
+
+
+CUBIC, MAXWELL = laws.Cubic(cubic_stiffness=5.0), laws.Maxwell(relaxation_stiffness=3.0, relaxation_time=0.02)
+SLIP = laws.ElastoSlip(spring_stiffness=1.0, slip_force=1.0)
+
+
+def rail(*added: laws.LinkLaw) -> tuple[RigModel, Element]:
+    model = stage()
+    for law in added:
+        model = with_law(model, "rail", law)
+    return model, elements(model)[0]
+
+
+@pytest.mark.parametrize(
+    ("added", "count"), [((), 0), ((CUBIC,), 1), ((CUBIC, CUBIC), 1), ((MAXWELL,), 1), ((CUBIC, MAXWELL), 2), ((SLIP, CUBIC), 6)]
+)
+def test_number_of_columns_of_an_elements_laws(added: tuple[laws.LinkLaw, ...], count: int) -> None:
+    model, element = rail(*added)
+    assert law_columns(element) == count
+    if added:
+        d, v = np.sin(TIME), np.cos(TIME)
+        assert law_forces(model, element, d, v, TIME, RATE).shape == (N, count)
+
+
+def test_forces_of_laws_along_a_motion() -> None:
+    """A cube, and a spring and a damper in series at a sine: k j w T / (1 + j w T)."""
+    model, element = rail(CUBIC, MAXWELL)
+    wave = np.exp(2j * np.pi * 5.0 * TIME)
+    ratio = 2j * np.pi * 5.0 * 0.02
+    plain, relaxing = law_forces(model, element, wave.real, wave.imag, TIME, RATE).T
+    assert plain == pytest.approx(5.0 * wave.real**3)
+    assert relaxing == pytest.approx((3.0 * ratio / (1.0 + ratio) * wave).real, abs=1e-9)
+
+
+def test_derivatives_of_a_sine() -> None:
+    """The limit of derivatives applies to the first one, that of integrals to each."""
+    omega, wave = 2.0 * np.pi * 5.0, np.exp(2j * np.pi * 5.0 * TIME)
+    inner = slice(200, -200)
+    up = derivatives(wave.imag, 0, RATE, 1.0, 5.0).orders
+    assert up[1][inner] == pytest.approx((0.5 * 1j * omega * wave).imag[inner], rel=0.01, abs=0.01 * omega)
+    assert up[2][inner] == pytest.approx((-0.5 * omega**2 * wave).imag[inner], rel=0.01, abs=0.01 * omega**2)
+    down = derivatives(wave.imag, 2, RATE, 1.0, np.inf).orders
+    assert down[1] == pytest.approx((wave / (1j * omega)).imag, abs=1e-9)
+    assert down[0] == pytest.approx((-wave / omega**2).imag, abs=1e-9)
+
+
+def test_edges_of_the_filters() -> None:
+    assert highpass_gain(np.array([1.0, 2.0, 3.0, 4.0, 9.0]), 4.0) == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0])
+    assert lowpass_gain(np.array([1.0, 3.0, 4.0, 5.0, 9.0]), 4.0) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
+
+
+def test_channels_that_give_a_motion() -> None:
+    relative = replace(chain(), sensors=(Sensor(channel="a0", body="m0"), Sensor(channel="d", body="m1", relative_to="m0")))
+    combos = Combinations(relative)
+    assert combos.measured == ("m0", "m1")
+    assert combos.of(np.array([0.0, 1.0, 0.0]), 2) == pytest.approx({"a0": 1.0, "d": 1.0})
+    assert combos.of(np.array([-1.0, 1.0, 0.0]), 2) == pytest.approx({"d": 1.0})
+    assert combos.of(np.array([0.0, 0.0, 1.0]), 2) is None
+    assert combos.of(np.zeros(3), 2) == {}
+
+
+def test_a_rigid_lock_is_an_equation_and_an_elastic_one_is_not() -> None:
+    model = wire_bonder()
+    (found,) = locks(model, balances(model))
+    assert (found.element.name, found.configuration) == ("isolation", "locked")
+    elastic = {name: replace(setup, lock_stiffness=1e6) for name, setup in model.configurations.items()}
+    assert locks(replace(model, configurations=elastic), ()) == ()
+
+
+def test_a_force_sensor_gives_the_force_of_its_link() -> None:
+    model = stage()
+    gauge = Sensor(channel="gauge", force_in="links.rail", quantity="force")
+    gauged = replace(model, sensors=(*model.sensors, gauge))
+    found = {balance.name: balance.forces for balance in balances(gauged)}
+    assert found["force in rail"] == {"gauge": 1.0}
+    # A link that is locked in every configuration has no force of its own.
+    locked = {name: Configuration(rigid=("rail",)) for name in model.configurations}
+    assert "force in rail" not in {balance.name for balance in balances(replace(gauged, configurations=locked))}
+
+
+def row_of(count: int) -> RigModel:
+    """Bodies in a row, the first one on the ground, each with a sensor."""
+    names = [f"b{k}" for k in range(count)]
+    ends = ["ground", *names]
+    return replace(
+        chain(), bodies=tuple(Body(name=name, mass=1.0) for name in names), free=(),
+        links=tuple(Link(name=f"s{k}", a=name, b=ends[k], stiffness=1e3) for k, name in enumerate(names)),
+        drive=replace(chain().drive, pushes={names[-1]: 1.0}),
+        sensors=tuple(Sensor(channel=f"a{k}", body=name) for k, name in enumerate(names)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("count", "all_sets"), [(10, True), (11, False)])
+def test_up_to_ten_bodies_all_sets_are_considered(count: int, all_sets: bool) -> None:
+    """Then every link of a row has an equation that contains no other link."""
+    found = balances(row_of(count))
+    assert all(len(balance.crossing) == 1 for balance in found) == all_sets
+
+
+def test_where_a_contact_acts_no_motion_is_estimated() -> None:
+    model = replace(chain(), sensors=(Sensor(channel="a0", body="m0"),))
+    assert estimable(model) == ("m1", "m2")
+    # The contact with the ground acts on one of the two.
+    to_ground = replace(rubbing(model, "l2", 1.0).contacts[0], b="ground")
+    assert estimable(replace(model, contacts=(to_ground,))) == ()
+
+
+def test_the_motion_of_a_body_between_two_others() -> None:
+    model, omega = chain(), 2.0 * np.pi * np.array([1.0, 8.0, 20.0])
+    of_bodies, of_drives = transfer(model, ("m1",), ("m0", "m2"), omega)
+    links = [model.link(name).stiffness + 1j * omega * model.link(name).damping for name in ("l1", "l2")]
+    own = sum(links) - omega**2 * model.body("m1").mass
+    assert of_bodies[:, 0, 0] == pytest.approx(links[0] / own)
+    assert of_bodies[:, 0, 1] == pytest.approx(links[1] / own)
+    assert of_drives == {}
+
+
+@pytest.mark.parametrize(("wanted", "found"), [(2.0, 2.0), (0.5, 0.5), (10.0, 3.0), (0.1, 1 / 3)])
+def test_values_of_hidden_bodies_are_found_within_a_factor_of_three(wanted: float, found: float) -> None:
+    paths = ("links.l1.stiffness", "links.l1.damping")
+    given = {path: chain().get(path) for path in paths}
+
+    def left(model: RigModel) -> float:
+        return sum(np.log(model.get(path) / (wanted * value)) ** 2 for path, value in given.items())
+
+    best = fitted(chain(), paths, left)
+    assert [best.get(path) / value for path, value in given.items()] == pytest.approx([found] * 2, rel=1e-3)
