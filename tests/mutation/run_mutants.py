@@ -185,8 +185,8 @@ NAMED = (
         "POLICY.form_close**2 * curve.cost", "1e9 * curve.cost",
     ),
     (
-        "eight equal samples are stuck in every channel", "isorig/analysis/spectra/quality.py",
-        "LONGER, MOVING = 8, 8.0,", "LONGER, MOVING = 8, 1.0,",
+        "eight equal samples are stuck in every channel", "isorig/analysis/spectra/overload.py",
+        "LONGER = 8, 8.0", "LONGER = 8, 1.0",
     ),
     (
         "noise is that of half of the time", "isorig/analysis/spectra/noise.py",

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, IntArray, Run
+from isorig.analysis.spectra.overload import extents
 
 GAIN = "gain"
 #: Ratio of adjacent levels, a sixth of a decade.
@@ -72,6 +73,8 @@ def by_drive(runs: Sequence[Run], drive: str) -> list[list[Run]]:
 
     Only runs with the same excitation and band are separated, and only if adjacent levels differ by `APART` or more.
     """
+    if len(runs) == 1:
+        return [list(runs)]
     kinds = {(run.excitation, run.band) for run in runs}
     levels = {run.id: level_of(run, drive) for run in runs}
     if len(kinds) > 1 or min(levels.values(), default=0.0) <= 0.0:
@@ -87,7 +90,10 @@ def by_drive(runs: Sequence[Run], drive: str) -> list[list[Run]]:
 
 def level_of(run: Run, drive: str) -> float:
     """Standard deviation of a run's drive channel, in its unit."""
-    return float(np.std(run.read(drive)))
+    found = extents(run.channel(drive))
+    lengths = [each.length for each in found]
+    mean = np.average([each.mean for each in found], weights=lengths)
+    return float(np.sqrt(np.average([each.std**2 + (each.mean - mean) ** 2 for each in found], weights=lengths)))
 
 
 def _levels(gain: FloatArray) -> IntArray:

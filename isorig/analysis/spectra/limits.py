@@ -29,6 +29,8 @@ CLEAR, PEAKS = 4.0, 30
 TOGETHER = 6
 #: Bins and half-power widths on each side of a peak in the fit of its mode.
 REACH_BINS, REACH_WIDTHS = 6.0, 4.0
+#: Bins on each side of the fitted peaks in which their leakage is computed: farther away it is below 1e-7 of the peak.
+FAR = 1000
 #: rms of the weighted residuals above which the fitted modes do not describe a peak: with the right number of modes 95 % of fits
 #: have less than 1.1. Modes are added to a peak, at most this many, until it is reached.
 MISFIT, ADDED = 1.25, 2
@@ -118,7 +120,10 @@ def _leakage(frf: Frf, size: FloatArray) -> tuple[FloatArray, tuple[float, ...],
     unknown: list[float] = []
     for group in _groups(_peaks(frf, size)):
         fit = _fitted(frf, group)
-        own = np.zeros(size.shape, dtype=np.complex128) if fit is None or fit.leakage is None else fit.leakage(frf.frequency)
+        own = np.zeros(size.shape, dtype=np.complex128)
+        if fit is not None and fit.leakage is not None:
+            close = slice(max(0, group[0].top - FAR), group[-1].top + FAR + 1)
+            own[close] = fit.leakage(frf.frequency[close])
         matters = np.abs(size - np.abs(frf.value - own)) > SLIGHT * frf.magnitude_std
         described = fit is not None and fit.misfit <= MISFIT
         if described:
@@ -139,11 +144,10 @@ def _leakage(frf: Frf, size: FloatArray) -> tuple[FloatArray, tuple[float, ...],
 
 def _peaks(frf: Frf, size: FloatArray) -> list[_Peak]:
     # Maxima with half-power points on both sides, of fewer than `WIDE` bins.
-    inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
+    clear = (1.0 - np.sqrt(0.5)) * size >= CLEAR * frf.magnitude_std
+    inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:]) & clear[1:-1]) + 1
     found = []
     for top in (int(k) for k in inner):
-        if (1.0 - np.sqrt(0.5)) * size[top] < CLEAR * frf.magnitude_std[top]:
-            continue
         start, stop = max(0, top - WIDE), min(len(size), top + WIDE + 1)
         part = size[start:stop]
         below = start + np.flatnonzero(part < size[top] * np.sqrt(0.5))

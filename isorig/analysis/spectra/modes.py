@@ -22,6 +22,9 @@ from isorig.analysis.spectra.leakage import error_moments, record_moments, throu
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
 
+#: Relative step of the numerical derivatives of a mode.
+STEP = 1e-6
+
 Kind = Literal["accelerance", "transmissibility", "general"]
 
 
@@ -136,7 +139,18 @@ def fit_modes(
             return np.full(len(side), np.nan)
         return np.asarray(columns @ np.linalg.lstsq(columns, side, rcond=None)[0] - side)
 
-    solved = least_squares(error, start, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    def slope(theta: FloatArray) -> FloatArray:
+        # The amplitudes follow the modes (Golub and Pereyra 1973, eq. 4.14).
+        pairs = np.exp(theta)
+        columns = _parts(shape.columns(pairs) / sigma[:, None])
+        inverse = np.linalg.pinv(columns)
+        amplitudes = inverse @ side
+        moved = shape.slopes(pairs) * pairs[:, None] / sigma[:, None, None]
+        ahead = _parts(moved @ amplitudes)
+        follow = np.tensordot(_parts(moved), columns @ amplitudes - side, axes=(0, 0))
+        return np.asarray(ahead - columns @ (inverse @ ahead) - (follow @ inverse).T)
+
+    solved = least_squares(error, start, jac=slope, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
     pairs = np.asarray(np.exp(solved.x), dtype=np.float64).reshape(-1, 2)
     if not np.isfinite(pairs).all() or ((pairs[:, 0] < band[0]) | (pairs[:, 0] > band[1]) | (pairs[:, 1] > 1.0)).any():
         raise FitError(
@@ -201,29 +215,36 @@ class _Shape:
 
     def columns(self, pairs: FloatArray) -> ComplexArray:
         """Shape (..., modes + residuals), for frequencies (Hz) and damping ratios in turn."""
-        modes = [column for i in range(0, len(pairs), 2) for column in self._mode(2.0 * np.pi * pairs[i], pairs[i + 1])]
+        modes = self._modes(pairs.reshape(-1, 2)).reshape(-1, *self.frequency.shape)
         return np.stack([*modes, *self._rest], axis=-1)
 
-    def _mode(self, omega: float, zeta: float) -> tuple[ComplexArray, ...]:
-        # (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial fractions; s^2 divided by the same is 1 minus it.
-        pole = pole_of(omega / (2.0 * np.pi), zeta)
-        seen, mirrored = (self._seen.pole(self.frequency, each) for each in (pole, np.conj(pole)))
+    def slopes(self, pairs: FloatArray) -> ComplexArray:
+        """Derivatives of the columns with respect to `pairs`, shape (bins, pairs, columns)."""
+        own = pairs.reshape(-1, 1, 2)
+        ahead, behind = (self._modes(own * (1.0 + step * np.eye(2))) for step in (STEP, -STEP))
+        each = (ahead - behind) / (2.0 * STEP * pairs.reshape(-1, 2, 1, 1))
+        modes, _, many, bins = each.shape
+        found = np.zeros((bins, modes, 2, modes * many + len(self._rest)), dtype=np.complex128)
+        for m, one in enumerate(each):
+            found[:, m, :, m * many : (m + 1) * many] = np.moveaxis(one, -1, 0)
+        return found.reshape(bins, 2 * modes, -1)
+
+    def _modes(self, pairs: FloatArray) -> ComplexArray:
+        # Columns of modes, (..., columns, bins), for pairs (..., 2). (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) in partial
+        # fractions; s^2 divided by the same is 1 minus it.
+        frequency, zeta = pairs[..., :1], pairs[..., 1:]
+        omega, pole = 2.0 * np.pi * frequency, pole_of(frequency, zeta)
+        seen, mirrored = (self._seen.pole(self.frequency.ravel(), each) for each in (pole, np.conj(pole)))
         if self._kind == "general":
-            return omega * (seen + mirrored), 1j * omega * (seen - mirrored)
+            return np.stack([omega * (seen + mirrored), 1j * omega * (seen - mirrored)], axis=-2)
         residue = (2.0 * zeta * omega * pole + omega**2) / (pole - np.conj(pole))
-        ratio: ComplexArray = np.asarray(residue * seen + np.conj(residue) * mirrored)
-        return (ratio,) if self._kind == "transmissibility" else (np.asarray(1.0 - ratio),)
+        ratio = (residue * seen + np.conj(residue) * mirrored)[..., None, :]
+        return np.asarray(ratio if self._kind == "transmissibility" else 1.0 - ratio)
 
 
 def _derivatives(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray) -> tuple[ComplexArray, FloatArray]:
     # Derivatives with respect to frequencies, damping ratios and amplitudes, shape (bins, values), and the inverse normal matrix.
-    columns = shape.columns(pairs)
-    slopes = []
-    for i, value in enumerate(pairs):
-        moved = pairs.copy()
-        moved[i] += 1e-5 * value
-        slopes.append((shape.columns(moved) - columns) @ amplitudes / (1e-5 * value))
-    rows: ComplexArray = np.concatenate([np.stack(slopes, axis=1), columns], axis=1)
+    rows: ComplexArray = np.concatenate([shape.slopes(pairs) @ amplitudes, shape.columns(pairs)], axis=1)
     stacked = _parts(rows / sigma[:, None])
     return rows, np.asarray(np.linalg.pinv(stacked.T @ stacked), dtype=np.float64)
 

@@ -1,4 +1,4 @@
-"""Signs of an overloaded input in a record: samples at full scale, and flat tops at an extreme.
+"""Signs of a faulty input in a record: samples at full scale, flat tops at an extreme, rows of equal samples.
 
 A limit cuts a motion off: the record arrives at it and leaves it as steeply as it moves elsewhere. At rest, at the plateau of a
 command and at the top of a slow swing it does not.
@@ -22,6 +22,9 @@ VALUES = 32
 #: Samples over which the change of a record before and after a flat top counts, and which noise may interrupt it; its least share
 #: of the rms change over as many. Chosen: the slope at 98 % of a sine's amplitude; rests and plateaus are approached more slowly.
 NEAR, STEEP = 3, 0.3
+#: Number of consecutive equal samples that no acceleration has, and the factor by which they must exceed the usual number (the
+#: longest of a hundred rows) with a coarse converter.
+STUCK, LONGER = 8, 8.0
 #: Samples read at once: records may be longer than memory.
 LONGEST = 1 << 20
 
@@ -46,18 +49,60 @@ def cut_off(values: FloatArray, at: BoolArray) -> IntArray:
     return lengths
 
 
+class Row(NamedTuple):
+    """Consecutive equal samples: the first one, their number and value."""
+
+    first: int
+    length: int
+    value: float
+
+
 class Extent(NamedTuple):
-    """The smallest and the largest value of a block, and its standard deviation."""
+    """What the checks use of a block: extremes, mean, standard deviation and number of samples.
+
+    `tops` are the numbers of flat tops at its smallest and largest value, `full` the number of samples at full scale, and `rows`
+    the long rows of equal samples.
+    """
 
     low: float
     high: float
+    mean: float
     std: float
+    length: int
+    tops: tuple[int, int]
+    full: int
+    rows: tuple[Row, ...]
 
 
 @once
 def extents(channel: Channel) -> tuple[Extent, ...]:
-    """The extent of each of a channel's `blocks`."""
-    return tuple(Extent(float(block.min()), float(block.max()), float(block.std())) for block in blocks(channel))
+    """The extent of each of a channel's `blocks`: all checks share this pass over the record."""
+    return tuple(_extent(block, k * LONGEST, channel.full_scale) for k, block in enumerate(blocks(channel)))
+
+
+def _extent(block: FloatArray, start: int, top: float | None) -> Extent:
+    low, high = float(block.min()), float(block.max())
+    reached = top is not None and max(-low, high) >= FULL * top
+    return Extent(
+        low=low, high=high, mean=float(block.mean()), std=float(block.std()), length=len(block),
+        tops=(_tops(block, low), _tops(block, high)), full=int((np.abs(block) >= FULL * top).sum()) if top and reached else 0,
+        rows=tuple(_rows(block, start)),
+    )  # fmt: skip
+
+
+def _tops(block: FloatArray, end: float) -> int:
+    at = block == end
+    return int((cut_off(block, at) >= ROW).sum()) if np.count_nonzero(at) > 1 else 0
+
+
+def _rows(block: FloatArray, start: int) -> Iterator[Row]:
+    same = block[1:] == block[:-1]
+    if b"\1" * (STUCK - 1) not in same.tobytes():
+        return
+    edges = np.concatenate([[0], np.flatnonzero(~same) + 1, [len(block)]])
+    rows = np.diff(edges)
+    for k in np.flatnonzero(rows >= max(STUCK, LONGER * float(np.quantile(rows, 0.99)))):
+        yield Row(first=start + int(edges[k]), length=int(rows[k]), value=float(block[edges[k]]))
 
 
 def extremes(channel: Channel) -> tuple[float, float]:
@@ -69,10 +114,5 @@ def plateaus(channel: Channel) -> int:
     """Number of times that a motion is cut off at the record's largest or smallest value; 0 for a coarse converter."""
     if len(np.unique(channel.read(0, 4096))) < VALUES:
         return 0
-    ends, count = extremes(channel), 0
-    for start, extent in zip(range(0, len(channel), LONGEST), extents(channel), strict=True):
-        # Only blocks that reach an extreme are read again.
-        if {extent.low, extent.high} & set(ends):
-            block = channel.read(start, start + LONGEST)
-            count += sum(int((cut_off(block, block == end) >= ROW).sum()) for end in ends)
-    return count
+    low, high = extremes(channel)
+    return sum((each.low == low) * each.tops[0] + (each.high == high) * each.tops[1] for each in extents(channel))

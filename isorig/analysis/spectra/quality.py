@@ -15,7 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Run, broad, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.noise import noise_level
-from isorig.analysis.spectra.overload import FULL, LONGEST, blocks, extents, extremes, plateaus
+from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
 
 Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
@@ -25,9 +25,8 @@ SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
 ROWS = 3
 #: A channel below this share of the strongest of its kind is dead.
 DEAD = 1e-4
-#: Number of consecutive equal samples that no acceleration has, and the factor by which they must exceed the usual number (the
-#: longest of a hundred rows) with a coarse converter; share of its rms by which another channel must move meanwhile.
-STUCK, LONGER, MOVING = 8, 8.0, 0.01
+#: Share of its rms by which another channel must move while one has a constant value.
+MOVING = 0.01
 #: Noise above this multiple of the usual level, and above this share of the channel's own rms, is too much.
 NOISY, NOISE_SHARE = 10.0, 0.1
 #: Resolution for checking runs, Hz, and averages needed for a transfer function.
@@ -102,10 +101,7 @@ def _clipped(run: Run) -> Iterator[Fault]:
     for name in run.sensors:
         channel = run.channels[name]
         top, unit = channel.full_scale, channel.unit
-        full = 0
-        if top is not None and max(map(abs, extremes(channel))) >= FULL * top:
-            full = sum(int((np.abs(block) >= FULL * top).sum()) for block in blocks(channel))
-        if full:
+        if full := sum(each.full for each in extents(channel)):
             text = f"run {run.id!r}: {name} clipped, {full} samples at the end of its range of ±{top:g} {unit}"
         elif (count := plateaus(channel)) >= ROWS:
             text = f"run {run.id!r}: {name} seems clipped, its extreme value occurs {count} times for several consecutive samples"
@@ -138,14 +134,11 @@ def _stuck(run: Run, reference: str) -> Iterator[Fault]:
             continue
         ends = extremes(run.channels[name])
         lasting = []
-        for start, block in zip(range(0, len(run), LONGEST), blocks(run.channels[name]), strict=True):
-            edges = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1, [len(block)]])
-            rows = np.diff(edges)
-            for k in np.flatnonzero(rows >= max(STUCK, LONGER * float(np.quantile(rows, 0.99)))):
-                first, last = start + edges[k], start + edges[k + 1]
-                others = (float(run.channels[other].read(first, last).std()) / max(sizes[other], 1e-300) for other in names)
-                if block[edges[k]] not in ends and max(others) > MOVING:
-                    lasting.append(int(rows[k]))
+        for row in (row for each in extents(run.channels[name]) for row in each.rows if row.value not in ends):
+            stop = row.first + row.length
+            others = (run.channels[other].read(row.first, stop).std() / max(sizes[other], 1e-300) for other in names)
+            if max(others) > MOVING:
+                lasting.append(row.length)
         if lasting:
             yield Fault(
                 run=run.id, channel=name, kind="stuck",
@@ -189,7 +182,7 @@ def _accelerations(run: Run) -> list[str]:
 def _floor(run: Run, name: str) -> tuple[float, float] | None:
     # The noise of a record, and the record's own rms.
     level = noise_level(run, name, longest=LONGEST)
-    return None if level is None else (level, float(run.channels[name].read(0, LONGEST).std()))
+    return None if level is None else (level, extents(run.channels[name])[0].std)
 
 
 def _short(run: Run) -> Iterator[Fault]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from isorig.analysis.spectra.windows import Window
 
 #: With fewer averages, a bin's own coherence is too uncertain for its weight: it is averaged over neighbouring bins.
 AVERAGES, NEIGHBOURS = 100.0, 50.0
+#: Below this size (exp(z) - 1 - z) / z^2 is computed from its series, whose terms z^k / (k + 2)! fall below rounding.
+NEAR, SERIES = 0.1, [1.0 / factorial(k + 2) for k in reversed(range(9))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +43,8 @@ class WindowEffect:
         """The Laplace variable at frequencies in Hz."""
         return np.asarray(self.decay + 2j * np.pi * f)
 
-    def pole(self, f: FloatArray, pole: complex) -> ComplexArray:
-        """1 / (s - pole) at frequencies in Hz.
+    def pole(self, f: FloatArray, pole: complex | ComplexArray) -> ComplexArray:
+        """1 / (s - pole) at frequencies in Hz, of a pole or of poles that broadcast with them.
 
         With a window: the transform of exp(pole t), t > 0, times the window's autocorrelation, which is a sum of the transforms
         of (1 - u) exp(z u) and exp(z u), u = t / span from 0 to 1.
@@ -48,27 +52,32 @@ class WindowEffect:
         if self.window is None:
             return np.asarray(1.0 / (self.s(f) - pole))
         z: ComplexArray = np.asarray((pole - self.s(f)) * self.span)
-        ramps, flats = self.window.lag_terms()
-        total = sum(a * _ramp(z + 2j * np.pi * m) for m, a in ramps)
-        return np.asarray(self.span * (total + sum(b * _flat(z + 2j * np.pi * m) for m, b in flats)))
+        # exp(z + 2 pi i m) is exp(z).
+        grown = np.expm1(z)
+        ramps, flats = self.window.lag_terms
+        weights = dict(flats)
+        total = np.zeros(z.shape, dtype=np.complex128)
+        for m, a in ramps:
+            shifted = z + 2j * np.pi * m
+            ramp, b = _ramp(shifted, grown), weights.get(m, 0.0)
+            # A flat term is 1 + z ramp.
+            total += (a + b * shifted) * ramp + b
+        return np.asarray(self.span * total)
 
 
-def _flat(z: ComplexArray) -> ComplexArray:
-    return np.asarray(np.expm1(z) / z)
-
-
-def _ramp(z: ComplexArray) -> ComplexArray:
-    # Near zero the quotient loses precision; the series does not.
-    near = np.abs(z) < 1e-2
+def _ramp(z: ComplexArray, grown: ComplexArray) -> ComplexArray:
+    # (exp(z) - 1 - z) / z^2; near zero the quotient loses precision, the series does not.
+    near = np.abs(z) < NEAR
     safe = np.where(near, 1.0, z)
-    series = 0.5 + z / 6.0 + z**2 / 24.0 + z**3 / 120.0 + z**4 / 720.0
-    return np.asarray(np.where(near, series, (np.expm1(safe) - safe) / safe**2))
+    ramp = np.asarray((grown - safe) / safe**2)
+    if near.any():
+        ramp[near] = np.polyval(SERIES, z[near])
+    return ramp
 
 
-def pole_of(frequency: float, damping: float) -> complex:
-    """The pole (1/s) of a natural frequency (Hz) and a damping ratio below 1."""
-    omega = 2.0 * np.pi * frequency
-    return complex(omega * (-damping + 1j * np.sqrt(max(1.0 - damping**2, 1e-12))))
+def pole_of(frequency: Any, damping: Any) -> Any:
+    """The pole (1/s) of a natural frequency (Hz) and a damping ratio below 1, or of arrays of them."""
+    return 2.0 * np.pi * frequency * (-damping + 1j * np.sqrt(np.maximum(1.0 - damping**2, 1e-12)))
 
 
 def line_deviation(frf: Frf) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -51,10 +51,11 @@ class Window:
         """The correlation of the window with itself shifted by `shift` of its length, 1 at 0 and 0 from 1 on."""
         if shift >= 1.0:
             return 0.0
-        ramps, flats = self.lag_terms()
+        ramps, flats = self.lag_terms
         total = sum(a * (1.0 - shift) * np.exp(2j * np.pi * m * shift) for m, a in ramps)
         return float((total + sum(b * np.exp(2j * np.pi * m * shift) for m, b in flats)).real)
 
+    @cached_property
     def lag_terms(self) -> tuple[tuple[tuple[int, float], ...], tuple[tuple[int, complex], ...]]:
         """The autocorrelation as a sum of a_m (1 - u) exp(2 pi i m u) and of b_m exp(2 pi i m u): pairs (m, a_m) and (m, b_m).
 
