@@ -13,7 +13,8 @@ from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
-from isorig.analysis.fitting.wrong_scale import wrong_scale
+from isorig.analysis.fitting.resonances import Resonance, _peak
+from isorig.analysis.fitting.wrong_scale import _confirmed, _Explanation, wrong_scale
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.units import mistaken
 
@@ -180,6 +181,23 @@ def test_inverted_sensors_and_wrong_rates() -> None:
         assert (found.kind, found.ratio) == ("rate", factor)
 
 
+@pytest.mark.parametrize(("factor", "found"), [(1.0, False), (2.0, True), (0.5, True), (4.0, True), (1.7, False), (1.4, False)])
+def test_a_resonance_confirms_a_wrong_rate(factor: float, found: bool) -> None:
+    """With play the levels alone do not decide, but the resonance is recorded at the same multiple of the described one.
+
+    1.4 and 1.7 are no factors by which rates are mistaken."""
+    measured, model = recorded("platform", "play"), PLATFORM.description(guessed(PLATFORM, 2))
+    runs = tuple(dataclasses.replace(run, sample_rate=factor * run.sample_rate, band=None) for run in measured.runs)
+    doubts = told(model, dataclasses.replace(measured, runs=runs))
+    assert [doubt.parameter for doubt in doubts] == ["sample_rate"] * found
+
+
+@pytest.mark.parametrize(("ratio", "confirmed"), [(2.48, True), (2.52, False), (1.62, True), (1.58, False)])
+def test_boundary_of_a_confirmed_rate(ratio: float, confirmed: bool) -> None:
+    shown = Resonance(channel="a", recorded=ratio, given=1.0)
+    assert _confirmed(_Explanation("rate", (), 2.0), shown) is confirmed
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -201,6 +219,63 @@ def test_a_wrong_factor_on_a_strongly_nonlinear_rig_is_no_exchange(wrong: Mappin
     model = rig.description({path: off.get(path, 1.0) * wrong.get(path, 1.0) for path in {**off, **wrong}})
     (doubt,) = told(model, measured)
     assert said in doubt.text
+
+
+def drafted(rig: StrangeRig) -> RigModel:
+    """Its description with a draft's values."""
+    model = rig.description()
+    masses = {f"bodies.m{k}.mass": 1.0 for k in range(len(rig.masses))}
+    return model.replace({**masses, **{f"links.{x.name}.{key}": v for x in model.links for key, v in DRAFT.items()}})
+
+
+DRAFT = {"stiffness": 1000.0, "damping": 1.0}
+
+
+@pytest.mark.parametrize("name", ["stage", "one", "three", "torsion", "carts"])
+def test_drafted_values_are_said_to_be_drafted(name: str) -> None:
+    """With the ratio of the lowest natural frequency, recorded by drafted; a sound description has no such sentence."""
+    rig = RIGS[name]
+    (doubt,) = told(drafted(rig), recorded(name))
+    assert doubt.kind == "drafted"
+    assert "the drafted values of m0" in doubt.text
+
+    def lowest(masses: list[float], stiffness: list[float]) -> float:
+        rows = [[(k == a) - (k == b) for k in range(len(masses))] for a, b, _, _ in rig.joints]
+        matrix = np.array(rows).T @ np.diag(stiffness) @ np.array(rows)
+        return float(np.sqrt(np.linalg.eigvals(np.diag(1.0 / np.array(masses)) @ matrix).real.min()))
+
+    ones = [1.0] * len(rig.masses)
+    true = lowest(list(rig.masses), [joint[2] for joint in rig.joints]) / lowest(ones, [1000.0] * len(rig.joints))
+    # Six seconds resolve a tenth of the lowest frequency.
+    assert doubt.ratio == pytest.approx(true, rel=0.1)
+    assert f"{doubt.ratio:.2g} times" in doubt.text
+
+
+def test_values_that_are_partly_drafted() -> None:
+    """The other values may be wrong, too; a link that is only as stiff as a draft's is not drafted."""
+    model = STAGE.description(guessed(STAGE, 2)).replace({f"links.l1.{key}": value for key, value in DRAFT.items()})
+    first, second = told(model, recorded("stage", "", {"low": 1e3}))
+    assert "the drafted values of l1:" in first.text
+    assert "low were in mm read as m" in second.text
+    (alone,) = told(model.replace({"links.l1.damping": 5.0}), recorded("stage", "", {"low": 1e3}))
+    assert alone.kind == "unit"
+
+
+@pytest.mark.parametrize(("damping", "shown"), [(0.24, True), (0.27, False)])
+def test_a_resonance_doubles_the_response(damping: float, shown: bool) -> None:
+    omega = np.geomspace(0.01, 100.0, 4000)
+    response = np.abs(1j * omega / (1.0 - omega**2 + 2j * damping * omega))
+    found = _peak(omega, response, 1)
+    assert (found is not None) is shown
+    assert found is None or found == pytest.approx(np.sqrt(1.0 - 2.0 * damping**2) / (2.0 * pi), rel=0.005)
+
+
+def test_a_wrong_rate_is_said_with_the_ratio_of_the_resonances() -> None:
+    measured = recorded("stage")
+    runs = tuple(dataclasses.replace(run, sample_rate=2.0 * run.sample_rate, band=None) for run in measured.runs)
+    (doubt,) = told(STAGE.description(), dataclasses.replace(measured, runs=runs))
+    assert "is recorded at 7.6" in doubt.text
+    assert "2 times the 3.7" in doubt.text
 
 
 @pytest.mark.parametrize("factor", [1e3, 1.0 / 9.80665, 2.0, 0.45])

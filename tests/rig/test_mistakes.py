@@ -142,6 +142,8 @@ def undescribed(files: Files) -> Files:
     return replace(files, description="")
 
 
+#: What a draft gives a link.
+DRAFTED = "stiffness = 1000.0, damping = 1.0"
 #: Each with a part of its sentence: what was found, and the way out.
 MISTAKES: dict[str, tuple[Mistake, str]] = {
     # units of channels
@@ -162,6 +164,13 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "stiffness in lbf/in": (described(("4700.0", "26.8"), ("2600.0", "14.8")), "between lbf/in and N/m: give them in N/m"),
     "masses in g": (described(("mass = 4.2", "mass = 4200.0"), ("mass = 1.9", "mass = 1900.0")), "between g and kg: give them"),
     "masses in lb": (described(("mass = 4.2", "mass = 9.2"), ("mass = 1.9", "mass = 4.2")), "between lb and kg: give them in kg"),
+    "drafted values": (
+        described(
+            ("mass = 4.2", "mass = 1.0"), ("mass = 1.9", "mass = 1.0"), ("stiffness = 4700.0, damping = 9.0", DRAFTED),
+            ("stiffness = 2600.0, damping = 8.0", DRAFTED),
+        ),
+        "The description still has the drafted values of table and device and foot and upper: give the rig's own masses",
+    ),
     # signs
     "inverted sensor": (times("a", -1.0), "top has the opposite sign of what the given rig predicts: check the direction"),
     "inverted force": (times("F", -1.0), "All responses have the opposite sign of what the given rig predicts"),

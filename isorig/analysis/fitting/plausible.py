@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING, Literal
 
 from isorig.analysis.campaign import Campaign, Quantity, Run
 from isorig.analysis.errors import ModelError, SimulationError
-from isorig.analysis.fitting.linear_spectra import spectra_of
+from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
+from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.fitting.swapped import swapped_channels
 from isorig.analysis.fitting.wrong_scale import LINEAR, WrongScale, wrong_scale
+from isorig.analysis.model.drafted import drafted
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.units import GIVEN, mistaken
@@ -67,17 +69,19 @@ class Doubt:
     parameter
         Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
     kind
-        "swapped": two channels are exchanged; "sign": inverted; "unit": different by a unit conversion factor; "decade":
-        different by another factor, of three or more for records and ten or more for fitted values; "limit": at a bound.
+        "drafted": the records contradict values that are still those of a draft; "swapped": two channels are exchanged; "sign":
+        inverted; "unit": different by a unit conversion factor; "decade": different by another factor, of three or more for
+        records and ten or more for fitted values; "limit": at a bound.
     ratio
-        Fitted divided by given, or recorded by predicted; for a given value or a sample rate that the records contradict, given
-        divided by likely; for a limit the value divided by it, for swapped channels 1, for inverted ones -1.
+        Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
+        a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
+        channels 1, for inverted ones -1.
     text
         One sentence.
     """
 
     parameter: str
-    kind: Literal["swapped", "sign", "unit", "decade", "limit"]
+    kind: Literal["drafted", "swapped", "sign", "unit", "decade", "limit"]
     ratio: float
     text: str
 
@@ -145,6 +149,12 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
     """
     spectra = spectra_of(given, campaign)
     found, agreement = wrong_scale(given, spectra)
+    placeholders = drafted(given)
+    if placeholders and (found is not None or (agreement < LINEAR).any()):
+        first = _of_draft(given, placeholders, resonance(given, spectra))
+        whole = len(placeholders) == len(given.bodies) - len(given.imposed) + len(given.links)
+        # No record can contradict a rig that nobody has described.
+        return (first,) if whole or found is None else (first, _of_scale(given, found, units or {}, spectra))
     if (agreement < LINEAR).any():
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
         swapped = {}
@@ -155,7 +165,7 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
         # Runs that contradict each other show a rig that behaves otherwise, not a cable.
         if len(swapped) == 1:
             return tuple(_of_swaps(swapped))
-    return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found, units or {}),)
+    return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found, units or {}, spectra),)
 
 
 def _exchanged(campaign: Campaign, one: str, other: str) -> Campaign:
@@ -183,13 +193,31 @@ def _of_swaps(swapped: Mapping[tuple[str, str], Sequence[str]]) -> Iterable[Doub
         )  # fmt: skip
 
 
-def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str]) -> Doubt:
+def _of_draft(given: RigModel, names: Sequence[str], found: Resonance | None) -> Doubt:
+    shown = "" if found is None else f" {_resonance_text(found)}."
+    return Doubt(
+        parameter="description", kind="drafted", ratio=1.0 if found is None else found.ratio,
+        text=f"The description still has the drafted values of {' and '.join(names)}: give the rig's own masses, stiffnesses and "
+        f"dampings before anything else.{shown}",
+    )  # fmt: skip
+
+
+def _resonance_text(found: Resonance) -> str:
+    return (
+        f"The largest resonance of {found.channel} is recorded at {found.recorded:.3g} Hz, {found.ratio:.2g} times the "
+        f"{found.given:.3g} Hz of the given rig"
+    )
+
+
+def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spectra: Sequence[Spectrum] = ()) -> Doubt:
     names, drive = " and ".join(found.names), given.drive.channel
     if found.kind == "rate":
+        shown = resonance(given, spectra)
+        text = "The resonances are not recorded at the frequencies of the given rig" if shown is None else _resonance_text(shown)
         return Doubt(
-            parameter="sample_rate", kind="decade", ratio=found.ratio,
-            text=f"The resonances are recorded at about {found.ratio:.3g} times the frequencies of the given rig, and no unit "
-            "explains this: check the sample rate in the mapping, and the masses and stiffnesses of the description.",
+            parameter="sample_rate", kind="decade", ratio=found.ratio if shown is None else shown.ratio,
+            text=f"{text}, and no unit explains this: check the sample rate in the mapping, and the masses and stiffnesses of "
+            "the description.",
         )  # fmt: skip
     if found.kind == "sign":
         if len(found.names) == len(given.sensors):

@@ -18,6 +18,7 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, ComplexArray, FloatArray
 from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters
+from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.units import GIVEN
@@ -51,6 +52,9 @@ RATES = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1e-3, 1e3)
 CONVERGED, STEPS, DIFFERENCE = 0.01 * MARGIN, 25, 1e-4
 #: Levenberg-Marquardt dampings that are tried at once, relative to the last one.
 DAMPINGS = np.array([0.1, 1.0, 10.0, 1e3])
+#: A resonance that is recorded at a multiple of the described frequency confirms a wrong rate of this multiple within this
+#: factor: masses and stiffnesses that are a quarter off change a frequency by as much.
+CONFIRMED = 1.25
 #: Number of explanations that are fitted, the most likely ones at the given values.
 FITTED = 4
 
@@ -110,9 +114,11 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         begun = {each: compared.begun(each) for each in _explanations(given)}
         # An explanation that must beat the sound rig by a margin beats it by as much at the given values.
         likely = [each for each in sorted(begun, key=lambda each: begun[each]) if begun[each] + MARGIN < before]
+        shown = resonance(given, spectra)
         for each in likely[:FITTED]:
             cost, here = compared.fitted(each, settled)
-            if cost < least and cost + MARGIN < sound and (cost + PRICE < sound or compared.agree(each, cost, here)):
+            enough = cost + PRICE < sound or _confirmed(each, shown) or compared.agree(each, cost, here)
+            if cost < least and cost + MARGIN < sound and enough:
                 best, least, found = each, cost, here
     ratio = best.factor if best.factor is not None else exp(float(found[-1]))
     if best.factor is None and abs(log(ratio)) < log(LEAST_UNKNOWN if unknown and best.kind == "responses" else LEAST_RATIO):
@@ -131,6 +137,13 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
     }  # fmt: skip
     assert best.kind != "sound"
     return WrongScale(kind=best.kind, names=tuple(names.get(best.kind, [])[k] for k in best.places), ratio=ratio), agreement
+
+
+def _confirmed(explanation: _Explanation, shown: Resonance | None) -> bool:
+    # Whether a resonance is recorded at the frequency that a wrong rate predicts.
+    if explanation.kind != "rate" or explanation.factor is None or shown is None:
+        return False
+    return abs(log(shown.ratio / explanation.factor)) < log(CONFIRMED)
 
 
 def _explanations(given: RigModel) -> Iterator[_Explanation]:

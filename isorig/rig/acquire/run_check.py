@@ -15,7 +15,16 @@ from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.welch import Spectra, estimate
 from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, incoherence
-from isorig.rig.acquire.policy import COHERENT, DEAD, DISTORTED, FULL_SCALE_SHARE, GAIN_DIFFERENCE, RATE_REPORTED, STICKING
+from isorig.rig.acquire.policy import (
+    COHERENT,
+    DEAD,
+    DISTORTED,
+    FULL_SCALE_SHARE,
+    GAIN_DIFFERENCE,
+    RATE_REPORTED,
+    RESOLVED,
+    STICKING,
+)
 from isorig.rig.acquire.recover import Recovered
 
 #: Samples of a channel that are processed at once: a run may be longer than memory.
@@ -265,5 +274,5 @@ def _coherence(run: Run, spectra: Spectra, drive: str) -> dict[str, float]:
     return {
         name: float(np.median(spectra.frf(name, drive).coherence[driven]))
         for name in run.sensors
-        if name != drive and driven.any()
+        if name != drive and np.count_nonzero(driven) >= RESOLVED
     }

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED
+from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
@@ -128,10 +129,16 @@ def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
     drive = next((name for name, kind in kinds.items() if kind not in MOTION), moved)
     sensed = [name for name, kind in kinds.items() if name != drive and kind in MOTION] or ["first"]
     bodies = tuple(
-        Body(name=f"body_{name}", mass=1.0, motion="rotation" if kinds.get(name) in ROTARY else "straight") for name in sensed
+        Body(name=f"body_{name}", mass=MASS, motion="rotation" if kinds.get(name) in ROTARY else "straight") for name in sensed
     )
     links = tuple(
-        Link(name=f"link_{name}", a=f"body_{name}", b=f"body_{sensed[k - 1]}" if k else GROUND, stiffness=1000.0, damping=1.0)
+        Link(
+            name=f"link_{name}",
+            a=f"body_{name}",
+            b=f"body_{sensed[k - 1]}" if k else GROUND,
+            stiffness=STIFFNESS,
+            damping=DAMPING,
+        )
         for k, name in enumerate(sensed)
     )
     quantity = kinds.get(drive, "force")
@@ -139,7 +146,7 @@ def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
     based = quantity in MOTION and any(word in drive for word in BASES)
     if based:
         turns: Literal["straight", "rotation"] = "rotation" if quantity in ROTARY else "straight"
-        bodies = (Body(name=f"body_{drive}", mass=1.0, motion=turns), *bodies)
+        bodies = (Body(name=f"body_{drive}", mass=MASS, motion=turns), *bodies)
         links = (msgspec.structs.replace(links[0], b=f"body_{drive}"), *links[1:])
     pushed = Drive(channel=drive, quantity=quantity, factor=1.0, pushes={f"body_{sensed[-1]}": 1.0})
     model = RigModel(

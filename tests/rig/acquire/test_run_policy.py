@@ -18,7 +18,7 @@ from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.preflight import _channel, _response, _Watched, check_record
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import check_run
+from isorig.rig.acquire.run_check import _coherence, check_run
 from isorig.rig.wire_bonder.description import wire_bonder
 
 WAVE = np.random.default_rng(1).normal(size=1000)
@@ -114,3 +114,10 @@ def test_a_frequency_is_driven_from_a_hundredth_of_the_largest_power_on(share: f
     density = np.where(frequency < 100.0, 1.0, share)
     spectra = SimpleNamespace(frequency=frequency, resolution=1.0, density=lambda name: density)
     assert driven_bins(run(head=WAVE), spectra, "head")[200] == kept  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("bins", "known"), [(19, False), (20, True)])
+def test_a_coherence_needs_a_resolved_band(bins: int, known: bool) -> None:
+    measured = replace(run(head=in_band(1), x=in_band(1)), band=(10.0, 10.0 + 0.5 * (bins - 1)))
+    spectra = estimate([measured], references=["head"], resolution=0.5)
+    assert bool(_coherence(measured, spectra, "head")) is known
