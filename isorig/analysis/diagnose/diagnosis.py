@@ -582,5 +582,5 @@ def is_certain(step: Step) -> bool:
 
 
 def _of_sensors(step: Step, channels: Sequence[str]) -> list[int]:
-    # Columns of the channels whose sensors the step changes; none if it changes anything else.
-    return [k for k, name in enumerate(channels) if all(r.path.startswith(f"sensors.{name}.chain.") for r in step.reported)]
+    # Columns of the channel whose sensor the step changes; none if it changes anything else.
+    return [k for k, name in enumerate(channels) if step.kind == "sensor" and step.location == name]

@@ -10,7 +10,7 @@ from small_rigs import guessed, played, stage
 
 from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _Search, _Stage, merged
+from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _Stage, merged
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, Step, best_kind
@@ -147,3 +147,11 @@ def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(diagnosis, "widened", lambda done: done)
     (only,) = search.causes(poor, ends).stages
     assert only.fit is best
+
+
+def test_only_faults_of_sensors_have_own_channels() -> None:
+    """A free shape of a link reports no values, and must not be judged by every channel; that of a sensor by its own."""
+    step = step_to("friction_shape", "friction_shape", 0.4, 0.2).step
+    assert step is not None and not step.reported
+    assert _of_sensors(replace(step, location="x"), ["a", "x"]) == []
+    assert _of_sensors(replace(step, kind="sensor", location="x"), ["a", "x"]) == [1]
