@@ -262,7 +262,7 @@ class Suspects:
         # With the frequencies that the equations show, and the recorded motion of suspected elements, not the simulated one.
         found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
         deflection, speed = dict(evidence.deflection), dict(evidence.speed)
-        for item in self.chosen:
+        for item in reversed(self.chosen):  # the best explanation of a place gives its motion
             _, force = self._solved(item)
             if force is None:
                 continue
@@ -368,11 +368,14 @@ def equations_of(campaign: Campaign, model: RigModel) -> Equations:
 
 
 def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
-    """Whether an explanation repairs an equation: a broken one in good part, or one that does not hold altogether."""
-    return any(
-        (value >= BROKEN and after[name] <= REPAIRED * value) or (value >= HOLDS and after[name] <= HINTS)
-        for name, value in before.items()
-    )
+    """Whether an explanation repairs an equation in good part: a broken one, or one in which a simulated error may show."""
+
+    def most(residual: float) -> float:
+        if residual >= BROKEN:
+            return REPAIRED * residual
+        return 1.0 + REPAIRED * (residual - 1.0) if residual >= HINTS else -np.inf
+
+    return any(after[name] <= most(value) for name, value in before.items())
 
 
 def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) -> tuple[Explanation, ...]:

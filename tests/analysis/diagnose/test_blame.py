@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -11,12 +12,15 @@ from small_rigs import guessed, played, stage, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.search import Job, Suspected
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.diagnose.suspects import APART, BROKEN, NEARLY, SHOWN, Suspects, suspects
+from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting.score import Score
+from isorig.analysis.fitting.trials import prepare
 
 
 def blaming(*scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0) -> Suspects:
@@ -97,7 +101,7 @@ def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> N
 
 
 @pytest.mark.parametrize(("worst", "left", "suspected"), [
-    (BROKEN, 0.6, False), (BROKEN - 1e-9, 0.6, False), (10.0 * BROKEN, 0.6, False), (10.0 * BROKEN, 0.1, True),
+    (BROKEN, 0.6, False), (BROKEN - 1e-9, 0.63, False), (BROKEN - 1e-9, 0.62, True), (10.0 * BROKEN, 0.6, False), (10.0 * BROKEN, 0.1, True),
 ])  # fmt: skip
 def test_a_further_cause_repairs_a_broken_equation(
     worst: float, left: float, suspected: bool, monkeypatch: pytest.MonkeyPatch
@@ -115,3 +119,18 @@ def test_several_sliders_are_memory_and_no_spring_is_named_for_them() -> None:
     found = diagnose(played(truth, seed=4200), guessed(stage(), 4200))
     assert [(step.kind, step.location) for step in found.steps] == [("memory", "rail")]
     assert found.verdict == "explained"
+
+
+def test_the_best_explanation_of_a_place_gives_its_motion() -> None:
+    """A weaker explanation there fits another slow part of the deflection, which would bound a stop's stroke wrongly."""
+    found = blaming(("spring_shape", "l0", 1.4), ("memory", "l0", 0.2))
+
+    def force(deflection: float) -> ElementForce:
+        d = deflection * np.linspace(-1.0, 1.0, 5)
+        return ElementForce(deflection=d, velocity=d, time=d, force=d, left=d, motions=(), rate=1.0)
+
+    found = replace(found, places={"l0": frozenset({"l0"})})
+    found._values.update({item: ({}, force(d)) for item, d in zip(found.chosen, (0.03, 0.01), strict=True)})
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    seen = observe(campaign, guess, prepare(campaign, guess), guess, guess)
+    assert found._located(seen).deflection["l0"] == 0.03

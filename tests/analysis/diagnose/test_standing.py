@@ -152,6 +152,7 @@ def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPa
 def test_only_faults_of_sensors_have_own_channels() -> None:
     """A free shape of a link reports no values, and must not be judged by every channel; that of a sensor by its own."""
     step = step_to("friction_shape", "friction_shape", 0.4, 0.2).step
-    assert step is not None and not step.reported
+    assert step is not None
+    assert not step.reported
     assert _of_sensors(replace(step, location="x"), ["a", "x"]) == []
     assert _of_sensors(replace(step, kind="sensor", location="x"), ["a", "x"]) == [1]

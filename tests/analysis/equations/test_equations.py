@@ -328,9 +328,9 @@ def test_what_repairs_one_equation_is_suspected_beside_what_repairs_the_largest(
     ("before", "after", "own"),
     [
         (1.01 * BROKEN, 0.99 * REPAIRED * BROKEN, True),
-        (0.99 * BROKEN, 1.01 * HINTS, False),
-        (1.01 * HOLDS, 0.99 * HINTS, True),
-        (0.99 * HOLDS, 0.1, False),
+        (1.01 * HINTS, 1.0 + 0.99 * REPAIRED * (1.01 * HINTS - 1.0), True),
+        (1.01 * HINTS, 1.0 + 1.01 * REPAIRED * (1.01 * HINTS - 1.0), False),
+        (0.99 * HINTS, 0.1, False),
         (2.0 * BROKEN, 1.01 * REPAIRED * 2.0 * BROKEN, False),
     ],
 )
