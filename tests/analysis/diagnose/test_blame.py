@@ -101,7 +101,8 @@ def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> N
 
 
 @pytest.mark.parametrize(("worst", "left", "suspected"), [
-    (BROKEN, 0.6, False), (BROKEN - 1e-9, 0.63, False), (BROKEN - 1e-9, 0.62, True), (10.0 * BROKEN, 0.6, False), (10.0 * BROKEN, 0.1, True),
+    (BROKEN, 0.6, False), (BROKEN - 1e-9, 0.63, False), (BROKEN - 1e-9, 0.62, True), (10.0 * BROKEN, 0.6, False),
+    (10.0 * BROKEN, 0.1, True),
 ])  # fmt: skip
 def test_a_further_cause_repairs_a_broken_equation(
     worst: float, left: float, suspected: bool, monkeypatch: pytest.MonkeyPatch
