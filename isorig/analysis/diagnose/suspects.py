@@ -107,7 +107,7 @@ class Suspects:
         if explanation.what in FOUND_AS and cause != explanation.kind:
             return cause in FOUND_AS[explanation.what]
         kind = kind_of(cause)
-        return kind == explanation.kind or {kind, explanation.kind} == OVER_VELOCITY
+        return _alike(kind, explanation.kind)
 
     def score_of(self, cause: str, location: str) -> float:
         """Score of the explanation of which a cause at a place is a form; 0 if there is none."""
@@ -354,7 +354,7 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
     if not equations.residuals():
         return None
     ranked = ranking(equations)
-    listed = [item for item in ranked.explanations if not further or repairs(ranked.residuals, item.residuals)]
+    listed = [item for item in ranked.explanations if not further or _repairs_alone(item, ranked)]
     chosen = suspected(listed, ranked.residuals)
     if not chosen:
         return None
@@ -365,6 +365,24 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
 def equations_of(campaign: Campaign, model: RigModel) -> Equations:
     """The equations of a campaign for a rig with the causes found so far."""
     return Equations(campaign, model, noise_levels(campaign, tuple(drive.channel for drive in model.drives)))
+
+
+def _alike(kind: str, other: str) -> bool:
+    # Whether the equations cannot distinguish two kinds at one place.
+    return kind == other or {kind, other} == OVER_VELOCITY
+
+
+def _repairs_alone(item: Explanation, ranked: Ranking) -> bool:
+    # Whether an explanation repairs an equation, or, where disturbances keep it broken, removes much of it and no other one does.
+    if repairs(ranked.residuals, item.residuals):
+        return True
+    others = [e for e in ranked.explanations if e.place != item.place or not _alike(e.kind, item.kind)]
+    return any(
+        value >= BROKEN
+        and value - item.residuals[name] >= OWN * (value - 1.0)
+        and value - min((e.residuals[name] for e in others), default=value) <= REPAIRED * (value - item.residuals[name])
+        for name, value in ranked.residuals.items()
+    )
 
 
 def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:

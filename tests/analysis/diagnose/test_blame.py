@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.search import Job, Suspected
 from isorig.analysis.diagnose.step import Entry
-from isorig.analysis.diagnose.suspects import APART, BROKEN, NEARLY, SHOWN, Suspects, suspects
+from isorig.analysis.diagnose.suspects import APART, BROKEN, NEARLY, OWN, REPAIRED, SHOWN, Suspects, suspects
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
@@ -107,10 +107,38 @@ def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> N
 def test_a_further_cause_repairs_a_broken_equation(
     worst: float, left: float, suspected: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ranked = blaming(("sensor", "motor", 0.6), worst=worst, after=left * worst).ranking
+    ranked = blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.6), worst=worst, after=left * worst).ranking
+    assert (further(ranked, monkeypatch) is not None) == suspected
+
+
+def further(ranked: Ranking, monkeypatch: pytest.MonkeyPatch) -> Suspects | None:
+    """The suspects of a further cause by this ranking."""
     monkeypatch.setattr("isorig.analysis.diagnose.suspects.ranking", lambda _: ranked)
-    equations = cast(Equations, SimpleNamespace(residuals=lambda: ranked.residuals, elements=tuple))
-    assert (suspects(equations, further=True) is not None) == suspected
+    return suspects(cast(Equations, SimpleNamespace(residuals=lambda: ranked.residuals, elements=tuple)), further=True)
+
+
+@pytest.mark.parametrize(("own", "other", "kind", "suspected"), [
+    (1.01 * OWN, 0.0, "memory", True), (0.99 * OWN, 0.0, "memory", False), (0.4, 0.99 * REPAIRED * 0.4, "memory", True),
+    (0.4, 1.01 * REPAIRED * 0.4, "memory", False), (0.4, 0.39, "damping_shape", True),
+])  # fmt: skip
+def test_a_further_cause_of_a_soiled_rig_removes_much_that_no_other_one_removes(
+    own: float, other: float, kind: str, suspected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Disturbances keep the equation broken; friction and damping over velocity count as one kind."""
+    before = 10.0
+    explanations = tuple(
+        Explanation(
+            kind=each,
+            place="rail",
+            what="slip",
+            score=0.1 + share,
+            residuals={"table": before - share * (before - 1.0)},
+            values={},
+        )
+        for each, share in (("friction_shape", own), (kind, other))
+    )
+    found = further(Ranking(residuals={"table": before}, explanations=explanations), monkeypatch)
+    assert (found is not None) == suspected
 
 
 def test_several_sliders_are_memory_and_no_spring_is_named_for_them() -> None:
