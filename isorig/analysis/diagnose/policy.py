@@ -47,7 +47,8 @@ class Policy:
         Share of the baseline's excess below which the search ends after a free shape: the error of a curve with finitely many
         points.
     later
-        Share of the baseline's excess that a further step must remove unless it makes the model adequate.
+        Share of the baseline's excess that a further step must remove unless it makes the model adequate, or explains what
+        remained (`explained`) and removes what may have another cause (`settled`) at another place.
     of_rest, of_rest_here
         Share of the remaining excess that it must remove then; at a place that already has a step.
     form_share
@@ -268,6 +269,8 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
     if stages[k].refines or stages[k].shown:
         return now - then >= policy.worth * now
     here = any(stages[k].place == stage.place for stage in stages[1:k])
+    if not here and now - then >= policy.explained * now:  # nearly all that remained was due to it
+        return now - then >= policy.settled * whole
     least = policy.of_rest_here if here else policy.of_rest
     return now - then >= policy.later * whole and now - then >= least * now
 

@@ -91,6 +91,18 @@ def test_a_further_step_removes_half_of_the_rest(removed: float, counts: bool) -
     assert step_counts(way(0.6, 0.6 + 0.4 * removed), 2, FLOORS, 1.5) is counts
 
 
+@pytest.mark.parametrize(("first", "removed", "counts"), [(0.98, 0.81, True), (0.98, 0.79, False)])
+def test_a_small_further_step_elsewhere_explains_what_remained(first: float, removed: float, counts: bool) -> None:
+    """It removes less than `later` of the whole, but at least `settled`."""
+    assert step_counts(way(first, first + (1.0 - first) * removed), 2, FLOORS, 1.5) is counts
+
+
+@pytest.mark.parametrize(("removed", "counts"), [(0.0101, True), (0.0099, False)])
+def test_a_further_step_removes_more_than_a_form_leaves(removed: float, counts: bool) -> None:
+    first = 1.0 - removed / 0.85
+    assert step_counts(way(first, first + removed), 2, FLOORS, 1.5) is counts
+
+
 @pytest.mark.parametrize(("both", "counts"), [(0.801, True), (0.799, False)])
 def test_the_first_of_two_that_only_together_explain_counts_from_eight_tenths(both: float, counts: bool) -> None:
     # Alone it removes less than is worth a step.
