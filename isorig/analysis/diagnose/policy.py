@@ -269,10 +269,10 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
     if stages[k].refines or stages[k].shown:
         return now - then >= policy.worth * now
     here = any(stages[k].place == stage.place for stage in stages[1:k])
-    if not here and now - then >= policy.explained * now:  # nearly all that remained was due to it
-        return now - then >= policy.settled * whole
-    least = policy.of_rest_here if here else policy.of_rest
-    return now - then >= policy.later * whole and now - then >= least * now
+    explains = not here and now - then >= policy.explained * now
+    of_whole = policy.settled if explains else policy.later
+    of_rest = policy.of_rest_here if here else policy.of_rest
+    return now - then >= of_whole * whole and now - then >= of_rest * now
 
 
 def verdict(

@@ -162,7 +162,8 @@ def fitted_form(
     own = [
         f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in element.names)
     ]
-    if not own or _predicted(model, element, force) is None:
+    known_courses: dict[Law, FloatArray] = {}
+    if not own or _predicted(model, element, force, known_courses) is None:
         return None
     size = float(np.std(force.force)) or 1.0
     low = np.array([f.encode(f.low) if f.low > 0.0 or not f.log else -np.inf for f in own])
@@ -174,7 +175,7 @@ def fitted_form(
             trial = model.replace(values)
         except ModelError:
             return np.full(len(force.force) + held_points + 1, 1e3)
-        predicted = _predicted(trial, element, force, swing * float(coordinates[-1]))
+        predicted = _predicted(trial, element, force, known_courses, swing * float(coordinates[-1]))
         assert predicted is not None
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.
@@ -213,7 +214,10 @@ def fitted_form(
     return None
 
 
-def _predicted(model: RigModel, element: Element, force: ElementForce, offset: float = 0.0) -> FloatArray | None:
+def _predicted(
+    model: RigModel, element: Element, force: ElementForce, courses: dict[Law, FloatArray], offset: float = 0.0
+) -> FloatArray | None:
+    # An element's force in N; `courses` holds that of laws with memory, which depends on their own parameters only.
     d, v, t = force.deflection + offset, force.velocity, force.time
     total = np.zeros(len(d))
     link = next((link for link in model.links if link.name in element.names), None)
@@ -227,8 +231,10 @@ def _predicted(model: RigModel, element: Element, force: ElementForce, offset: f
         elif type(law).along is Law.along:  # only by steps much finer than the samples
             return None
         else:
-            along = [law.along(run.deflection, run.velocity, force.rate, constants)[run.used] for run in force.motions]
-            total = total + np.concatenate(along)
+            if law not in courses:
+                along = (law.along(run.deflection, run.velocity, force.rate, constants)[run.used] for run in force.motions)
+                courses[law] = np.concatenate(list(along))
+            total = total + courses[law]
     return total
 
 

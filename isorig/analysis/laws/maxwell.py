@@ -43,14 +43,24 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
         return np.array([self.relaxation_stiffness * v - memory[0] / self.relaxation_time])
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        from scipy.signal import lfilter
-
-        # The damper's elongation lags behind by a first-order filter: exact for an elongation that is linear between samples.
-        steps = 1.0 / (rate * self.relaxation_time)
-        kept = np.exp(-steps)
-        new = 1.0 - (1.0 - kept) / steps
-        lag, _ = lfilter([new, 1.0 - kept - new], [1.0, -kept], d, zi=[(1.0 - new) * d[0]])
+        lag = np.empty(len(d))
+        lagged_along(1.0 / (rate * self.relaxation_time), np.ascontiguousarray(d), lag)
         return np.asarray(self.relaxation_stiffness * (d - lag))
+
+
+@kernel
+def lagged_along(steps: float, d: FloatArray, out: FloatArray) -> None:
+    """The damper's elongation, which lags behind d (m), into `out`, shape (n,); `steps` are relaxation times between samples.
+
+    A first-order filter, exact for an elongation that is linear between samples.
+    """
+    kept = np.exp(-steps)
+    new = 1.0 - (1.0 - kept) / steps
+    before, lag = d[0], d[0]
+    for k in range(len(d)):
+        lag = new * d[k] + (1.0 - kept - new) * before + kept * lag
+        before = d[k]
+        out[k] = lag
 
 
 @kernel

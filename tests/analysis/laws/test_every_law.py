@@ -132,6 +132,8 @@ def test_the_force_along_a_measured_motion_is_the_simulated_one(law: type[laws.L
     d, v, force, _ = simulated(drawn)
     along = drawn.along(d, v, RATE, LINK)
     assert np.std(along - force) < 0.03 * np.std(force)
+    # Starting values are fitted with one course for all constants of the link.
+    assert np.array_equal(along, drawn.along(d, v, RATE))
 
 
 def test_the_force_within_karnopps_band_is_refused() -> None:
