@@ -100,6 +100,7 @@ def explanations(
     earlier: RigModel,
     scatter: Mapping[str, float],
     *,
+    today: Mapping[str, float] | None = None,
     suspected: Collection[str] = (),
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[CauseOfChange, ...]:
@@ -116,6 +117,8 @@ def explanations(
         The rig as fitted before; its free parameters may scatter.
     scatter
         Campaign-to-campaign standard deviation of those parameters, by path: relative for a positive one.
+    today
+        The same parameters as fitted to this campaign alone, where the fits start: from the earlier values they may not converge.
     suspected
         Paths of parameters that have changed according to more campaigns than this one: each is an explanation even if this
         campaign alone would not show it.
@@ -133,7 +136,7 @@ def explanations(
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
     whole = ProblemWithPriors(short, known)
     progress("fitting the scatter")
-    still = fit(earlier, free, whole, iterations=STEPS)
+    still = fit(earlier.replace(today or {}), free, whole, iterations=STEPS)
     found = []
     for one in known:
         progress(f"trying {one[0].path}")
