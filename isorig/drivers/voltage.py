@@ -13,6 +13,8 @@ from isorig.drivers.kinds import Settings
 
 #: Values examined at once.
 PART = 65536
+#: Longest soft start and stop, s.
+RAMP_MOST = 10.0
 
 
 class OutputSettings(Settings, frozen=True):
@@ -51,8 +53,8 @@ class OutputSettings(Settings, frozen=True):
             )
         if not 0.0 < self.limit < math.inf:
             raise ValueError(f"limit is {self.limit:g}; give the largest voltage that the amplifier may get, V")
-        if not 0.0 <= self.ramp <= 10.0:
-            raise ValueError(f"ramp is {self.ramp:g}; give 0 to 10 s for the soft start and stop")
+        if not 0.0 <= self.ramp <= RAMP_MOST:
+            raise ValueError(f"ramp is {self.ramp:g}; give 0 to {RAMP_MOST:g} s for the soft start and stop")
 
 
 class AnalogOutput:

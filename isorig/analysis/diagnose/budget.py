@@ -78,7 +78,7 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
             else "not measured, because no drive was repeated; at most the unassigned part. "
         )
         + "Linear: the part removed by one transfer function from the drive, the same at all gains of a configuration (modes "
-        "narrower than a segment's resolution, 0.25 Hz at best, count as amplitude). "
+        f"narrower than a segment's resolution, {1.0 / SEGMENT:g} Hz at best, count as amplitude). "
         "Amplitude: the further repeatable or drive-related part. Time: due to transfer functions that differ between equal "
         "runs.",
     )  # fmt: skip

@@ -13,6 +13,8 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
 
 Shape = Literal["sine", "constant"]
+#: Minimum number of samples of a move: its acceleration has two halves of opposite sign.
+SAMPLES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,13 +79,15 @@ def head_acceleration(moves: Sequence[Move], sample_rate: float, *, lead: float 
     Raises
     ------
     DataError
-        If there are no moves, or one is shorter than four samples.
+        If there are no moves, or one is shorter than `SAMPLES`.
     """
     if not moves:
         raise DataError("the profile has no moves; give at least one")
     shortest = min(move.duration for move in moves)
-    if shortest * sample_rate < 4.0:
-        raise DataError(f"a move lasts {shortest:.3g} s, fewer than 4 samples at {sample_rate:g} Hz; raise the sample rate")
+    if shortest * sample_rate < SAMPLES:
+        raise DataError(
+            f"a move lasts {shortest:.3g} s, fewer than {SAMPLES} samples at {sample_rate:g} Hz; raise the sample rate"
+        )
     begins = lead + np.concatenate([[0.0], np.cumsum([move.duration + move.pause for move in moves])])
     n = int(np.ceil((begins[-1] + tail) * sample_rate)) + 1
     edges = (np.arange(n + 1) - 0.5) / sample_rate

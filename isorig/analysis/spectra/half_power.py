@@ -18,6 +18,8 @@ APART = 5.0
 LIGHT = 0.2
 #: Required ratio of a peak to its surroundings.
 PROMINENT = 1.4
+#: Minimum number of frequency bins of a band: a peak, and two on each side.
+FEWEST = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +64,9 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
     """
     f, size = frf.frequency, np.abs(frf.value)
     inside = np.flatnonzero((f >= band[0]) & (f <= band[1]))
-    if len(inside) < 5:
+    if len(inside) < FEWEST:
         return HalfPower(
-            mode=None, refused=f"the band {band[0]:g} to {band[1]:g} Hz has {len(inside)} frequency bins, fewer than 5"
+            mode=None, refused=f"the band {band[0]:g} to {band[1]:g} Hz has {len(inside)} frequency bins, fewer than {FEWEST}"
         )
     top = int(inside[np.argmax(size[inside])])
     if top in (inside[0], inside[-1]) or top in (0, len(f) - 1):

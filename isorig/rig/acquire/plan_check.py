@@ -22,6 +22,8 @@ SENSITIVITY_MOST = 1e30
 TAKEN = ("gain", "gaps", "timing", "spectra", "progress", "logs")
 #: Highest rate of a logger, Hz: its rows are stored by the host's clock, which is right to about a millisecond.
 LOGGER_MOST = 1000.0
+#: Minimum number of samples of a run, and of a period; largest number of its repeats.
+SAMPLES, REPEATS_MOST = 16, 1000
 #: Keys that a repeated run must share with its original.
 REPEATED = ("configuration", "gain", "seconds", "excitation", "band", "period", "frequency")
 
@@ -195,14 +197,16 @@ def _check_run(run: RunPlan, rate: float, here: str) -> None:
         raise PlanError(f"{here} needs an id of printable characters, without a slash or a leading dot")
     if not (math.isfinite(run.gain) and run.gain > 0.0):
         raise PlanError(f"{here} has gain {run.gain:g}; it must be positive, so correct it")
-    if not 0.0 < run.seconds <= 86400.0 or run.seconds * rate < 16:
-        raise PlanError(f"{here} lasts {run.seconds:g} s; give at least 16 samples and at most a day")
-    if not 1 <= run.repeats <= 1000:
-        raise PlanError(f"{here} has repeats {run.repeats}; give 1 to 1000")
+    if not 0.0 < run.seconds <= 86400.0 or run.seconds * rate < SAMPLES:
+        raise PlanError(f"{here} lasts {run.seconds:g} s; give at least {SAMPLES} samples and at most a day")
+    if not 1 <= run.repeats <= REPEATS_MOST:
+        raise PlanError(f"{here} has repeats {run.repeats}; give 1 to {REPEATS_MOST}")
     if run.seed < 0:
         raise PlanError(f"{here} has seed {run.seed}; give 0 or more")
-    if run.excitation == "multisine" and not 16.0 / rate <= run.period <= run.seconds:
-        raise PlanError(f"{here} has a period of {run.period:g} s; give at least 16 samples and at most the length of the run")
+    if run.excitation == "multisine" and not SAMPLES / rate <= run.period <= run.seconds:
+        raise PlanError(
+            f"{here} has a period of {run.period:g} s; give at least {SAMPLES} samples and at most the length of the run"
+        )
     if run.band is not None and not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:
         raise PlanError(f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)")
     _check_sine(run, rate, here)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from isorig.drivers.alignment import WIRE
+from isorig.drivers.arrivals import JUMP
 from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Noticing, Stream
 
@@ -21,7 +22,8 @@ AGAINST = {
         "by one each time."
     ),
     Status.CLOCKED: (
-        "Only the host's clock indicates lost samples, {n} times from {s} s on; their number is uncertain by about 10 ms."
+        "Only the host's clock indicates lost samples, {n} times from {s} s on; "
+        f"their number is uncertain by about {1e3 * JUMP:g} ms."
     ),
 }
 #: Information that is not a fault of the run.

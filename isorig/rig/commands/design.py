@@ -7,6 +7,9 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+#: Largest number of points and of draws.
+MOST = 100_000
+
 
 def design(
     plan: Path,
@@ -57,8 +60,8 @@ def design(
     from isorig.rig.design.parameters import is_parameter_plan
     from isorig.rig.errors import PlanError
 
-    if not 2 <= points <= 100_000 or not 0 <= draws <= 100_000:
-        raise PlanError(f"{points} points and {draws} draws are not possible; give 2 to 100000 points and up to 100000 draws")
+    if not 2 <= points <= MOST or not 0 <= draws <= MOST:
+        raise PlanError(f"{points} points and {draws} draws are not possible; give two points or more, and up to {MOST} of each")
     if is_parameter_plan(plan):
         _parameters(plan, output, model or "wire-bonder", parameters, points=points, draws=draws, seed=seed)
         return
@@ -94,7 +97,7 @@ def _moves(
     from isorig.rig.frf.figures import save
     from isorig.rig.process.terminal import show_table
     from isorig.rig.wire_bonder.design_figures import bond_figure, history_figure, level_figure, offset_figure, stroke_figure
-    from isorig.rig.wire_bonder.design_study import RATE, designed, read_design, rigs_of, with_head
+    from isorig.rig.wire_bonder.design_study import ISOLATED, RATE, designed, read_design, rigs_of, with_head
     from isorig.rig.wire_bonder.figures import isolation_figure
     from isorig.rig.wire_bonder.parameters import read_rig_values
 
@@ -170,7 +173,8 @@ def _moves(
     for item in content["drive_offsets"]:
         print(
             f"drive offset {1e3 * item['offset_m']:g} mm: the motor rocks by {1e3 * item['rocking_rad']:.3g} mrad, "
-            f"the ratio from 5 to 50 Hz is at worst {item['ratio_over_none']:.3g} times that without offset"
+            f"the ratio from {ISOLATED[0]:g} to {ISOLATED[1]:g} Hz is at worst {item['ratio_over_none']:.3g} times "
+            "that without offset"
         )
     print(output)
 

@@ -42,11 +42,13 @@ from isorig.rig.isolation.transmissibility import transmissibility
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
-from isorig.rig.wire_bonder.design_study import RATE, MovePlan
+from isorig.rig.wire_bonder.design_study import MOVES_MOST, RATE, MovePlan
 from isorig.rig.wire_bonder.isolation import Model
 
 #: Quantiles of the drawn parameter sets that are shown.
 DRAWN = (0.05, 0.95)
+#: The share of the rigs between them, in words.
+WITHIN = f"{100.0 * (DRAWN[1] - DRAWN[0]):g} %"
 
 
 class VariedPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -138,8 +140,8 @@ def read_parameter_plan(path: Path) -> ParameterPlan:
     if plan.moves and plan.drive:
         raise PlanError(f"{path}: there are moves and a drive; give one of them")
     repeats = [move.repeat for move in plan.moves]
-    if plan.moves and (min(repeats) < 1 or sum(repeats) > 1000):
-        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to 1000, each repeated at least once")
+    if plan.moves and (min(repeats) < 1 or sum(repeats) > MOVES_MOST):
+        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to {MOVES_MOST}, each repeated at least once")
     return plan
 
 
@@ -339,7 +341,7 @@ def design_sentences(design: ParameterDesign) -> list[str]:
         for parameter, value in found.values.items()
     ]
     spread = "" if design.spread is None else (
-        f" (90 % of the rigs drawn from the uncertainties: {design.spread[0]:.4g} to {design.spread[1]:.4g})"
+        f" ({WITHIN} of the rigs drawn from the uncertainties: {design.spread[0]:.4g} to {design.spread[1]:.4g})"
     )  # fmt: skip
     said.append(f"{name}: {found.present.value:.4g} -> {found.best.value:.4g}{unit}{spread}; {found.designs} designs simulated")
     for limit, share in found.best.used.items():
@@ -401,7 +403,7 @@ def sweeps_figure(design: ParameterDesign) -> Figure:
         axis.plot(sweep.values, values, lw=1.4, label="others at their best values")
         if len(sweep.draws):
             low, high = np.quantile(sweep.draws, DRAWN, axis=0)
-            axis.fill_between(sweep.values, low, high, alpha=0.25, lw=0, label="90 % of the drawn rigs")
+            axis.fill_between(sweep.values, low, high, alpha=0.25, lw=0, label=f"{WITHIN} of the drawn rigs")
         beyond = np.array([not each.inside for each in sweep.outcomes])
         if beyond.any():
             axis.fill_between(

@@ -21,6 +21,8 @@ from isorig.rig.report.sections import with_article, words
 
 #: Number of causes listed by name in a sentence.
 LISTED = 4
+#: Standard errors above which a distance is no longer stated.
+COUNTED = 100.0
 ASKED = {
     "rivals": "Which of the indistinguishable causes is the true one?",
     "undecided": "Which of the causes that explain part of the error, but are not certain, is the true one?",
@@ -107,7 +109,7 @@ def _uses(peaks: LargestMotions, limits: Limits, model: RigModel) -> list[str]:
 
 
 def _errors(distance: float) -> str:
-    return f"{distance:.2g} standard errors" if distance < 100.0 else "more than 100 standard errors"
+    return f"{distance:.2g} standard errors" if distance < COUNTED else f"more than {COUNTED:g} standard errors"
 
 
 def inseparable(proposal: Proposal) -> list[str]:

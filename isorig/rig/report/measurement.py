@@ -80,8 +80,7 @@ def _calibration(found: Characterization) -> str:
         return "Uncertainties include those of the sensors' calibration and of the weighed masses, as given in the recording."
     return (
         f"The recording gives no uncertainty of its sensors' calibration ({CALIBRATION} in the plan's rig table), so the "
-        "uncertainties "
-        "include the noise only: an error of 1 % in a sensitivity changes masses and friction by about 1 %."
+        "uncertainties include the noise only: an error of a sensitivity changes masses and friction by about the same share."
     )
 
 

@@ -32,6 +32,8 @@ TAIL = 0.6
 LEVELS = np.geomspace(8.0, 208.0, 16)
 #: Frequency bins for the drive offset, Hz.
 LINES = np.geomspace(0.5, 100.0, 1500)
+#: Allowed isolation frequencies, and the band in which a drive offset is judged, Hz; largest number of moves.
+TRIED, ISOLATED, MOVES_MOST = (0.05, 100.0), (5.0, 50.0), 1000
 TAKES = tuple(
     VirtualRun(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
     for c in ("unlocked", "locked")
@@ -181,11 +183,13 @@ def read_design(path: Path) -> DesignPlan:
     """
     plan = read_toml(path, lambda tree: msgspec.convert(tree, DesignPlan, strict=False), "a move profile")
     low, high = plan.frequencies
-    if not 0.05 <= low < high <= 100.0:
-        raise PlanError(f"{path}: frequencies are {low:g} to {high:g} Hz; give low < high between 0.05 and 100 Hz")
+    if not TRIED[0] <= low < high <= TRIED[1]:
+        raise PlanError(
+            f"{path}: frequencies are {low:g} to {high:g} Hz; give low < high between {TRIED[0]:g} and {TRIED[1]:g} Hz"
+        )
     repeats = [move.repeat for move in plan.moves]
-    if not plan.moves or min(repeats) < 1 or sum(repeats) > 1000:
-        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to 1000, each repeated at least once")
+    if not plan.moves or min(repeats) < 1 or sum(repeats) > MOVES_MOST:
+        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to {MOVES_MOST}, each repeated at least once")
     if plan.shown is not None and not low <= plan.shown <= high:
         raise PlanError(f"{path}: shown is {plan.shown:g} Hz; give a frequency within the tried range, {low:g} to {high:g} Hz")
     bond = plan.bond
@@ -264,7 +268,7 @@ def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) 
         raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
     seen = histories(rocked, head, RATE)
     ratio = linear_ratio(rocked, LINES)
-    kept = (LINES >= 5.0) & (LINES <= 50.0)
+    kept = (ISOLATED[0] <= LINES) & (ISOLATED[1] >= LINES)
     return DriveOffset(
         rocking=float(np.abs(seen["rocking"]).max()), stroke=float(np.abs(seen["motor"] - seen["table"]).max()),
         frequency=LINES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, LINES))[kept])),

@@ -27,6 +27,8 @@ MOTIONS: tuple[tuple[str, Literal["displacement", "velocity"]], ...] = (("d", "d
 CHANNELS = ("head", "motor", "table", "heatblock")
 #: Length of a session, s: drifts last as long.
 LENGTH = 720.0
+#: Largest size of an effect relative to its full size.
+SIZE_MOST = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,8 +235,8 @@ def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidd
         return Hidden(model=model)
     if kind not in KINDS:
         raise RigError(f"there is no effect {kind!r}; there are {', '.join(KINDS)}")
-    if not 0.0 < size <= 10.0:
-        raise RigError(f"the size of the effect is {size:g}; give one above 0 and up to 10, 1 is full size")
+    if not 0.0 < size <= SIZE_MOST:
+        raise RigError(f"the size of the effect is {size:g}; give one above 0 and up to {SIZE_MOST:g}, 1 is full size")
     try:
         return drawn_effect(kind, model, size, drawing(seed, kind))
     except (ModelError, KeyError):
