@@ -125,7 +125,7 @@ def test_the_page_in_a_browser(answered: Path, tmp_path: Path, width: int) -> No
     assert told["first"] == 4
     assert told["all"] == told["charts"] > 6
     assert told["peaks"]
-    assert all(re.match(r"Largest in view: .*: \S+ at \d+(\.\d+)? Hz", text) for text in told["peaks"])
+    assert all(re.match(r"Largest in view: .*: \S+ \S+ per \S+ at \d+(\.\d+)? Hz", text) for text in told["peaks"])
 
 
 def test_the_second_of_the_largest_error_is_found_across_runs_and_channels() -> None:

@@ -10,9 +10,11 @@ import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.simulate import Excitation, simulate
-from isorig.analysis.simulate.excitation import multisine
+from isorig.analysis.simulate.excitation import multisine, random
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
+from isorig.rig.files.rivals import _existing_run
+from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RATE, PERIOD, NOISE = 1024.0, 4096, 1e-3
@@ -82,3 +84,17 @@ def test_a_response_as_reference_is_no_drive_with_holes(rubbing: Campaign, tmp_p
     call = ["frf", str(tmp_path / "m.h5"), "--reference", "table", "--response", "heatblock", "-o", str(tmp_path / "out")]
     assert main(call) == 0
     assert not [text for text in json.loads((tmp_path / "out" / "frf.json").read_text())["faults"] if "no power" in text]
+
+
+def test_without_a_stated_band_it_is_where_the_drive_has_power() -> None:
+    """In transfer functions, and for the next run; a run at rest and one with moves have none."""
+    drive = random(samples=20_000, sample_rate=RATE, rms=1.0, band=(5.0, 60.0), seed=1)
+    channels = {name: Channel(name=name, samples=drive + 1e-4 * np.random.default_rng(2).normal(size=20_000)) for name in "fx"}
+    run = Run(id="a", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="random")
+    (found,) = transfer_functions(Campaign(runs=(run,), source="x"), reference="f")
+    assert found.band == pytest.approx((5.0, 60.0), abs=0.5)
+    band = _existing_run(Campaign(runs=(run,), source="x"), run, "f").band
+    assert band == pytest.approx((5.0, 60.0), abs=1.0)  # two of its wider bins
+    rest = replace(run, channels={name: Channel(name=name, samples=np.zeros(20_000)) for name in "fx"})
+    for other in (rest, replace(run, excitation="moves")):
+        assert _existing_run(Campaign(runs=(other,), source="x"), other, "f").band is None

@@ -15,6 +15,7 @@ from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray,
 from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.spectra.noise import noise_levels, rests
+from isorig.analysis.spectra.welch import DRIVEN
 from isorig.analysis.spectra.windows import hanning
 
 #: Frequency bins are averaged to this many groups, evenly spaced in log frequency: an octave then has 20 to 40. Levels in bands
@@ -22,8 +23,6 @@ from isorig.analysis.spectra.windows import hanning
 GROUPS = 150
 #: Bands in an octave in which power is compared.
 PER_OCTAVE = 3
-#: Share of the largest power of a drive below which a frequency is not driven.
-DRIVEN = 1e-4
 #: Share of a link's critical damping that an undamped link gets, so that a fit can increase it.
 LEAST_DAMPING = 1e-3
 #: Most iterations of the damper that replaces dry friction, the change of its logarithm below which they end, and the largest

@@ -25,6 +25,8 @@ BLOCK, CACHED = 8, 1 << 21
 OVERLAP = 0.5
 #: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
 FEWEST = 1.5
+#: Share of the largest power of a drive below which a frequency is not driven.
+DRIVEN = 1e-4
 #: Arrays over frequency of a transfer function, other than the frequencies themselves.
 FRF_ROWS = ("value", "coherence", "magnitude_std", "phase_std", "multiple_coherence")
 
@@ -145,6 +147,12 @@ class Spectra:
     def density(self, channel: str) -> FloatArray:
         """Power spectral density of a channel, unit^2 / Hz, shape (bins,)."""
         return np.asarray(self.auto[self.channels.index(channel)])
+
+    def extent(self, channel: str) -> tuple[float, float]:
+        """The lowest and the highest frequency at which a channel has power, Hz; not zero and its neighbour, where means leak."""
+        frequency, density = self.frequency[2:], self.density(channel)[2:]
+        driven = frequency[density >= DRIVEN * density.max()]
+        return float(driven[0]), float(driven[-1])
 
     def frf(self, response: str, reference: str, estimator: Estimator = "H1") -> Frf:
         """The transfer function from `reference` to `response` with a single drive: `frfs` of one reference."""

@@ -9,15 +9,16 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray, Run
+from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Entry
-from isorig.analysis.errors import ModelError
+from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.fitting.excess import excess
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.spectra.noise import noise_levels
+from isorig.analysis.spectra.welch import estimate
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import free_of, free_tree
@@ -140,8 +141,18 @@ def _existing_run(campaign: Campaign, run: Run, drive: str) -> ExistingRun:
     return ExistingRun(
         id=run.id, configuration=run.configuration, excitation=run.excitation, gain=run.gain, seconds=run.duration,
         start_time=campaign.seconds_since_start(run), drive_rms=float(values.std()), drive_peak=float(np.abs(values).max()),
-        band=run.band, period=None if run.period is None else run.period / run.sample_rate, repeat_of=run.repeat_of,
+        band=run.band or _extent(run, drive), period=None if run.period is None else run.period / run.sample_rate,
+        repeat_of=run.repeat_of,
     )  # fmt: skip
+
+
+def _extent(run: Run, drive: str) -> tuple[float, float] | None:
+    if not broad([run]) or not run.read(drive).any():
+        return None
+    try:
+        return estimate([run], references=[drive], channels=[drive], resolution=max(0.25, 8.0 / run.duration)).extent(drive)
+    except DataError:  # too short
+        return None
 
 
 def _open(diagnosis: Diagnosis) -> list[OpenSet]:

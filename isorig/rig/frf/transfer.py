@@ -325,7 +325,9 @@ def _averaged(
 ) -> list[Transfer]:  # fmt: skip
     spectra = chosen(references=references, channels=names)
     bands = [run.band for run in runs if run.band is not None]
-    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (spectra.resolution, runs[0].sample_rate / 2.56)
+    # Where no run gives its band, it is where the drive has power.
+    low, high = spectra.extent(references[0])
+    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (low, min(high, runs[0].sample_rate / 2.56))
     return [
         Transfer.of(
             frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs),

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.proposals.choice import Choice, PredictedPair
 from isorig.analysis.proposals.policy import CANNOT, WILL
-from isorig.analysis.wording import capitalized
+from isorig.analysis.wording import capitalized, sized
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, reasons, summary
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
@@ -67,6 +69,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True):
     of_rival: list[float]
     allowed: float
     distance: float
+    unit: str = ""
 
 
 def picture_of(pair: PredictedPair) -> Picture:
@@ -79,7 +82,7 @@ def picture_of(pair: PredictedPair) -> Picture:
     return Picture(
         truth=cause(pair.truth), rival=cause(pair.rival), channel=pair.channel, sample_rate=pair.sample_rate, first=first,
         of_truth=pair.of_truth[part].tolist(), of_rival=pair.of_rival[part].tolist(), allowed=pair.allowed,
-        distance=min(pair.distance, 999.0),
+        distance=min(pair.distance, 999.0), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
     )  # fmt: skip
 
 
@@ -92,7 +95,7 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
         caption=f"Signal of the {shown.channel} for {shown.truth}, and prediction by {shown.rival} after a refit to all runs; "
         f"below, their difference compared with the allowed error (noise and accuracy of the simulation): {shown.distance:.2g} "
         "standard errors over the whole run.",
-        panels=[Panel(label=shown.channel), Panel(label="difference", height=0.6)],
+        panels=[Panel(label=f"{shown.channel}, {shown.unit}"), Panel(label=f"difference, {shown.unit}", height=0.6)],
         traces=[
             ChartTrace(name=shown.truth, x=t, y=truth, role="first"),
             ChartTrace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),
@@ -103,17 +106,22 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
 
 
 def _limits(proposal: Proposal, now: Situation) -> Section:
-    limits = now.limits
-    rows = [(f"stroke of the {name}", f"{1e3 * value:.3g} mm") for name, value in limits.stroke.items()]
-    rows += [(f"record of {name}", f"{value:.3g}") for name, value in limits.channels.items()]
-    for key in ("drive", "force", "seconds", "lock_price"):
+    limits, model = now.limits, now.rivals.explains.variant().model
+    records = {drive.channel: drive.quantity for drive in model.drives} | {s.channel: s.quantity for s in model.sensors}
+    rows = [
+        (f"stroke of the {name}", sized(value, unit_of(f"links.{name}.laws.0.stroke", model)))
+        for name, value in limits.stroke.items()
+    ]
+    rows += [(f"record of {name}", sized(value, SI_UNIT[records[name]])) for name, value in limits.channels.items()]
+    units = {"drive": SI_UNIT[model.drive.quantity], "force": "N m" if model.drive.quantity == "torque" else "N"}
+    for key, unit in {**units, "seconds": "s", "lock_price": "s"}.items():
         value = getattr(limits, key)
         if value is not None:
-            rows.append((key.replace("_", " "), f"{value:.4g}"))
-    for key in ("gains", "band"):
+            rows.append((key.replace("_", " "), sized(value, unit, digits=4)))
+    for key, unit in (("gains", ""), ("band", " Hz")):
         pair = getattr(limits, key)
         if pair is not None:
-            rows.append((key, f"{pair[0]:g} to {pair[1]:g}"))
+            rows.append((key, f"{pair[0]:.4g} to {pair[1]:.4g}{unit}"))
     refused = [] if proposal.chosen is None else [(now.described(run), why) for run, why in proposal.chosen.refused.items()]
     tables = [Table(columns=("limit", "value"), rows=rows)]
     if refused:

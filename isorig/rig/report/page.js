@@ -158,12 +158,12 @@
     const chart = charts[number], out = place(number).parentElement.querySelector(".peaks");
     if (!chart.peaks) return;
     const range = place(number).layout.xaxis.range.map((v) => (chart.x.log ? 10 ** v : v));
-    const said = [];
+    const said = [], unit = chart.panels[0].label.split("\n")[1] || "";
     for (const t of chart.traces) {
       if (t.panel !== 0) continue;
       let top = -1;
       t.x.forEach((x, i) => { if (x >= range[0] && x <= range[1] && !(t.y[i] <= t.y[top])) top = Number.isFinite(t.y[i]) ? i : top; });
-      if (top >= 0) said.push(`${t.name}: ${Number(t.y[top].toPrecision(3))} at ${Number(t.x[top].toPrecision(4))} ${chart.x.unit}`);
+      if (top >= 0) said.push(`${t.name}: ${Number(t.y[top].toPrecision(3))} ${unit} at ${Number(t.x[top].toPrecision(4))} ${chart.x.unit}`);
     }
     out.textContent = said.length ? `Largest in view: ${said.join("; ")}.` : "";
   }
