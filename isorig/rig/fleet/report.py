@@ -81,13 +81,21 @@ def _verdict(fleet: Fleet) -> str:
     return f"{count} of {len(fleet.rigs)} rigs have changed, {changed[0].rig} last ({period(fleet, changed[0])})."
 
 
+def _rate(per_month: float) -> str:
+    return f"{per_month:.2g} a month" if per_month >= 1.0 else f"one in {1.0 / per_month:.2g} months"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share >= 1.0 else f"{100.0 * share:.2g} %"
+
+
 def _summary(fleet: Fleet) -> list[str]:
     campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
     first, last = min(c.started for c in campaigns), max(c.started for c in campaigns)
     sentences = [
         f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
-        f"False alarms expected in the whole fleet: at most {fleet.false_per_month:.2g} a month.",
+        f"False alarms expected in the whole fleet: at most {_rate(fleet.false_per_month)}.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:
@@ -175,9 +183,9 @@ def _scatter(fleet: Fleet) -> Section:
     rows = []
     for name, found in fleet.scatter.items():
         track = next(rig.tracks[name] for rig in fleet.rigs.values() if name in rig.tracks)
-        size = f"{100.0 * found.variance**0.5:.2g} %" if track.log else f"{found.variance**0.5:.2g} {track.unit}"
+        size = _percent(found.variance**0.5) if track.log else f"{found.variance**0.5:.2g} {track.unit}"
         fitted = float(np.median(np.concatenate([r.tracks[name].series.std for r in fleet.rigs.values() if name in r.tracks])))
-        own = f"{100.0 * fitted:.2g} %" if track.log else f"{fitted:.2g} {track.unit}"
+        own = _percent(fitted) if track.log else f"{fitted:.2g} {track.unit}"
         limits = fleet.limits.get(name)
         shown = "too few campaigns" if limits is None else ", ".join(f"{limit:.2g}" for limit in limits)
         rows.append((parameter_words(name), size, own, f"{found.freedom:.0f}", shown))

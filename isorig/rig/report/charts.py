@@ -146,6 +146,14 @@ class Chart:
         }
 
 
+def unjoined(degrees: FloatArray) -> FloatArray:
+    """A phase in degrees for drawing, shape (n,), with NaN where it wraps: no line is drawn there."""
+    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0)
+    shown = degrees.copy()
+    shown[wraps] = np.nan
+    return shown
+
+
 def spread_over(frequency: FloatArray, most: int = MOST_POINTS) -> slice | np.ndarray:
     """Indices that select at most `most` of ascending positive frequencies, evenly on a logarithmic axis."""
     n = len(frequency)

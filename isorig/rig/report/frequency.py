@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.run_check import incoherences
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.model.prediction import predicted
-from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over
+from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over, unjoined
 from isorig.rig.report.page import Report, Section, build_report
 from isorig.rig.report.sections import per
 from isorig.rig.wire_bonder.isolation import Compared, Model, compared_isolation, isolation_sentences
@@ -117,7 +117,7 @@ def frf_chart(
         turned = np.degrees(np.angle(frf.value[kept]))
         traces += [
             ChartTrace(name=label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
-            ChartTrace(name=label, x=f, y=_unjoined(turned), role=role, panel=1, style=style),
+            ChartTrace(name=label, x=f, y=unjoined(turned), role=role, panel=1, style=style),
             ChartTrace(name=label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
         ]
     for _, item in simulated:
@@ -136,14 +136,6 @@ def frf_chart(
         ],
         traces=traces, link="frequency", peaks=True,
     )  # fmt: skip
-
-
-def _unjoined(degrees: FloatArray) -> FloatArray:
-    # No line is drawn where the phase wraps.
-    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0)
-    shown = degrees.copy()
-    shown[wraps] = np.nan
-    return shown
 
 
 def isolation_section(found: Compared) -> Section:

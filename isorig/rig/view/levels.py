@@ -46,7 +46,7 @@ class Levels:
         self._held = np.zeros(len(self._names))
         self._over = np.zeros(len(self._names), bool)
         self._recent = np.zeros((len(self._names), 0))
-        self._lows = self._highs = np.zeros((len(self._names), 0))
+        self._first = self._second = np.zeros((len(self._names), 0))
         self.seen = 0
         self._last: tuple[ChannelLevel, ...] = ()
 
@@ -83,10 +83,10 @@ class Levels:
 
     def trace(self) -> FloatArray:
         """Time in seconds, and a row for each channel, shape (1 + channels, points); empty before the first interval."""
-        count = self._lows.shape[1]
+        count = self._first.shape[1]
         first = self.seen // self._bin - count
         seconds = (first + np.repeat(np.arange(count), 2) + np.tile([0.25, 0.75], count)) * self._bin / self._rate
-        return np.vstack([seconds, np.stack([self._lows, self._highs], axis=2).reshape(len(self._names), -1)])
+        return np.vstack([seconds, np.stack([self._first, self._second], axis=2).reshape(len(self._names), -1)])
 
     def _block(self, values: FloatArray) -> None:
         sizes = np.abs(values).max(axis=1)
@@ -95,6 +95,8 @@ class Levels:
         self._over |= sizes >= limits
         self._recent = np.concatenate([self._recent, values], axis=1)[:, -max(round(RECENT * self._rate), 1) :]
         binned = values.reshape(len(self._names), -1, self._bin)
-        kept = POINTS // 2
-        self._lows = np.concatenate([self._lows, binned.min(axis=2)], axis=1)[:, -kept:]
-        self._highs = np.concatenate([self._highs, binned.max(axis=2)], axis=1)[:, -kept:]
+        kept, low, high = POINTS // 2, binned.min(axis=2), binned.max(axis=2)
+        # In the order in which they occur: otherwise a slow wave looks like stairs.
+        rises = binned.argmin(axis=2) <= binned.argmax(axis=2)
+        self._first = np.concatenate([self._first, np.where(rises, low, high)], axis=1)[:, -kept:]
+        self._second = np.concatenate([self._second, np.where(rises, high, low)], axis=1)[:, -kept:]

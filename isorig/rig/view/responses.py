@@ -11,7 +11,7 @@ from isorig.analysis.campaign import BROAD, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import magnitude_ratio
 from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged
-from isorig.rig.report.charts import spread_over
+from isorig.rig.report.charts import spread_over, unjoined
 from isorig.rig.view.run_list import Planned
 
 #: Frequency resolution, Hz: fine enough for the rig's modes, and the first average is complete after two seconds.
@@ -35,13 +35,15 @@ class GrowingSpectra:
 
     def __init__(self, run: Run, drive: str) -> None:
         self.configuration, self.gain = run.configuration, round(run.gain, 6)
-        self.band = run.band or (RESOLUTION, run.sample_rate / 2.56)
+        #: None if the run does not give it: it is then where the drive has power.
+        self.band = run.band
         self._rate = run.sample_rate
         self._running: RunningSpectra | None = None
         self._done: Spectra | None = None
         if run.excitation in BROAD and drive in run.channels and run.sample_rate >= 8.0 * RESOLUTION:
             self._running = RunningSpectra(
-                run, references=[drive], resolution=RESOLUTION, highest=self.band[1], memory=MEMORY
+                run, references=[drive], resolution=RESOLUTION, highest=run.band[1] if run.band else run.sample_rate / 2.56,
+                memory=MEMORY,
             )  # fmt: skip
 
     def add(self, run: Run) -> None:
@@ -107,14 +109,16 @@ class AveragedRuns:
         return f"{phrase} of {self.planned:.0f}, error {100 * error:.2g} % now, {100 * at_end:.2g} % at the end"
 
 
-def groups_of(responses: Mapping[str, GrowingSpectra], planned: Mapping[str, Planned]) -> dict[tuple[str, float], AveragedRuns]:
+def groups_of(
+    responses: Mapping[str, GrowingSpectra], planned: Mapping[str, Planned], drive: str
+) -> dict[tuple[str, float], AveragedRuns]:
     """Runs of a configuration and gain, averaged; the keys are (configuration, gain)."""
     found = {}
     for key, names in _alike(responses):
         parts = [part for name in names if (part := responses[name].spectra()) is not None]
         if not parts:
             continue
-        bands = [responses[name].band for name in names]
+        bands = [band for name in names if (band := responses[name].band) is not None]
         coming = [item for item in planned.values() if (item.configuration, item.gain) == key and item.broad]
         with_plan = set(names) <= planned.keys()
         try:
@@ -122,7 +126,8 @@ def groups_of(responses: Mapping[str, GrowingSpectra], planned: Mapping[str, Pla
         except DataError:  # runs with different rates or bands: use the last one
             spectra = parts[-1]
         found[key] = AveragedRuns(
-            configuration=key[0], gain=key[1], band=(max(b[0] for b in bands), min(b[1] for b in bands)), spectra=spectra,
+            configuration=key[0], gain=key[1], spectra=spectra,
+            band=(max(b[0] for b in bands), min(b[1] for b in bands)) if bands else spectra.extent(drive),
             planned=sum(responses[names[0]].averages_in(item.seconds) for item in coming) if with_plan else None,
         )  # fmt: skip
     return found
@@ -139,7 +144,8 @@ def transfer_rows(group: AveragedRuns, drive: str) -> tuple[list[str], FloatArra
     rows = [group.spectra.frequency[kept]]
     for frf in frfs.values():
         value = frf.value[kept]
-        rows += [np.abs(value), frf.magnitude_std[kept], np.degrees(np.angle(value)), np.degrees(frf.phase_std[kept])]
+        phase = unjoined(np.degrees(np.angle(value)))
+        rows += [np.abs(value), frf.magnitude_std[kept], phase, np.degrees(frf.phase_std[kept])]
         rows.append(frf.coherence[kept])
     return list(frfs), np.stack(rows)
 

@@ -165,7 +165,7 @@ class Board:
         )  # fmt: skip
 
     def _averages(self, plots: dict[str, Plot], track: _Track, drive: str) -> tuple[dict[str, Plot], dict[str, str]]:
-        groups = groups_of({name: item.response for name, item in self._tracks.items()}, self._planned)
+        groups = groups_of({name: item.response for name, item in self._tracks.items()}, self._planned, drive)
         texts: dict[str, str] = {}
         here = groups.get((track.response.configuration, track.response.gain))
         if here is not None:

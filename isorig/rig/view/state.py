@@ -140,7 +140,7 @@ def _verdict(subject: Subject, picture: Snapshot, standing: SessionState | None)
     taken = f"{len(judged)} of {len(subject.planned)} runs" if subject.planned else f"{len(judged)} runs"
     bad = [name for name, (good, _) in judged.items() if not good]
     with_advice = [name for name, (good, advice) in judged.items() if good and advice]
-    result = f"repeat {', '.join(bad)}" if bad else "adequate so far"
+    result = f"repeat {', '.join(bad)}" if bad else "no run needs to be repeated"
     findings = f"; findings in {', '.join(with_advice)}" if with_advice else ""
     rest = "" if bad or with_advice else ", no findings"
     return f"Provisional, {taken} checked: {result}{findings}{rest}."

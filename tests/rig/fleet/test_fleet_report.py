@@ -14,6 +14,7 @@ from isorig.rig.cli import main
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import followed
+from isorig.rig.fleet.report import fleet_page
 from isorig.rig.report.sparkline import MOST, sparkline
 
 PROBE = """<script>
@@ -118,3 +119,8 @@ def test_a_cause_that_the_diagnosis_names_is_the_cause_of_the_change(tmp_path: P
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL)
     assert (cells[2], cells[3]) == ("verdict", "end stop at isolation")
     assert page.count("The cause that the diagnosis names is the cause of this change.") == 1
+
+
+@pytest.mark.parametrize(("rigs", "said"), [(50, "at most 1 a month"), (3, "at most one in 16 months")])
+def test_the_rate_of_false_alarms_is_stated(rigs: int, said: str) -> None:
+    assert said in fleet_page(followed(drawn_fleet(3, rigs=rigs, campaigns=12), "coulomb"), {})

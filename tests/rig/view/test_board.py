@@ -80,6 +80,27 @@ def test_levels_are_those_of_the_samples(seed: int, n: int, rate: float, cuts: l
         assert np.all(np.diff(trace[0]) > 0.0)
 
 
+def test_a_slow_wave_is_drawn_without_stairs() -> None:
+    """The extremes of an interval are drawn in the order in which they occur."""
+    wave = np.sin(2.0 * np.pi * np.arange(4000) / 2000.0)
+    run = Run(id="r", configuration="unlocked", sample_rate=1000.0, gain=1.0, channels={"a": Channel(name="a", samples=wave)})
+    levels = Levels(run)
+    levels.add(run)
+    (_, shown) = levels.trace()
+    # A sine turns twice in each of its two periods.
+    assert np.count_nonzero(np.diff(np.sign(np.diff(shown))) != 0) <= 8
+
+
+def test_a_phase_has_no_line_where_it_wraps_and_no_band_is_that_of_the_drive(campaign: Campaign) -> None:
+    last = campaign.runs[-1]
+    picture = seen(replace(campaign, runs=(*campaign.runs[:-1], replace(last, band=None))))
+    rows = picture.plots["frf"].rows
+    assert rows[0].max() < 1.2 * last.band[1]
+    for k in range(len(picture.plots["frf"].names)):
+        steps = np.abs(np.diff(rows[3 + 5 * k]))
+        assert np.nanmax(steps) <= 180.0
+
+
 def test_transfer_functions_and_ratio_are_those_of_scipy(campaign: Campaign) -> None:
     picture = seen(campaign)
     unlocked, locked = (next(run for run in campaign.runs if run.id == name) for name in ("u70a", "l70"))
