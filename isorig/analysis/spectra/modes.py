@@ -24,6 +24,8 @@ from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, 
 
 #: Relative step of the numerical derivatives of a mode.
 STEP = 1e-6
+#: Smallest damping ratio of a fitted mode, and the share of a limit of the fit within which a mode is at that limit.
+LEAST, EDGE = 1e-7, 1e-3
 
 Kind = Literal["accelerance", "transmissibility", "general"]
 
@@ -128,15 +130,15 @@ def fit_modes(
         )
     sigma = np.asarray(line_deviation(frf)[kept], dtype=np.float64)
     shape = _Shape(f, kind, residuals, WindowEffect.of(frf) if tapered else WindowEffect(decay=frf.decay))
-    start = np.log([number for guess in guesses for number in guess])
+    # Without bounds a mode that steps out of the band often stays there, although there is a minimum within. A mode within one
+    # bin of it counts as inside.
+    low, high = max(band[0] - frf.resolution, 0.5 * frf.resolution), band[1] + frf.resolution
+    bounds = np.log(np.tile([(low, LEAST), (high, 1.0)], len(guesses)))
+    start = np.clip(np.log([number for guess in guesses for number in guess]), *bounds)
     side = _parts(value / sigma)
 
     def error(theta: FloatArray) -> FloatArray:
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            columns = _parts(shape.columns(np.exp(theta)) / sigma[:, None])
-        if not np.isfinite(columns).all():
-            # So far away that it overflows: the solver takes a shorter step, and LAPACK prints nothing.
-            return np.full(len(side), np.nan)
+        columns = _parts(shape.columns(np.exp(theta)) / sigma[:, None])
         return np.asarray(columns @ np.linalg.lstsq(columns, side, rcond=None)[0] - side)
 
     def slope(theta: FloatArray) -> FloatArray:
@@ -150,9 +152,10 @@ def fit_modes(
         follow = np.tensordot(_parts(moved), columns @ amplitudes - side, axes=(0, 0))
         return np.asarray(ahead - columns @ (inverse @ ahead) - (follow @ inverse).T)
 
-    solved = least_squares(error, start, jac=slope, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    solved = least_squares(error, start, jac=slope, bounds=tuple(bounds), method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
     pairs = np.asarray(np.exp(solved.x), dtype=np.float64).reshape(-1, 2)
-    if not np.isfinite(pairs).all() or ((pairs[:, 0] < band[0]) | (pairs[:, 0] > band[1]) | (pairs[:, 1] > 1.0)).any():
+    at = np.abs(solved.x - bounds) < EDGE
+    if at[:, ::2].any() or at[1, 1::2].any():
         raise FitError(
             f"the fit of {len(guesses)} modes left the band {band[0]:g} to {band[1]:g} Hz; give guesses or another band"
         )

@@ -303,8 +303,9 @@ def estimate(
         group = group_size(count, BLOCK) if jackknife else count + 1
         sums = _Sums(names, references, length, group=group, window=window, overlap=overlap)
         for run, start, stop in alike:
-            for block in _blocks(run, names, start, stop, length, hop):
-                sums.add(block)
+            blocks = _Blocks(run, sums, start, stop)
+            for many in blocks:
+                sums.add(blocks, many)
         if count:
             parts.append(sums.spectra(rate, _units(alike[0][0], names)))
     if not parts:
@@ -398,10 +399,11 @@ class RunningSpectra:
         """Add the segments that have been completed since the last call."""
         for start, stop in stretches(run):
             self._next = max(start, self._next)
-            for block in _blocks(run, self._sums.names, self._next, stop, self._length, self._sums.hop):
-                self._sums.add(block)
+            blocks = _Blocks(run, self._sums, self._next, stop, ahead=True)
+            for many in blocks:
+                self._sums.add(blocks, many)
                 # Block by block: if one cannot be read now, the next call continues with it.
-                self._next += block.shape[1] * self._sums.hop
+                self._next += many * self._sums.hop
 
     @property
     def segments(self) -> int:
@@ -455,21 +457,47 @@ def _segments(samples: int, length: int, hop: int) -> int:
     return (samples - length) // hop + 1 if samples >= length else 0
 
 
-def _blocks(run: Run, names: Sequence[str], start: int, stop: int, length: int, hop: int) -> Iterator[FloatArray]:
-    # Segments of all channels, shape (channels, segments, length), each time in the same memory; every sample is read once.
-    count, kept = _segments(stop - start, length, hop), length - hop
-    if not count:
-        return
-    most = min(_at_once(length), count)
-    rows = np.empty((len(names), (most - 1) * hop + length))
-    segments = np.lib.stride_tricks.sliding_window_view(rows, length, axis=1)[:, ::hop]
-    for first in range(0, count, most):
-        many, held = min(most, count - first), kept if first else 0
-        begin, size = start + first * hop, (many - 1) * hop + length
-        for row, name in zip(rows, names, strict=True):
-            row[:held] = row[most * hop :][:held].copy()
-            row[held:size] = run.channel(name).read(begin + held, begin + size)
-        yield segments[:, :many]
+class _Blocks:
+    """Segments of the channels of an interval in blocks; every sample is read once, and no channel is stored whole.
+
+    Iterating gives the number of segments of each block; `rows` then gives the segments of one channel after the other. With
+    `ahead` all channels of a block are read before the block is given, so that no block is incomplete if one cannot be read.
+    """
+
+    def __init__(self, run: Run, sums: _Sums, start: int, stop: int, *, ahead: bool = False) -> None:
+        self._channels = [run.channel(name) for name in sums.names]
+        self._sums, self._start, self._ahead = sums, start, ahead
+        self._count = _segments(stop - start, sums.length, sums.hop)
+        kept = sums.length - sums.hop
+        most = min(_at_once(sums.length), self._count)
+        self._buffers = np.empty((len(self._channels) if ahead else 1, most * sums.hop + kept if most else 0))
+        #: What the last segment of a block shares with the first one of the next block.
+        self._kept = np.empty((len(self._channels), kept))
+        self._first, self._many = 0, 0
+
+    def __iter__(self) -> Iterator[int]:
+        while self._first < self._count:
+            self._many = min(_at_once(self._sums.length), self._count - self._first, self._sums.room)
+            if self._ahead:
+                for row in range(len(self._channels)):
+                    self._read(row)
+            yield self._many
+            self._first += self._many
+
+    def rows(self) -> Iterator[FloatArray]:
+        """The segments of each channel, shape (segments, length), overwritten by those of the next one."""
+        for row in range(len(self._channels)):
+            values = self._buffers[row] if self._ahead else self._read(row)
+            yield np.lib.stride_tricks.sliding_window_view(values, self._sums.length)[:: self._sums.hop][: self._many]
+
+    def _read(self, row: int) -> FloatArray:
+        values: FloatArray = self._buffers[row if self._ahead else 0]
+        kept, hop = self._kept[row], self._sums.hop
+        begin, size, held = self._start + self._first * hop, self._many * hop + len(kept), len(kept) if self._first else 0
+        values[:held] = kept[:held]
+        values[held:size] = self._channels[row].read(begin + held, begin + size)
+        kept[:] = values[self._many * hop : size]
+        return values
 
 
 def _at_once(length: int) -> int:
@@ -501,23 +529,19 @@ class _Sums:
         self.grouping = Grouping(group, groups)
         self.group = Sums(0, np.zeros_like(self.auto), {name: np.zeros_like(values) for name, values in self.cross.items()})
 
-    def add(self, block: FloatArray) -> None:
-        many = block.shape[1]
-        start = 0
-        while start < many:
-            stop = min(many, start + self.grouping.size - self.group.segments)
-            self._add(block[:, start:stop])
-            start = stop
-            if self.group.segments == self.grouping.size:
-                self._close()
+    @property
+    def room(self) -> int:
+        """Number of segments that the current group still takes."""
+        return self.grouping.size - self.group.segments
 
-    def _add(self, block: FloatArray) -> None:
-        many, auto, cross = block.shape[1], self.group.auto, self.group.cross
+    def add(self, blocks: _Blocks, many: int) -> None:
+        """Add the current block of `many` segments."""
+        auto, cross = self.group.auto, self.group.cross
         part, products, product = self.windowed[:many], self.products[:many], self.product
         squares, power = self.squares, self.power
         # References come first, so that a channel meets all of them when it is processed.
-        for row, name in enumerate(self.names):
-            np.subtract(block[row], block[row].mean(axis=1, keepdims=True), out=part)
+        for row, (name, segments) in enumerate(zip(self.names, blocks.rows(), strict=True)):
+            np.subtract(segments, segments.mean(axis=1, keepdims=True), out=part)
             part *= self.window
             lines = np.fft.rfft(part, axis=1, out=self.transformed[:many])[:, : self.lines]
             if name in cross:
@@ -532,6 +556,8 @@ class _Sums:
                 np.multiply(self.conjugates[reference][:many], lines, out=products)
                 cross[reference][row] += np.add.reduce(products, axis=0, out=product)
         self.group.segments += many
+        if not self.room:
+            self._close()
 
     def _close(self) -> None:
         # The group is full: it is stored separately, and added to the total.
@@ -555,9 +581,11 @@ class _Sums:
         each, frequency = each[: self.lines], np.fft.rfftfreq(self.length, 1.0 / rate)[: self.lines]
         segments = self.segments + self.group.segments
         whole = self._mirrored(Sums(self.segments, self.auto, self.cross).plus(self.group))
+        # In place: these are the largest arrays of an estimate.
+        auto, *cross = (np.multiply(values, each / segments, out=values) for values in (whole.auto, *whole.cross.values()))
         return Spectra(
-            channels=self.names, frequency=frequency.astype(np.float64), auto=whole.auto * each / segments,
-            cross={name: values * each / segments for name, values in whole.cross.items()},
+            channels=self.names, frequency=frequency.astype(np.float64), auto=np.asarray(auto),
+            cross=dict(zip(whole.cross, map(np.asarray, cross), strict=True)),
             averages=effective_averages(self.window, segments, self.hop), segments=segments, resolution=rate / self.length,
             groups=self.grouping.groups(self._mirrored(self.group).single(), each), units=units, window=self.seen_through,
             overlap=self.overlap,

@@ -16,7 +16,6 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.spectra.detection import Detection
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.overload import LONGEST
@@ -127,6 +126,8 @@ def _repeats(
     run: Run, name: str, drive: str, others: Sequence[Run]
 ) -> Iterator[tuple[Sequence[FloatArray], Sequence[FloatArray], str]]:
     # Drive and response of a record and of another one with the same drive, and both in words.
+    from isorig.analysis.fitting.repeats import same_drive
+
     x, y = run.read(drive), run.read(name)
     if run.period is not None and len(run) > (SETTLING + 1) * run.period and not run.gaps:
         settled, later = slice(SETTLING * run.period, -run.period), slice((SETTLING + 1) * run.period, None)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
-from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.overload import LONGEST
@@ -25,7 +25,10 @@ from isorig.rig.acquire.policy import (
     RESOLVED,
     STICKING,
 )
-from isorig.rig.acquire.recover import Recovered
+
+if TYPE_CHECKING:
+    from isorig.analysis.model.rig_model import RigModel
+    from isorig.rig.acquire.recover import Recovered
 
 #: Samples of a channel that are processed at once: a run may be longer than memory.
 PART = 1 << 20

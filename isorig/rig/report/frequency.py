@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import DataError
-from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.run_check import incoherences
 from isorig.rig.frf.transfer import Transfer, transfer_functions
-from isorig.rig.model.prediction import predicted
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over, unjoined
 from isorig.rig.report.page import Report, Section, build_report
 from isorig.rig.report.sections import per
-from isorig.rig.wire_bonder.isolation import Compared, Model, compared_isolation, isolation_sentences
+
+if TYPE_CHECKING:
+    from isorig.analysis.model.rig_model import RigModel
+    from isorig.rig.wire_bonder.isolation import Compared
 
 #: Styles of the lines of several recordings.
 DASHES: tuple[Style, ...] = ("solid", "dash", "dot")
@@ -34,6 +36,8 @@ def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
 
 def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     """Transfer functions, measured and simulated for the same runs; or the reason why there are none."""
+    from isorig.rig.model.prediction import predicted
+
     try:
         drives = [drive.channel for drive in model.drives]
         return frf_section(campaign, predicted(model, campaign, as_recorded=True), drives, next(iter(model.configurations)))
@@ -44,6 +48,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
 def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
     """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
+    from isorig.rig.wire_bonder.isolation import Model, compared_isolation
 
     if "locked" not in model.configurations or not is_wire_bonder(model):
         return None, ""
@@ -140,6 +145,8 @@ def frf_chart(
 
 def isolation_section(found: Compared) -> Section:
     """The isolation ratio with its sentences."""
+    from isorig.rig.wire_bonder.isolation import isolation_sentences
+
     return Section(title="Isolation ratio", text=isolation_sentences(found), charts=[isolation_chart(found)])
 
 

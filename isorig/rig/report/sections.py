@@ -8,13 +8,16 @@ import sys
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.parameters.joint_fit import Entry
 from isorig.analysis.wording import state
-from isorig.rig.files.findings import Value
 from isorig.rig.report.page import Section, Table
 from isorig.rig.wire_bonder.description import SUMMARY
+
+if TYPE_CHECKING:
+    from isorig.analysis.parameters.joint_fit import Entry
+    from isorig.rig.files.findings import Value
 
 #: Text for missing information of a recording.
 NOT_GIVEN = "not given"
