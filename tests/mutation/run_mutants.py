@@ -62,7 +62,11 @@ MODULES: dict[str, Covered] = {
         ("tests/analysis/test_division.py", "tests/analysis/test_fits.py::test_what_judges_is_kept_from_fits")
     ),
     "isorig/analysis/fitting/drive_noise.py": Covered(
-        ("tests/analysis/test_characterize.py::test_intervals_hold_the_truth_with_other_noise_than_white",), 8
+        (
+            "tests/analysis/test_drive_noise.py",
+            "tests/analysis/test_characterize.py::test_intervals_hold_the_truth_with_other_noise_than_white",
+        ),
+        8,
     ),
     "isorig/analysis/trends/cusum.py": Covered(("tests/analysis/trends/test_trends.py",), 40),
     **{

@@ -16,7 +16,7 @@ def test_every_named_mutant_changes_the_present_code() -> None:
 
 def test_listed_survivors_are_mutants_of_the_present_code() -> None:
     listed = re.findall(r"^\| (isorig/.*`) \| ", run_mutants.LISTED.read_text(encoding="utf-8"), re.MULTILINE)
-    made = {f"{mutant.file} {mutant.name}" for file in run_mutants.MODULES for mutant in run_mutants.drawn(file)}
+    made = {f"{mutant.file} {mutant.name}" for file in run_mutants.MODULES for mutant in run_mutants.mutants_of(file)}
     assert listed
     assert [line for line in listed if line not in made] == []
 

@@ -417,8 +417,8 @@ class Regressions:
             after = {}
             for name, (apart, rest, mine_count, other_count) in parts.items():
                 total = self.on.prepared[name].solved.residual
-                old = (apart.solved.residual * mine_count + rest * other_count) / (mine_count + other_count)
-                new = (float(scans[name][k]) * mine_count + rest * other_count) / (mine_count + other_count)
+                old = apart.solved.residual * mine_count + rest * other_count
+                new = float(scans[name][k]) * mine_count + rest * other_count
                 after[name] = new * total / max(old, 1e-9)
             for balance in inside:
                 if balance.name in self.on.sliding:

@@ -5,19 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from small_rigs import chain, rubbing, stage, with_law
+from small_rigs import chain, guessed, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
+from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.equations.balances import Element, balances, elements, locks
 from isorig.analysis.equations.columns import SHAPES, Course
 from isorig.analysis.equations.filters import resonator, rocked
 from isorig.analysis.equations.hidden import estimable, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces
 from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain, lowpass_gain
-from isorig.analysis.equations.sliding import spline_columns
+from isorig.analysis.equations.ranking import Regressions, ranking
+from isorig.analysis.equations.sliding import Sliding, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
+from isorig.analysis.equations.spectral import _solve
+from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 RATE, N = 100.0, 1000
 TIME = np.arange(N) / RATE
@@ -221,3 +226,76 @@ def test_values_of_hidden_bodies_are_found_within_a_factor_of_three(wanted: floa
 
     best = fitted(chain(), paths, left)
     assert [best.get(path) / value for path, value in given.items()] == pytest.approx([found] * 2, rel=1e-3)
+
+
+def test_an_error_of_a_channel_in_an_equation() -> None:
+    """Its part in the known row less its parts in the others times their values."""
+    rows = [{("a", 2): 2.0, ("b", 0): 7.0}, {("a", 0): 3.0}, {("b", 0): 5.0}]
+    found = Regressions._error(rows, np.array([0.5, 4.0]), "a", {0: np.full(2, 10.0), 2: np.ones(2)})
+    assert found == pytest.approx(2.0 - 0.5 * 3.0 * 10.0)
+
+
+def test_an_equation_without_unknown_values_leaves_its_known_part() -> None:
+    found = _solve(np.array([[2.0]]), np.array([[0.5]]))
+    assert (found.residual, len(found.values)) == (2.0, 0)
+
+
+def sliding(integrated: bool, still: float) -> Sliding:
+    """A run of 40 s that is at rest for a share of the time."""
+    n = 4000
+    velocity = np.where(np.arange(n) < still * n, 0.0, np.cos(2.0 * np.pi * 5.0 * np.arange(n) / RATE))
+    run = SlidingRun(
+        run=0, force=velocity, deflection=np.cumsum(velocity) / RATE, velocity=velocity, fixed=np.zeros((n, 0)),
+        time=np.arange(n) / RATE, usable=np.ones(n, dtype=bool), slow=np.zeros(n), slow_velocity=np.zeros(n),
+    )  # fmt: skip
+    return Sliding([run], RATE, 0.2, integrated=integrated, stiffness=1.0, noise=0.0, parts=1.0, edge=np.inf, rubs=True)
+
+
+def test_only_a_measured_position_shows_that_an_element_rests() -> None:
+    assert sliding(integrated=False, still=0.6).rests
+    assert not sliding(integrated=False, still=0.0).rests
+    assert not sliding(integrated=True, still=0.6).rests
+
+
+def test_the_slow_part_is_a_spline_and_its_derivative() -> None:
+    """Equal coefficients are a constant, rising ones a line; a knot lies between two coefficients."""
+    one = sliding(integrated=True, still=0.0)
+    assert one._value.sum(axis=1) == pytest.approx(1.0)
+    assert one._slope.sum(axis=1) == pytest.approx(0.0, abs=1e-9)
+    assert one._slope @ np.arange(4.0) == pytest.approx(RATE / one.knot)
+
+
+def test_a_segment_has_twenty_periods_of_the_lowest_mode() -> None:
+    """As a power of two samples: of the stage at 4.0 Hz and 400 Hz nearest to 2010."""
+    assert equations_of(played(stage(), seed=1, longer=2.0), stage()).length == 2048
+
+
+def test_an_elastic_lock_with_damping_is_found_with_its_stiffness() -> None:
+    model = wire_bonder()
+    locked = Configuration(rigid=("isolation",), lock_stiffness=4e6, lock_damping=4e3)
+    takes = [
+        VirtualRun(id=f"{configuration}", configuration=configuration, gain=70.0, seconds=30.0, start=start, band=(0.5, 200.0))
+        for configuration, start in (("unlocked", 0.0), ("locked", 60.0))
+    ]
+    campaign = virtual_campaign(replace(model, configurations={**model.configurations, "locked": locked}), takes, seed=3)
+    equations = equations_of(campaign, model)
+    found = next(e for e in ranking(equations).explanations if e.what == "elastic lock")
+    assert found.residuals["lock of isolation"] < 0.01 * equations.residuals()["lock of isolation"]
+    assert found.values["stiffness"] == pytest.approx(4e6, rel=0.1)
+
+
+def test_the_equations_of_a_rig_with_a_body_without_a_sensor_hold() -> None:
+    """Its links are given up to a quarter off; the equations find values with which they hold."""
+    partly = replace(chain(), sensors=chain().sensors[1:])
+    equations = equations_of(played(chain(), seed=21), guessed(partly, 21))
+    assert equations.hidden == ("m0",)
+    assert max(equations.residuals().values()) < HOLDS
+
+
+def test_only_the_ends_of_a_run_are_left_out() -> None:
+    """Filters act there; no more than a tenth of a run is left out at each end, here less."""
+    truth = rubbing(stage(), "rail", 4.0)
+    equations = equations_of(played(truth, seed=22), truth)
+    (sliding, _), *_ = equations.sliding.values()
+    for run in sliding.runs:
+        assert 0 < np.argmax(run.usable) < len(run.usable) // 10

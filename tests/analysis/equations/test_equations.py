@@ -163,6 +163,7 @@ def test_a_form_is_fitted_to_the_recorded_force() -> None:
     best = next(x for x in ranking(equations).explanations if (x.place, x.what) == ("between", "force over deflection"))
     force = element_force(equations, best)
     assert force is not None
+    assert np.std(force.left) < 0.1 * np.std(force.force)
     start = with_law(given, "between", laws.Cubic(cubic_stiffness=1e4))
     path = "links.between.laws.0.cubic_stiffness"
     element = next(e for e in equations.elements() if e.name == "between")
