@@ -1,16 +1,18 @@
-"""Docstrings are true: they describe the parameters that there are, and exceptions that exist."""
+"""Docstrings are true: they describe the parameters that there are, with shapes and units, and exceptions that exist."""
 
 from __future__ import annotations
 
 import builtins
 import importlib
+import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cache
 
 import griffe
 import pytest
 
+from isorig import names
 from isorig.analysis import errors as analysis_errors
 from isorig.drivers import errors as driver_errors
 from isorig.rig import errors as rig_errors
@@ -64,6 +66,54 @@ def untrue(item: Described) -> list[str]:
     return found + [f"{item.path}: {name!r} is no exception" for name in raised if not is_exception(name)]
 
 
+#: Annotations of arrays, and how a docstring gives a shape: in words, as a tuple of sizes, or as in another docstring.
+ARRAY = re.compile(r"\b(?:Float|Complex|Int|Bool)Array\b|\bNDArray\b")
+SHAPED = re.compile(r"[Ss]hape|\bas in \b|\(\w+, (?:\d ?)?\w*\)", re.IGNORECASE)
+#: Units, and words for values that have none or that of something else.
+UNIT = re.compile(r"\b(?:k?Hz|s|[mk]?g|m|N|V|[Ss]econds?|unit)\b|m/s|\b(?:[Ss]hare|[Rr]atio|[Rr]elative|[Gg]ain|raw|[Aa]s in)\b")
+
+
+def annotations_of(item: Described) -> dict[str, str]:
+    """The annotations of a function's parameters, or of a class's."""
+    if isinstance(item, griffe.Class) and "__init__" not in item.members:
+        return {name: str(member.annotation) for name, member in item.all_members.items() if member.is_attribute}
+    function = item.members["__init__"] if isinstance(item, griffe.Class) else item
+    assert isinstance(function, griffe.Function)
+    return {parameter.name: str(parameter.annotation) for parameter in function.parameters}
+
+
+def described_by_type(item: Described, kind: re.Pattern[str]) -> list[griffe.DocstringElement]:
+    """The described parameters of a kind of annotation."""
+    annotations = annotations_of(item)
+    return [
+        entry
+        for entry in entries(item, SECTION.parameters)
+        if any(
+            kind.search(kinds) and "Callable" not in kinds
+            for kinds in (annotations.get(name.strip().lstrip("*"), "") for name in entry.name.split(","))
+        )
+    ]
+
+
+def incomplete(item: Described, interface: Collection[str]) -> list[str]:
+    """Arrays without a shape; quantities of the interface without a unit."""
+    assert item.docstring is not None
+    if any(part.startswith("_") and part != "__init__" for part in item.path.split(".")):
+        return []
+    arrays = described_by_type(item, ARRAY)
+    found = [f"{item.path}: {arrays[0].name} has no shape"] if arrays and not SHAPED.search(item.docstring.value) else []
+    if any(item.path == name or item.path.startswith(f"{name}.") for name in interface):
+        numbers = described_by_type(item, re.compile(r"\bfloat\b|\bFloatArray\b"))
+        found += [f"{item.path}: {entry.name} has no unit" for entry in numbers if not UNIT.search(str(entry.description))]
+    return found
+
+
+def interface() -> list[str]:
+    """The paths of the names of the interface."""
+    made = [getattr(names, name) for name in names.__all__]
+    return [f"{one.__module__}.{one.__qualname__}" for one in made if not inspect.ismodule(one)]
+
+
 def is_exception(name: str) -> bool:
     """Whether a name is that of an exception: one of Python, of our own, or of a library with the library's name."""
     module, _, last = name.rpartition(".")
@@ -76,6 +126,26 @@ def is_exception(name: str) -> bool:
 def test_docstrings_describe_what_there_is() -> None:
     assert sum(bool(entries(item, SECTION.parameters)) for item in package()) > 300
     assert [line for item in package() for line in untrue(item)] == []
+
+
+def test_arrays_have_shapes_and_quantities_of_the_interface_units() -> None:
+    names_of_interface = interface()
+    assert [line for item in package() for line in incomplete(item, names_of_interface)] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("The records, shape (n,), m.", []),
+        ("The records (channels, n), Hz.", []),
+        ("The records, m.", ["x has no shape"]),
+        ("The records, shape (n,).", ["x has no unit"]),
+    ],
+)
+def test_a_missing_shape_or_unit_is_found(text: str, said: list[str]) -> None:
+    code = f'def played(x: FloatArray):\n    """Play.\n\n    Parameters\n    ----------\n    x\n        {text}\n    """\n'
+    module = griffe.visit("m", filepath=None, code=code, docstring_parser="numpy")  # type: ignore[arg-type]
+    assert incomplete(module["played"], ["m.played"]) == [f"m.played: {line}" for line in said]
 
 
 @pytest.mark.parametrize(

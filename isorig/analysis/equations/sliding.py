@@ -298,11 +298,11 @@ class Sliding:
         columns
             The columns of the equation.
         values
-            First coefficients.
+            First coefficients, shape (columns,).
         rounds
             Largest number of steps.
         penalty
-            Quadratic form of the coefficients, in N^2.
+            Quadratic form of the coefficients, in N^2, shape (columns, columns).
         damped
             Whether steps of the slow part are damped.
         """

@@ -78,7 +78,7 @@ class Prepared:
     runs
         The runs in which it holds.
     start
-        First values of the coefficients, for the weights.
+        First values of the coefficients, shape (unknown,), for the weights.
     """
 
     def __init__(

@@ -40,8 +40,8 @@ class Identifiability:
     paths
         The parameters.
     std
-        Standard uncertainty of each, relative to its value (absolute where the value is zero), for noise of 1 % of its rms on
-        every channel; infinite where it is not identifiable.
+        Standard uncertainty of each, shape (parameters,), relative to its value (absolute where the value is zero), for noise
+        of 1 % of its rms on every channel; infinite where it is not identifiable.
     without_effect
         Parameters that have no effect on any record.
     indistinguishable

@@ -81,7 +81,8 @@ class Element:
     steepest
         Largest stiffness and damping of the nonlinear part, as far as known in advance: they limit the step.
     name, direction, rubs
-        Of the link or contact: its name, the weights of the coordinates in its elongation, whether it is a contact.
+        Of the link or contact: its name, the weights of the coordinates in its elongation, shape (coordinates,), whether it is a
+        contact.
     """
 
     states: tuple[State, ...] = (State(),)

@@ -65,13 +65,13 @@ def begins(
     groups, row
         Number of groups of eight rows per term; the margin's row.
     y, n
-        The vector, and the number of coordinates.
+        The vector, shape (m,), and the number of coordinates.
     largest
-        Magnitude of each curved force; its relative error is `DRAWN`.
+        Magnitude of each curved force, shape (curves,); its relative error is `DRAWN`.
     clear
         Magnitude above which a margin is certainly larger than rounding.
     p
-        Filled with the margin's coefficients up to the first beyond rounding, those before it zero.
+        Filled with the margin's coefficients, shape (terms,), up to the first beyond rounding, those before it zero.
     """
     block, lane = row // 8, row % 8
     value, before, free = 0.0, 0.0, 0.0

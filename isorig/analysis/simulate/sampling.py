@@ -88,7 +88,7 @@ class Excitation:
     Parameters
     ----------
     recorded
-        The drive channel as recorded, shape (n,).
+        The drive channel as recorded, in its unit, shape (n,).
     sample_rate
         Hz.
     oversample

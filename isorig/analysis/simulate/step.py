@@ -67,8 +67,8 @@ def first_exit(p: FloatArray, left: float) -> float:
     Parameters
     ----------
     p
-        Taylor coefficients of the margin; the first non-zero one is positive. If the margin starts at zero, because its state
-        has just begun, that zero is divided out; the array is overwritten.
+        Taylor coefficients of the margin, shape (terms,); the first non-zero one is positive. If the margin starts at zero,
+        because its state has just begun, that zero is divided out; the array is overwritten.
     left
         Remaining share of the step.
     """

@@ -135,7 +135,7 @@ class Record(NamedTuple):
     Parameters
     ----------
     weights, places, filled
-        By sensor: its non-zero weights, their places in the vector, and their number.
+        By sensor: its non-zero weights and their places in the vector, shape (sensors, m), and their number, shape (sensors,).
     """
 
     weights: FloatArray

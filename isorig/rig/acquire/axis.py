@@ -22,7 +22,8 @@ def axis_of(timing: NDArray[Any], rate: float) -> dict[str, str | float | int]:
     Parameters
     ----------
     timing
-        A row for each block: its first tick, its arrival time by the host's clock and the instrument's time, s, and its status.
+        A row for each block, shape (blocks,): its first tick, its arrival time by the host's clock and the instrument's time, s,
+        and its status.
     rate
         Sample rate, Hz.
     """

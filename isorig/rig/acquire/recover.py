@@ -50,7 +50,7 @@ class Saved:
     Parameters
     ----------
     counts
-        Number of items in each block.
+        Number of items in each block, shape (blocks,).
     part
         Returns items `start` to `stop` of block `k`.
     dtype
@@ -102,7 +102,8 @@ class Recovered:
     sensors
         Description of each channel's sensor.
     logs
-        Rows of the loggers that ran along, with the fields time (s since the first sample, by the host's clock) and channels.
+        Rows of the loggers that ran along, shape (rows,), with the fields time (s since the first sample, by the host's clock)
+        and channels.
     log_layouts
         Rate and units of these loggers.
     """

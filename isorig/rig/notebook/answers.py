@@ -83,7 +83,7 @@ def diagnose(
     tolerance
         Error, as a share of the signal, that counts as adequate.
     seconds
-        Time limit: the search for causes then ends with a partial answer; None for no limit.
+        Time limit, s: the search for causes then ends with a partial answer; None for no limit.
     progress
         Called with a line for each stage.
 

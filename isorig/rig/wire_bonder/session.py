@@ -26,7 +26,7 @@ class VirtualRun:
     id, configuration, gain, excitation, use
         As in the recording format; excitation is "random" or "moves".
     seconds
-        Length of the run.
+        Length of the run, s.
     start
         Seconds after the campaign's first sample.
     band
