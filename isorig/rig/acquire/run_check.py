@@ -99,7 +99,9 @@ def check_run(
     )  # fmt: skip
 
 
-def incoherences(campaign: Campaign, drives: Sequence[str]) -> list[Incoherence]:
+def incoherences(
+    campaign: Campaign, drives: Sequence[str], responses: Sequence[str] | None = None
+) -> list[Incoherence]:  # fmt: skip
     """Why responses of a recording are incoherent: one reason for each, a nonlinearity before what is undecided and noise.
 
     None for several drives, whose coherences with the response are low in any rig, and for hammer tests.
@@ -110,12 +112,16 @@ def incoherences(campaign: Campaign, drives: Sequence[str]) -> list[Incoherence]
         The recording.
     drives
         The channels that drive.
+    responses
+        The channels that may be incoherent; all others if None.
     """
     drive, *more = drives
+    if responses is not None and not responses:
+        return []
     runs = [run for run in broad(campaign.runs) if not more and drive in run.channels and not looks_hit(run, drive)]
     found: dict[str, Incoherence] = {}
     for run in runs:
-        spectra = _spectra(run, drive, LONGEST)
+        spectra = _spectra(run, drive, LONGEST, responses)
         coherence = {} if spectra is None else _coherence(run, spectra, drive)
         for name, value in coherence.items():
             if value < COHERENT and spectra is not None and (name not in found or found[name].kind != "nonlinear"):
@@ -262,12 +268,16 @@ def _detections(run: Run, drive: str) -> tuple[Detection, ...]:
         return ()
 
 
-def _spectra(run: Run, drive: str, longest: int | None = None) -> Spectra | None:
+def _spectra(
+    run: Run, drive: str, longest: int | None = None, responses: Sequence[str] | None = None
+) -> Spectra | None:  # fmt: skip
     if drive not in run.channels or not broad([run]):
         return None
     try:
         resolution = max(0.5, 8.0 / run.duration)
-        return estimate([run], references=[drive], resolution=resolution, jackknife=False, longest=longest)
+        return estimate(
+            [run], references=[drive], channels=responses, resolution=resolution, jackknife=False, longest=longest
+        )  # fmt: skip
     except DataError:
         return None
 
@@ -276,6 +286,6 @@ def _coherence(run: Run, spectra: Spectra, drive: str) -> dict[str, float]:
     driven = driven_bins(run, spectra, drive)
     return {
         name: float(np.median(spectra.frf(name, drive).coherence[driven]))
-        for name in run.sensors
+        for name in spectra.channels
         if name != drive and np.count_nonzero(driven) >= RESOLVED
     }

@@ -100,8 +100,7 @@ def frf(
             measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
             overlap=overlap, found=wrong, jackknife=False,
         )  # fmt: skip
-        named = {item.response for item in found}
-        why = [reason.text for reason in incoherences(measured, drives) if reason.response in named]
+        why = [reason.text for reason in incoherences(measured, drives, _incoherent(found))]
         return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], [*why, *limits_in_words(found)]
 
     def foreign(path: Path) -> bool:
@@ -148,6 +147,15 @@ def frf(
         seconds = sum(run.duration for run in measured.runs)
         write({campaign.stem: found}, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
     print(output)
+
+
+def _incoherent(found: Sequence[Transfer]) -> list[str]:
+    # Responses with a low coherence at any level.
+    import numpy as np
+
+    from isorig.rig.acquire.policy import COHERENT
+
+    return list(dict.fromkeys(t.response for t in found if float(np.median(t.within_band().coherence)) < COHERENT))
 
 
 def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Sequence[str]) -> list[Transfer]:
