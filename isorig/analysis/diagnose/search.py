@@ -370,6 +370,8 @@ class Suspected:
         if not self.found.leaves_another(job.current, job.evidence):
             return found
         for begun in unlike(_with_curve(self._started, self.found, job.current, job.evidence))[:PAIRS]:
+            if any(pair[3].cost <= AGREES for pair in found) and not self.found.blamed(begun[0].cause, begun[0].location):
+                break  # only what the equations show as clearly may stand for the first cause of a pair that agrees
             starts = self._after(begun)
             if not starts:
                 continue
@@ -384,10 +386,9 @@ class Suspected:
                 continue
             alone = [pair for pair in self.forms if pair[0] is first[0]] or verified([first], job.rungs[-1], job.progress)
             if alone:
-                found.append((first[0], alone[0][1], *run[0]))
-                if run[0][1].cost <= AGREES:
-                    break
-        return sorted(found, key=lambda pair: pair[3].cost)[:PAIRS]
+                # Others that agree with the data too are reported as indistinguishable.
+                found += [(first[0], alone[0][1], *pair) for pair in run if pair is run[0] or pair[1].cost <= AGREES]
+        return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
 
     def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
         # Forms of a curve's kind at its place that come as close to the data, with the same other cause.
