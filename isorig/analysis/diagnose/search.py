@@ -270,7 +270,7 @@ def next_step(job: Job) -> Found | None:
         more = job.finished(rough)
         source = each if more or source is None else source
         forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
-        if not each.doubtful(forms):
+        if more and not each.doubtful(forms):
             break
     if source is None:
         return None
@@ -301,6 +301,7 @@ def sources(job: Job) -> Iterator[Source]:
     """Where candidates come from, the most trusted source first."""
     equations = job.equations
     possible = compared_places(job.current.model, job.trials) if equations.hidden else None
+    refuted = False
     if possible is not None and possible.possible:
         # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on
         # estimates.
@@ -308,6 +309,7 @@ def sources(job: Job) -> Iterator[Source]:
         yield Screened(job=job, places=possible)
     elif not job.judged_by_drive and job.suspects is not None:
         yield Suspected(job=job, found=job.suspects)
+        refuted = job.suspects.ranking.broken
     elif job.rubbing and not job.judged_by_drive:
         # The equations leave out what friction does near reversals; other laws of it replace the one that was found.
         yield Screened(job=job, kinds={"friction_shape"}, only=job.rubbing)
@@ -315,7 +317,7 @@ def sources(job: Job) -> Iterator[Source]:
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
         # A whole motion shows smaller effects than its single moments.
-        yield Screened(job=job, equations_hold=hold)
+        yield Screened(job=job, strict=hold or refuted)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -463,15 +465,16 @@ class Screened:
         Those of the candidates; None for all.
     only
         The only place, also of candidates that are always tried; empty for none.
-    equations_hold
-        Whether all equations of motion hold.
+    strict
+        Whether only a candidate that explains the error counts: all equations of motion hold, or a simulation refuted what they
+        show.
     """
 
     job: Job
     kinds: Collection[Kind] | None = None
     places: Places | None = None
     only: str = ""
-    equations_hold: bool = False
+    strict: bool = False
 
     def _sought(self, candidate: Candidate) -> bool:
         if self.only:
@@ -540,8 +543,8 @@ class Screened:
         return False
 
     def allows(self, entry: Entry) -> bool:
-        """Not where all equations hold, for what is merely closer there is no cause; for given kinds, only for a first cause."""
-        return not self.equations_hold and (self.kinds is None or self.job.left >= 1.0)
+        """Not where the equations give no reason: what is merely closer is no cause; for given kinds, only for a first cause."""
+        return not self.strict and (self.kinds is None or self.job.left >= 1.0)
 
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""
