@@ -300,9 +300,10 @@ def _as_shown(found: Found | None, source: Source) -> Found | None:
 def sources(job: Job) -> Iterator[Source]:
     """Where candidates come from, the most trusted source first."""
     equations = job.equations
-    possible = compared_places(job.current.model, job.trials) if equations.hidden else None
+    compared = compared_places(job.current.model, job.trials) if equations.hidden else None
+    possible = compared if compared is not None and compared.possible else None
     refuted = False
-    if possible is not None and possible.possible:
+    if possible is not None:
         # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on
         # estimates.
         job.progress("the misfit can come from " + ", ".join(sorted(possible.possible)))
@@ -317,7 +318,7 @@ def sources(job: Job) -> Iterator[Source]:
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
         # A whole motion shows smaller effects than its single moments.
-        yield Screened(job=job, strict=hold or refuted)
+        yield Screened(job=job, strict=hold or refuted, tried=possible)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -461,8 +462,8 @@ class Screened:
     ----------
     job
         What the search is about.
-    kinds, places
-        Those of the candidates; None for all.
+    kinds, places, tried
+        Those of the candidates, None for all; places that another source has tried.
     only
         The only place, also of candidates that are always tried; empty for none.
     strict
@@ -475,6 +476,7 @@ class Screened:
     places: Places | None = None
     only: str = ""
     strict: bool = False
+    tried: Places | None = None
 
     def _sought(self, candidate: Candidate) -> bool:
         if self.only:
@@ -491,7 +493,7 @@ class Screened:
     def _screened(self) -> list[ScreenedCandidate]:
         job, current = self.job, self._screen.current
         proposed = [c for cause in CATALOGUE for c in cause.candidates(current.model, job.evidence) if self._sought(c)]
-        ranked = self._screen.ranked(proposed)
+        ranked = self._screen.ranked([c for c in proposed if self.tried is None or not self.tried.includes(c.location)])
         least = current.cost if job.left >= POLICY.rest else (1.0 - POLICY.worth) * current.cost
         return ranked if ranked and (job.left >= POLICY.rest or ranked[0].cost < least) else []
 
