@@ -524,8 +524,16 @@ class Screened:
         begun = [start for start in shape_starts(forms, job.current, job.evidence) if self._sought(start[0])]
         stepped = [self._screen.screen(candidate) for candidate in {id(start[0]): start[0] for start in begun}.values()]
         stepped.sort(key=lambda item: item.cost)
-        # The linear step shows the place better than the kind: from little friction no step leads to sticking.
-        near = [x for k, x in enumerate(stepped) if k < CURVES or x.candidate.location == stepped[0].candidate.location]
+        # The linear step shows the place better than the kind: from little friction no step leads to sticking, but a form does.
+        least = (1.0 - job.promising) * self._screen.current.cost
+        followed_forms = {(kind_of(candidate.cause), candidate.location) for candidate, _ in self.forms}
+
+        def may_explain(item: ScreenedCandidate) -> bool:
+            shape = item.candidate
+            here = shape.location == stepped[0].candidate.location
+            return here and (item.cost <= least or (kind_of(shape.cause), shape.location) in followed_forms)
+
+        near = [item for k, item in enumerate(stepped) if k < CURVES or may_explain(item)]
         starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), x.models[0]) for x in near]
         starts += [s for s in begun if any(s[0] is x.candidate for x in near) and all(s[2] is not m for m in s[0].starts)]
         run = followed(starts, job.rungs, job.current, job.progress, job.promising)
