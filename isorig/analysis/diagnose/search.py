@@ -390,7 +390,8 @@ class Suspected:
             alone = [pair for pair in self.forms if pair[0] is first[0]] or verified([first], job.rungs[-1], job.progress)
             if alone:
                 # Others that agree with the data too are reported as indistinguishable.
-                found += [(first[0], alone[0][1], *pair) for pair in run if pair is run[0] or pair[1].cost <= AGREES]
+                alike = [run[0], *(pair for pair in run[1:] if pair[1].cost <= AGREES and first is begun)]
+                found += [(first[0], alone[0][1], *pair) for pair in alike if pair[0].key != first[0].key]
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
 
     def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
