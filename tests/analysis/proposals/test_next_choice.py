@@ -255,6 +255,7 @@ def test_the_chosen_run_distinguishes_within_the_limits() -> None:
 def test_a_cause_without_rivals_is_identified() -> None:
     only = variant(one_mass())
     assert Comparison(Question(truths=(only,), rivals=(only,)), NOISE, []).probability([]) == 1.0
+    assert Comparison(Question(truths=(), rivals=(only,)), NOISE, []).probability([]) == 1.0
 
 
 @pytest.mark.parametrize(("share", "before"), [(0.3, 1.0), (1e-9, 0.0)])

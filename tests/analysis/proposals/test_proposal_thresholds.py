@@ -298,7 +298,9 @@ def test_gains_are_raised_step_by_step() -> None:
     assert tuple(asked) == RAISED[: len(asked)]
     assert found is not None
     assert found.distance >= 3.0
-    assert further(comparison, pair, lambda _: [prospect(0.01)], peaks, quiet) is None
+    asked.clear()
+    assert further(comparison, pair, lambda factor: beyond(factor) and [prospect(0.01)], peaks, quiet) is None
+    assert tuple(asked) == RAISED
 
     with Deadline(0.0):
         assert further(comparison, pair, beyond, peaks, quiet) is None
