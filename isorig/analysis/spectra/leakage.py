@@ -63,7 +63,7 @@ def error_moments(
     covariance, pseudo = np.zeros((2, APART + 1, lines), dtype=np.complex128)
     here = window.transform(x)
     leaked = (true - seen[:, None]) * here
-    noise = _noise(power, (np.abs(leaked) ** 2).sum(axis=1) / (here**2).sum(), averages)
+    noise = _noise(power, (np.abs(leaked) ** 2).sum(axis=1) / (here**2).sum(), np.abs(seen) ** 2, averages)
     for d in range(min(APART + 1, lines)):
         there = window.transform(x - d) * np.exp(-1j * np.pi * d)
         later = (true[: lines - d] - seen[d:, None]) * there
@@ -103,12 +103,17 @@ def record_moments(variance: FloatArray, decay: float, before: float) -> tuple[C
     return covariance, np.zeros_like(covariance)
 
 
-def _noise(power: FloatArray, leaked: FloatArray, averages: float) -> FloatArray:
-    # Noise not explained by leakage: constant, determined by the most accurate bins, and larger where a bin clearly has more.
+def _noise(power: FloatArray, leaked: FloatArray, transfer: FloatArray, averages: float) -> FloatArray:
+    # Noise not explained by leakage, and larger where a bin clearly has more: a constant due to the response, plus a share of the
+    # squared transfer function due to the reference, both determined by the most accurate bins.
+    from scipy.optimize import nnls
+
     left = power - leaked
-    weight = 1.0 / np.maximum(power, 1e-12 * power.max()) ** 2
-    flat = max(float((weight * left).sum() / weight.sum()), 0.0)
-    return np.asarray(np.maximum(left - 3.0 * power / np.sqrt(averages), flat))
+    weight = 1.0 / np.maximum(power, 1e-12 * power.max())
+    columns = np.stack([np.full(len(power), power.max()), transfer], axis=1)
+    sizes = np.maximum((columns * weight[:, None]).max(axis=0), np.finfo(float).tiny)
+    parts = nnls(columns * weight[:, None] / sizes, left * weight)[0]
+    return np.asarray(np.maximum(left - 3.0 * power / np.sqrt(averages), columns / sizes @ parts))
 
 
 def through(rows: ComplexArray, moments: tuple[ComplexArray, ComplexArray]) -> FloatArray:
