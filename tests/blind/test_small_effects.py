@@ -8,6 +8,7 @@ import pytest
 from envelopes import draw_envelope
 from other_envelopes import draw_other
 from study_other import described
+from unlike_bonders import draw_bonder
 
 from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.equations.system import HOLDS
@@ -60,3 +61,46 @@ def test_a_cause_that_amplifies_noise_leaves_the_baseline_inadequate(tmp_path: P
     found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
     assert found["verdict"] != "adequate"
     assert [(step["cause"], step["location"]) for step in found["steps"]] == [("backlash", "l1")]
+
+
+@pytest.mark.timeout(300)
+def test_gains_that_differ_only_by_their_ratio_are_indistinguishable_beside_another_cause(tmp_path: Path) -> None:
+    """Two carts, one with a wrong gain, and a hardening spring: the link between them only sees the ratio of both gains."""
+    envelope = draw_other("two", 1.0, 870057, soil=0.0, rest=False)
+    assert {(cause, place) for cause, _, place in envelope.truth} == {("hardening_stiffness", "wall"), ("sensor_gain", "x1")}
+    write(tmp_path / "sealed.h5", replace(envelope.campaign, description=described(envelope)))
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert {(step["cause"], step["location"]) for step in found["steps"]} >= {("hardening_stiffness", "wall")}
+    (alike,) = found["indistinguishable"]
+    assert {(one["cause"], one["location"]) for one in alike} == {("sensor_gain", "x0"), ("sensor_gain", "x1")}
+
+
+@pytest.mark.study
+@pytest.mark.timeout(300)
+def test_a_bent_sensor_is_named_although_a_rocking_body_repairs_more_of_its_equation(tmp_path: Path) -> None:
+    """No simulation follows the best explanation, so the free shapes of the others are tried."""
+    envelope = draw_bonder("bent sensor", 1.0, 950090, soil=0.0, rest=False)
+    write(tmp_path / "sealed.h5", envelope.campaign)
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert {(step["kind"], step["location"]) for step in found["steps"]} == {("sensor", "motor")}
+
+
+@pytest.mark.study
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("kind", "size", "seed", "named"),
+    [
+        ("uneven friction", 1.0, 870048, {("friction_shape", "l1")}),
+        ("end_stop", 1.0, 880015, {("spring_shape", "l0")}),
+        ("two", 0.33, 880065, {("friction_shape", "l0"), ("spring_shape", "l0")}),
+    ],
+)
+def test_causes_that_hold_a_chain_or_hide_behind_another_one(
+    kind: str, size: float, seed: int, named: set[tuple[str, str]], tmp_path: Path
+) -> None:
+    """Friction that mostly sticks, a stop of which only a curve shows the stroke, and second causes that add little."""
+    envelope = draw_other(kind, size, seed, soil=0.0, rest=kind == "two")
+    write(tmp_path / "sealed.h5", replace(envelope.campaign, description=described(envelope)))
+    found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
+    assert found["verdict"] == "explained"
+    assert {(step["kind"], step["location"]) for step in found["steps"]} == named

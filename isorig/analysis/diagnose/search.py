@@ -226,6 +226,11 @@ class Source(Protocol):
         """Fitted forms, best first."""
         ...
 
+    @property
+    def leads(self) -> bool:
+        """Whether its free shapes are tried, whatever forms another source has."""
+        ...
+
     def shapes(self, forms: Sequence[Entry]) -> Running:
         """Fitted free shapes, best first."""
         ...
@@ -268,7 +273,7 @@ def next_step(job: Job) -> Found | None:
             if both is not None:
                 return both
         more = job.finished(rough)
-        source = each if more or source is None else source
+        source = each if source is None or (more and not source.leads) else source
         forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
         if more and not each.doubtful(forms):
             break
@@ -355,9 +360,14 @@ class Suspected:
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)
         return run if job.stays(run) and not (again and again[0][1].cost < run[0][1].cost) else again
 
+    @property
+    def leads(self) -> bool:
+        """Equations that do not hold show the place and kind better than a simulation."""
+        return self.found.ranking.broken
+
     def shapes(self, forms: Sequence[Entry]) -> Running:
         """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
-        suspected = self.found.shapes(self.job.current, self.job.evidence)
+        suspected = self.found.shapes(self.job.current, self.job.evidence, refuted=not forms)
         keys = {(shape.key, shape.shape, len(shape.free)) for shape in suspected}
         from_forms = [
             start
@@ -518,6 +528,11 @@ class Screened:
                 with suppress(ModelError):  # values that exclude the candidate's own
                     starts.append((candidate, free, model.replace(values_at(job.guess, paths))))
         return followed(starts, job.rungs, job.current, job.progress, job.promising)
+
+    @property
+    def leads(self) -> bool:
+        """Another source's shapes may be better founded."""
+        return False
 
     def shapes(self, forms: Sequence[Entry]) -> Running:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""

@@ -182,9 +182,9 @@ class Suspects:
         begun = (self._begun(shape, current.free) for shape in self.shapes(current, evidence))
         return min((one.left for one in begun if one.explanation is explanation and one.left is not None), default=None)
 
-    def shapes(self, current: Fit, evidence: Evidence) -> list[Candidate]:
-        """The free shapes of the best explanations' kinds and places."""
-        best = [item for item in self.chosen if item.score >= NEARLY * self.chosen[0].score]
+    def shapes(self, current: Fit, evidence: Evidence, *, refuted: bool = False) -> list[Candidate]:
+        """The free shapes of the best explanations' kinds and places, or of all chosen ones if no simulation follows these."""
+        best = [item for item in self.chosen if refuted or item.score >= NEARLY * self.chosen[0].score]
         leading = replace(self, chosen=tuple(best))
         found = [shape for shape in free_shapes(current.model, evidence) if leading.includes(shape.cause, shape.location)]
         return self._comparable(self._smallest(found, current), current)
