@@ -473,30 +473,37 @@ class _Blocks:
         self._buffers = np.empty((len(self._channels) if ahead else 1, most * sums.hop + kept if most else 0))
         #: What the last segment of a block shares with the first one of the next block.
         self._kept = np.empty((len(self._channels), kept))
-        self._first, self._many = 0, 0
+        self._first, self._given, self._many = 0, 0, 0
 
     def __iter__(self) -> Iterator[int]:
         while self._first < self._count:
-            self._many = min(_at_once(self._sums.length), self._count - self._first, self._sums.room)
+            many = min(_at_once(self._sums.length), self._count - self._first)
             if self._ahead:
                 for row in range(len(self._channels)):
-                    self._read(row)
-            yield self._many
-            self._first += self._many
+                    self._read(row, many)
+            else:
+                many = min(many, self._sums.room)
+            self._given = 0
+            while self._given < many:
+                self._many = min(many - self._given, self._sums.room)
+                yield self._many
+                self._given += self._many
+            self._first += many
 
     def rows(self) -> Iterator[FloatArray]:
         """The segments of each channel, shape (segments, length), overwritten by those of the next one."""
         for row in range(len(self._channels)):
-            values = self._buffers[row] if self._ahead else self._read(row)
-            yield np.lib.stride_tricks.sliding_window_view(values, self._sums.length)[:: self._sums.hop][: self._many]
+            values = self._buffers[row] if self._ahead else self._read(row, self._many)
+            segments = np.lib.stride_tricks.sliding_window_view(values, self._sums.length)[:: self._sums.hop]
+            yield segments[self._given : self._given + self._many]
 
-    def _read(self, row: int) -> FloatArray:
+    def _read(self, row: int, many: int) -> FloatArray:
         values: FloatArray = self._buffers[row if self._ahead else 0]
         kept, hop = self._kept[row], self._sums.hop
-        begin, size, held = self._start + self._first * hop, self._many * hop + len(kept), len(kept) if self._first else 0
+        begin, size, held = self._start + self._first * hop, many * hop + len(kept), len(kept) if self._first else 0
         values[:held] = kept[:held]
         values[held:size] = self._channels[row].read(begin + held, begin + size)
-        kept[:] = values[self._many * hop : size]
+        kept[:] = values[many * hop : size]
         return values
 
 
