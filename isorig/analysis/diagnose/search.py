@@ -473,13 +473,15 @@ class Screened:
     ----------
     job
         What the search is about.
-    kinds, places, tried
-        Those of the candidates, None for all; places that another source has tried.
+    kinds, places
+        Those of the candidates; None for all.
     only
         The only place, also of candidates that are always tried; empty for none.
     strict
         Whether only a candidate that explains the error counts: all equations of motion hold, or a simulation refuted what they
         show.
+    tried
+        Places at which another source has tried all causes; None for none.
     """
 
     job: Job

@@ -162,8 +162,8 @@ def fitted_form(
     own = [
         f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in element.names)
     ]
-    known_courses: dict[Law, FloatArray] = {}
-    if not own or _predicted(model, element, force, known_courses) is None:
+    courses: dict[Law, FloatArray] = {}
+    if not own or _predicted(model, element, force, courses) is None:
         return None
     size = float(np.std(force.force)) or 1.0
     low = np.array([f.encode(f.low) if f.low > 0.0 or not f.log else -np.inf for f in own])
@@ -175,7 +175,7 @@ def fitted_form(
             trial = model.replace(values)
         except ModelError:
             return np.full(len(force.force) + held_points + 1, 1e3)
-        predicted = _predicted(trial, element, force, known_courses, swing * float(coordinates[-1]))
+        predicted = _predicted(trial, element, force, courses, swing * float(coordinates[-1]))
         assert predicted is not None
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.

@@ -114,7 +114,7 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         begun = {each: compared.begun(each) for each in _explanations(given)}
         # An explanation that must beat the sound rig by a margin beats it by as much at the given values.
         likely = [each for each in sorted(begun, key=lambda each: begun[each]) if begun[each] + MARGIN < before]
-        shown = resonance(given, spectra)
+        shown = resonance(given, spectra) if any(each.kind == "rate" for each in likely[:FITTED]) else None
         for each in likely[:FITTED]:
             cost, here = compared.fitted(each, settled)
             enough = cost + PRICE < sound or _confirmed(each, shown) or compared.agree(each, cost, here)

@@ -218,7 +218,8 @@ def _band(run: Run, spectra: Spectra) -> tuple[float, float]:
 def _holes(run: Run, spectra: Spectra, reference: str) -> Iterator[Fault]:
     low, high = _band(run, spectra)
     if run.band is None:  # what lies beyond the drive is no hole in it
-        low, high = max(low, spectra.extent(reference)[0]), min(high, spectra.extent(reference)[1])
+        first, last = spectra.extent(reference)
+        low, high = max(low, first), min(high, last)
     kept = (spectra.frequency >= low) & (spectra.frequency <= high)
     if kept.sum() < 10:
         return
