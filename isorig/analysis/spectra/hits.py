@@ -16,6 +16,7 @@ import numpy as np
 from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.overload import FULL, ROW, blocks, cut_off, extremes, plateaus
+from isorig.analysis.spectra.pauses import drives_in_pauses
 from isorig.analysis.spectra.welch import stretches
 
 Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut short", "weak"]
@@ -134,6 +135,8 @@ def _crossings(values: FloatArray, level: float) -> tuple[IntArray, IntArray]:
 def looks_hit(run: Run, reference: str) -> bool:
     """Whether the reference is a hammer's force: short single pulses, in a run whose excitation is "other" or "random".
 
+    Between its pulses a hammer drives nothing; noise that begins with the transient of a filter does.
+
     Of a run whose excitation is "random" only the first `FIRST` samples are read, unless they are too impulsive for noise.
     """
     if reference not in run.channels or run.excitation not in ("other", "random"):
@@ -145,7 +148,8 @@ def looks_hit(run: Run, reference: str) -> bool:
         square = (values - np.median(values)) ** 2
         if float(np.mean(square**2)) < IMPULSIVE * float(np.mean(square)) ** 2:
             return False
-    return pulses(run, reference) is not None
+    blows = pulses(run, reference)
+    return blows is not None and not drives_in_pauses(run, reference, blows.begin, blows.end)
 
 
 def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:

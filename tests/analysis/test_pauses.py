@@ -1,0 +1,110 @@
+"""Hammer tests and noise that begins with the transient of a filter are distinguished by what the rig does between the pulses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.spectra.hits import looks_hit, pulses
+from isorig.analysis.spectra.pauses import COHERENT, drives_in_pauses
+
+RATE, COUNT = 2048.0, 40960
+
+
+def acceleration(force: FloatArray) -> FloatArray:
+    """Of the first of two masses on springs, which is driven."""
+    mass, stiffness, damping = (np.array(x) for x in ([4.0, 1.5], [[4.9e5, -9e4], [-9e4, 9e4]], [[52.0, -12.0], [-12.0, 12.0]]))
+    a = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness / mass[:, None], -damping / mass[:, None]]])
+    a, b, c, d, _ = signal.cont2discrete(
+        (a, np.array([[0.0], [0.0], [0.25], [0.0]]), a[2:3], np.array([[0.25]])), 1.0 / RATE, method="foh"
+    )
+    top, bottom = signal.ss2tf(a, b, c, d)
+    return np.asarray(signal.lfilter(top[0], bottom, force))
+
+
+def band(draw: np.random.Generator) -> FloatArray:
+    low, high = draw.uniform(10.0, 20.0), draw.uniform(300.0, 600.0)
+    noise = signal.sosfilt(signal.butter(4, [low, high], "band", fs=RATE, output="sos"), draw.normal(size=COUNT))
+    return np.asarray(noise / noise.std())
+
+
+def transient(draw: np.random.Generator) -> FloatArray:
+    """What a high-pass filter makes of an offset that begins up to 0.1 s after the record, 30 to 300 times the noise."""
+    steps = 1.0 * (np.arange(COUNT) >= draw.integers(200))
+    high = signal.butter(1, 10.0 ** draw.uniform(0.0, 1.5), "high", fs=RATE, output="sos")
+    return np.asarray(draw.choice([30.0, 100.0, 300.0]) * signal.sosfilt(high, steps))
+
+
+def hammer(draw: np.random.Generator, hits: int, *, double: bool) -> FloatArray:
+    time, wide = np.arange(COUNT) / RATE, 10.0 ** draw.uniform(-3.0, -2.2)
+    force = np.zeros(COUNT)
+    for k in range(hits):
+        first = (k + draw.uniform(0.1, 0.2)) * COUNT / RATE / hits
+        for at, size in [(first, 1.0), (first + wide + draw.uniform(0.004, 0.02), 0.5 * double)]:
+            phase = (time - at) / wide
+            force += size * draw.uniform(120.0, 280.0) * np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase) ** 2, 0.0)
+    return np.asarray(signal.sosfilt(signal.butter(4, 800.0, fs=RATE, output="sos"), force))
+
+
+def run(force: FloatArray, response: FloatArray, excitation: str = "other") -> Run:
+    channels = {
+        "force": Channel(name="force", samples=force, quantity="force", unit="N"),
+        "a": Channel(name="a", samples=response),
+    }
+    return Run(id="a", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation=excitation)
+
+
+def seen(force: FloatArray, draw: np.random.Generator, *, noise: float = 0.0) -> Run:
+    """Noise of both sensors, and mains hum in both."""
+    response = acceleration(force)
+    hum = noise * np.sin(2.0 * np.pi * 50.0 * np.arange(COUNT) / RATE)
+    response = response + draw.normal(0.0, 0.01 * response.std(), COUNT) + 0.01 * hum
+    return run(force + draw.normal(0.0, noise, COUNT) + hum, response)
+
+
+def test_noise_with_a_transient_is_no_hammer_test() -> None:
+    mistaken = 0
+    for seed in range(50):
+        draw = np.random.default_rng(seed)
+        measured = seen(band(draw) + transient(draw), draw)
+        assert not looks_hit(measured, "force"), seed
+        mistaken += pulses(measured, "force") is not None
+    # The pulses alone do not show it.
+    assert mistaken > 40
+
+
+@pytest.mark.parametrize(("hits", "double"), [(1, False), (3, False), (10, False), (1, True), (10, True)])
+def test_hammer_tests_are_recognized(hits: int, double: bool) -> None:
+    for seed in range(50):
+        draw = np.random.default_rng(seed)
+        measured = seen(hammer(draw, hits, double=double), draw, noise=float(draw.choice([0.0, 0.02, 0.6])))
+        assert looks_hit(measured, "force"), seed
+
+
+@pytest.mark.parametrize("above", [True, False])
+def test_boundary_of_the_coherence(above: bool) -> None:
+    """A response of which this share of the power follows from the force in the pauses."""
+    draw = np.random.default_rng(1)
+    force = draw.normal(size=COUNT)
+    force[400:410] += 300.0
+    share = COHERENT + (0.1 if above else -0.1)
+    response = np.sqrt(share) * force + np.sqrt(1.0 - share) * draw.normal(size=COUNT)
+    assert drives_in_pauses(run(force, response), "force", np.array([400]), np.array([410])) is above
+    assert looks_hit(run(force, response), "force") is not above
+
+
+def test_what_cannot_be_compared_is_no_drive() -> None:
+    """A force without noise, pauses that are too short, and a run whose only response is a force."""
+    pulse = np.zeros(COUNT)
+    pulse[400:410] = 300.0
+    where = np.array([400]), np.array([410])
+    assert not drives_in_pauses(run(pulse, pulse), "force", *where)
+    noise = pulse + np.random.default_rng(1).normal(size=COUNT)
+    assert drives_in_pauses(run(noise, noise), "force", *where)
+    assert not drives_in_pauses(run(noise[:600], noise[:600]), "force", *where)
+    force = {name: Channel(name=name, samples=noise, quantity="force", unit="N") for name in ("force", "a")}
+    assert not drives_in_pauses(
+        Run(id="a", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=force), "force", *where
+    )
