@@ -11,6 +11,9 @@ import pytest
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.causes.backlash import is_play
+from isorig.analysis.diagnose.causes.base import CALIBRATION, beyond_calibration
+from isorig.analysis.diagnose.causes.sensor_gain import SensorGain
+from isorig.analysis.diagnose.causes.wrong_mass import WrongMass
 from isorig.analysis.diagnose.diagnosis import is_certain
 from isorig.analysis.diagnose.policy import (
     POLICY,
@@ -27,6 +30,7 @@ from isorig.analysis.diagnose.policy import (
 from isorig.analysis.diagnose.step import Entry, simplest
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, excess, is_adequate, log_excess
 from isorig.analysis.fitting.score import BLOCKS, Score, adequate, confidence, margin_in_errors
+from isorig.rig.wire_bonder.description import wire_bonder
 
 FLOORS = np.full((6, 3), 0.004)
 #: Every threshold as docs/diagnosing.md and the study have it.
@@ -240,3 +244,14 @@ def test_every_threshold_has_its_stated_value() -> None:
 )
 def test_the_described_spring_decides_between_play_and_stops(inside: float, beyond: float, described: float, play: bool) -> None:
     assert is_play(inside, beyond, described) is play
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.0095, False), (0.9905, False), (1.0105, True), (0.9895, True)])
+def test_a_mass_or_gain_within_calibrations_is_no_fault(factor: float, named: bool) -> None:
+    model = wire_bonder()
+    assert beyond_calibration("bodies.heatblock.mass", 6.0)(model.replace({"bodies.heatblock.mass": factor * 6.0})) == named
+    assert CALIBRATION == 0.01
+    for cause in (WrongMass(), SensorGain()):
+        for candidate in cause.candidates(model, cast(Any, SimpleNamespace())):
+            path = candidate.free[0].path
+            assert candidate.plausible(model.replace({path: factor * model.get(path)})) == named

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
@@ -25,6 +25,14 @@ SignKind = Literal[
 ]  # fmt: skip
 #: Size of the smallest relevant cause, relative to the virtual rig's sizes. Chosen: a third of the smallest in the study.
 SMALLEST = 1.0 / 3.0
+#: Relative difference from its given value below which a fitted mass or gain is no fault. Chosen: calibrations of sensors agree
+#: to half a per cent, scales are as accurate, and small parts that move with a body change its mass as much.
+CALIBRATION = 0.01
+
+
+def beyond_calibration(path: str, given: float) -> Callable[[RigModel], bool]:
+    """Whether the value at a path differs from the given one by more than calibrations allow: for `Candidate.plausible`."""
+    return lambda fitted: abs(fitted.get(path) / given - 1.0) >= CALIBRATION
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
+from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes, beyond_calibration
 from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, chain_of, with_chain
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.solve import Free
@@ -26,7 +26,7 @@ class SensorGain(ChannelCause):
         yield Candidate(
             cause=self.name, location=place, family=self.family, rank=self.rank, starts=(model,),
             free=(Free(path=path, low=0.2, high=5.0),), reported=(Reported(name="factor", path=path, unit="1"),),
-            twin=("wrong_mass", place) if force_by_mass else None,
+            twin=("wrong_mass", place) if force_by_mass else None, plausible=beyond_calibration(path, model.get(path)),
         )  # fmt: skip
 
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:

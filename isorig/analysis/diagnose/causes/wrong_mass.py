@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, Evidence, RigWithCause, Sizes
+from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, Evidence, RigWithCause, Sizes, beyond_calibration
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
@@ -36,7 +36,7 @@ class WrongMass(Cause):
         yield Candidate(
             cause=self.name, location=place, family=self.family, rank=self.rank, starts=(model, *_heavier(model, path, place)),
             free=(Free(path=path, low=0.2 * given, high=5.0 * given),), reported=(Reported(name="mass", path=path, unit="kg"),),
-            twin=("sensor_gain", place) if path == "drive.factor" else None,
+            twin=("sensor_gain", place) if path == "drive.factor" else None, plausible=beyond_calibration(path, given),
         )  # fmt: skip
 
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:
