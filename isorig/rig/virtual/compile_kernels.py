@@ -1,15 +1,35 @@
-"""Compiles and caches the kernels, so that the first command does not wait: `python -m isorig.rig.virtual.compile_kernels`."""
+"""Compiles and caches all kernels, so that no command waits for it: `python -m isorig.rig.virtual.compile_kernels`."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from isorig.analysis.equations.slip import slip_operator
+from isorig.analysis.laws import Dahl, ElastoSlip, Maxwell
+from isorig.analysis.simulate.batch import scan
+from isorig.analysis.simulate.sampling import Excitation
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
+
+#: Laws with a kernel for their force along a recorded motion.
+ALONG_MOTIONS = (
+    Dahl(friction_force=1.0, bristle_stiffness=1.0),
+    ElastoSlip(slip_force=1.0, spring_stiffness=1.0),
+    Maxwell(relaxation_stiffness=1.0, relaxation_time=1.0),
+)
 
 
 def main() -> None:
-    """Simulate one second of the built-in rig."""
+    """Simulate one second of the built-in rig, alone and in a batch, and what follows from recorded motions."""
     from isorig.rig.wire_bonder.description import wire_bonder
 
-    virtual_campaign(wire_bonder(), [VirtualRun(id="warm", configuration="unlocked", gain=70.0, seconds=1.0, start=0.0)])
+    model = wire_bonder()
+    virtual_campaign(model, [VirtualRun(id="warm", configuration="unlocked", gain=70.0, seconds=1.0, start=0.0)])
+    drive = Excitation.prepare(np.zeros(1024), 1024.0, oversample=1)
+    scan([model, model], drive, lambda batch: np.zeros(len(batch)))
+    still = np.zeros(8)
+    slip_operator(still, 1.0)
+    for law in ALONG_MOTIONS:
+        law.along(still, still, 1.0)
 
 
 if __name__ == "__main__":
