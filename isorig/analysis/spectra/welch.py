@@ -20,10 +20,8 @@ from isorig.analysis.spectra.inputs import Drives, Estimator, partial_coherence
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 from isorig.analysis.views import Viewed
 
-#: Segments transformed at a time: at most so many, with at most so many samples together. Chosen: more take no less time.
-BLOCK, CACHED = 12, 1 << 21
-#: Size of which the groups of the jackknife are multiples, where there are many segments: blocks are divided between groups.
-GROUPED = 8
+#: Segments transformed at a time: at most so many, with at most so many samples together.
+BLOCK, CACHED = 8, 1 << 21
 OVERLAP = 0.5
 #: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
 FEWEST = 1.5
@@ -302,7 +300,7 @@ def estimate(
         alike = [(run, *ends) for run in runs if run.sample_rate == rate for ends in stretches(run, longest)]
         hop = _hop(length, overlap)
         count = sum(_segments(stop - start, length, hop) for _, start, stop in alike)
-        group = group_size(count, GROUPED) if jackknife else count + 1
+        group = group_size(count, BLOCK) if jackknife else count + 1
         sums = _Sums(names, references, length, group=group, window=window, overlap=overlap)
         for run, start, stop in alike:
             blocks = _Blocks(run, sums, start, stop)
