@@ -16,7 +16,7 @@ import numpy as np
 from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.overload import FULL, ROW, blocks, cut_off, extremes, plateaus
-from isorig.analysis.spectra.pauses import drives_in_pauses
+from isorig.analysis.spectra.pauses import FIRST, drives_in_pauses
 from isorig.analysis.spectra.welch import stretches
 
 Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut short", "weak"]
@@ -25,9 +25,9 @@ Reason = Literal["", "double hit", "overload", "still moving", "too soon", "cut 
 TRIGGER, ABOVE_NOISE = 0.1, 10.0
 #: A force is a hammer's if pulses of one sign contain at least this share of its energy in at most this share of its time.
 ENERGY, TIME = 0.9, 0.1
-#: Samples that decide whether noise is impulsive, and the least kurtosis of a hammer's force: with a share E of its energy in a
-#: share T of its time it is at least E^2 / T (Gaussian noise has 3).
-FIRST, IMPULSIVE = 2**20, ENERGY**2 / TIME
+#: Least kurtosis of a hammer's force: with a share E of its energy in a share T of its time it is at least E^2 / T (Gaussian
+#: noise has 3).
+IMPULSIVE = ENERGY**2 / TIME
 #: A second pulse above this share of the first is a double hit (ISO 7626-5 requires single pulses), if it exceeds the filter's
 #: ringing by this factor.
 DOUBLE, RINGING = 0.05, 2.0

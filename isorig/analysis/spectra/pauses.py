@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray, IntArray, Run
 
-#: Samples that decide, at most.
+#: Samples that decide whether a reference is a hammer's force, at most.
 FIRST = 2**20
 #: Longest and shortest segment in samples, and the least number of segments: coherence without a relation is then a tenth.
 LONGEST, SHORTEST, SEGMENTS = 1024, 64, 8
