@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,7 @@ from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.cli import main
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read
+from isorig.rig.view.equations_process import FIRST, LONGEST, told
 from isorig.rig.view.messages import SessionState
 from isorig.rig.view.snapshot import Snapshot
 from isorig.rig.view.state import Subject, state_of
@@ -72,6 +75,19 @@ def test_a_run_ends_when_its_equations_name_a_cause(tmp_path: Path, capfd: pytes
     assert "force over deflection (isolation)" in told[-1]["text"]
     assert told[-1]["seconds"] <= run.duration < 250.0
     assert taken["verdict"]["good"], taken["verdict"]["advice"]
+
+
+def test_a_computer_that_cannot_follow_a_run_still_reads_records_that_confirm_each_other(tmp_path: Path) -> None:
+    """The first reading finds a run that is already longer than the longest record."""
+    assert main(["virtual", "campaign", "--hide", "backlash", "--seed", "5", "-o", str(tmp_path / "c.h5")]) == 0
+    campaign = read(tmp_path / "c.h5")
+    alone = replace(campaign, runs=campaign.runs[:1])
+    assert alone.runs[0].duration > LONGEST
+    messages = list(told(itertools.repeat(alone, 5)))
+    assert messages[0].seconds == FIRST
+    assert messages[-1].seconds <= LONGEST
+    assert messages[-1].known
+    assert "force over deflection (isolation)" in messages[-1].text
 
 
 def test_analyzers_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
