@@ -19,7 +19,8 @@ demo: setup
 	$(BIN)/rig demo -o demo-out
 
 # The tests, on two cores: those of instruments, sessions and screens wait most of the time, so many of their files run side by side
-# next to the others. A file is run by one process (its tests may follow from each other), those of `conftest.py` first.
+# next to the others, and before them: they keep time. A file is run by one process (its tests may follow from each other), those
+# of `conftest.py` first.
 WIRE := tests/drivers tests/rig/acquire tests/rig/view
 PYTEST := $(BIN)/python -m pytest -q -m "not study" --dist loadfile --no-loadscope-reorder
 
@@ -30,7 +31,7 @@ test-wire: setup
 	$(PYTEST) -n 6 $(WIRE)
 
 test-work: setup
-	$(PYTEST) -n 2 $(WIRE:%=--ignore=%)
+	nice -n 10 $(PYTEST) -n 2 $(WIRE:%=--ignore=%)
 
 # Speed and accuracy beside peers in one run, which writes docs/bench.md. `make bench QUICK=--quick` takes fewer repeats.
 bench: .venv/bench
