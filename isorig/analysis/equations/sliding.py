@@ -213,10 +213,9 @@ class Sliding:
     def select(self) -> int:
         """Choose the samples that slide; returns their number."""
         masks = {run.run: self._slides(run) & run.usable if self.rubs else run.usable for run in self.runs}
-        total = sum(int(mask.sum()) for mask in masks.values())
-        every = max(1, total // MOST_SAMPLES)
-        for block in self.blocks:
-            inside = masks[block.run.run][block.first : block.first + self.length]
+        inner = [masks[block.run.run][block.first : block.first + self.length].copy() for block in self.blocks]
+        every = max(1, sum(int(mask.sum()) for mask in inner) // MOST_SAMPLES)
+        for block, inside in zip(self.blocks, inner, strict=True):
             if self.integrated:  # the slow part is known inside of the block only
                 inside[: len(self.taps) // 2] = inside[len(inside) - len(self.taps) // 2 :] = False
             block.used = np.flatnonzero(inside)[::every]

@@ -36,6 +36,9 @@ LOWEST, CUT = 0.3, 0.1
 #: Frequency up to which the slow part of an element's integrated deflection is fitted, at most, in multiples of the lowest mode;
 #: otherwise `CUT` times the element's own: what its sensors' errors integrate to there exceeds the motion of a stiff element.
 HIGHEST_CUT = 0.4
+#: Noise of an element's integrated deflection, as a share of its rms, above which its slow part is fitted up to a higher frequency.
+#: Chosen: noise of a tenth makes a stiffness appear one per cent lower.
+NOISY = 0.1
 #: Share of it from which on all content is in the integral: the slow part that is fitted along bends little faster.
 SURE = 0.5
 #: Periods in a run of the lowest frequency that an integral contains: what is slower is unknown and grows with its period.
@@ -305,12 +308,13 @@ class Equations:
         key = balance.name, element.name, rubs
         if key not in self._in_time:
             sign = next(s for e, s in balance.crossing if e.name == element.name)
-            runs, noise = self._sliding_runs(balance, element, sign, self.records, self.signals)
+            cut = self._cut(balance, element)
+            runs, noise = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
             self._in_time[key] = None
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
                 found = Sliding(
-                    runs, self.rate / self.every, CUT / self._cut(balance, element), integrated=self.integrated(element),
+                    runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element),
                     stiffness=abs(sign) * stiffness, noise=noise, parts=self._parts(balance), edge=self.edge, rubs=rubs,
                 )  # fmt: skip
                 if found.usable:
@@ -338,8 +342,25 @@ class Equations:
         return all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
 
     def _cut(self, balance: Balance, element: Element) -> float:
-        # Frequency in Hz up to which the slow part of an integrated deflection is fitted.
-        return min(CUT * self.own_frequency(element, balance), HIGHEST_CUT * self.lowest)
+        # Frequency in Hz up to which the slow part of an integrated deflection is fitted: as far as the sensors' errors integrate
+        # to more than the motion there, and noise to a large share of it.
+        highest = CUT * self.own_frequency(element, balance)
+        found = min(highest, HIGHEST_CUT * self.lowest)
+        while found < highest and self._is_noisy(element, SURE * found):
+            found = min(2.0 * found, highest)
+        return found
+
+    def _is_noisy(self, element: Element, low: float) -> bool:
+        # Whether the noise of an element's deflection, integrated from this frequency on, is a large share of it.
+        combo, orders = self.combos.of(element.weights, 0) or {}, self.combos.orders
+        noise = 0.0
+        for channel, weight in combo.items():
+            # White noise of an n-th derivative, integrated n times: the integral of 1 / (2 pi f)^2n from that frequency on.
+            power = 2 * orders[channel]
+            density = (weight * self.noise.get(channel, 0.0)) ** 2 * 2.0 / self.rate
+            noise += density / ((2.0 * np.pi) ** power * (power - 1) * low ** (power - 1)) if power else 0.0
+        largest = max(float(np.std(self.elongation(signals, element, low)[0])) for signals in self.signals)
+        return bool(np.sqrt(noise) > NOISY * largest)
 
     def _settled(self, sliding: Sliding, element: Element, sign: float) -> SlidingFit:
         laws = law_columns(element)
@@ -368,7 +389,7 @@ class Equations:
 
     def _sliding_runs(
         self, balance: Balance, element: Element, sign: float, records: Sequence[Record],
-        all_signals: Sequence[Mapping[tuple[str, int], FloatArray]],
+        all_signals: Sequence[Mapping[tuple[str, int], FloatArray]], cut: float,
     ) -> tuple[list[SlidingRun], float]:  # fmt: skip
         runs: list[SlidingRun] = []
         way = np.sign(sign)
@@ -378,7 +399,7 @@ class Equations:
             if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < self.length:
                 continue
             force = way * self.combined(signals, self.force_row(balance))
-            d, v = self.elongation(signals, element, SURE * self._cut(balance, element))
+            d, v = self.elongation(signals, element, SURE * cut)
             fixed = [way * self.combined(signals, row) for _, row, _ in self.unknown_rows(balance)]
             for other, other_sign in balance.crossing:
                 if other.name == element.name:
