@@ -36,8 +36,8 @@ LOWEST, CUT = 0.3, 0.1
 #: Frequency up to which the slow part of an element's integrated deflection is fitted, at most, in multiples of the lowest mode;
 #: otherwise `CUT` times the element's own: what its sensors' errors integrate to there exceeds the motion of a stiff element.
 HIGHEST_CUT = 0.4
-#: Noise of an element's integrated deflection, as a share of its rms, above which its slow part is fitted up to a higher frequency.
-#: Chosen: noise of a tenth makes a stiffness appear one per cent lower.
+#: Noise of an element's integrated deflection, as a share of its rms, above which its slow part is fitted up to a higher
+#: frequency. Chosen: noise of a tenth makes a stiffness appear one per cent lower.
 NOISY = 0.1
 #: Share of it from which on all content is in the integral: the slow part that is fitted along bends little faster.
 SURE = 0.5
@@ -308,7 +308,7 @@ class Equations:
         key = balance.name, element.name, rubs
         if key not in self._in_time:
             sign = next(s for e, s in balance.crossing if e.name == element.name)
-            cut = self._cut(balance, element)
+            cut = self.cut(balance, element)
             runs, noise = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
             self._in_time[key] = None
             if runs:
@@ -341,26 +341,28 @@ class Equations:
         """Whether an element's deflection is an integral, so that its slow part is unknown."""
         return all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
 
-    def _cut(self, balance: Balance, element: Element) -> float:
-        # Frequency in Hz up to which the slow part of an integrated deflection is fitted: as far as the sensors' errors integrate
-        # to more than the motion there, and noise to a large share of it.
+    def cut(self, balance: Balance, element: Element) -> float:
+        """Frequency in Hz up to which the slow part of an element's integrated deflection is fitted.
+
+        The sensors' errors integrate to more than the motion there, or their noise to more than `NOISY` of it.
+        """
         highest = CUT * self.own_frequency(element, balance)
         found = min(highest, HIGHEST_CUT * self.lowest)
-        while found < highest and self._is_noisy(element, SURE * found):
+        while found < highest and self.noise_share(element, SURE * found) > NOISY:
             found = min(2.0 * found, highest)
         return found
 
-    def _is_noisy(self, element: Element, low: float) -> bool:
-        # Whether the noise of an element's deflection, integrated from this frequency on, is a large share of it.
-        combo, orders = self.combos.of(element.weights, 0) or {}, self.combos.orders
-        noise = 0.0
-        for channel, weight in combo.items():
-            # White noise of an n-th derivative, integrated n times: the integral of 1 / (2 pi f)^2n from that frequency on.
-            power = 2 * orders[channel]
-            density = (weight * self.noise.get(channel, 0.0)) ** 2 * 2.0 / self.rate
-            noise += density / ((2.0 * np.pi) ** power * (power - 1) * low ** (power - 1)) if power else 0.0
-        largest = max(float(np.std(self.elongation(signals, element, low)[0])) for signals in self.signals)
-        return bool(np.sqrt(noise) > NOISY * largest)
+    def noise_share(self, element: Element, low: float) -> float:
+        """Noise of an element's deflection, integrated from this frequency in Hz on, as a share of its rms."""
+        variance = 0.0
+        for channel, weight in (self.combos.of(element.weights, 0) or {}).items():
+            if self.combos.orders[channel] > 0:
+                # White noise of an n-th derivative, integrated n times: the integral of 1 / (2 pi f)^2n from that frequency on.
+                power = 2 * self.combos.orders[channel]
+                density = 2.0 * (weight * self.noise[channel]) ** 2 / self.rate
+                variance += density / ((2.0 * np.pi) ** power * (power - 1) * low ** (power - 1))
+        motion = max(float(np.std(self.elongation(signals, element, low)[0])) for signals in self.signals)
+        return float(np.sqrt(variance)) / max(motion, 1e-300)
 
     def _settled(self, sliding: Sliding, element: Element, sign: float) -> SlidingFit:
         laws = law_columns(element)

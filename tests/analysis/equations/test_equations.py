@@ -29,14 +29,15 @@ from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.ranking import HINTS, Explanation, ranking
 from isorig.analysis.equations.sliding import RESTS, still
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.equations.system import HIGHEST_CUT, HOLDS, NOISY, SURE
 from isorig.analysis.fitting.ladder import fit_baseline
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
 from isorig.analysis.rounding import rounding
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate
-from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 SEED = 4100
 
@@ -68,6 +69,37 @@ def test_a_hardening_link_breaks_its_own_equation_only_and_its_curve_repairs_it(
     values = start_values(equations, best)
     assert values["links.l0.stiffness"] == pytest.approx(4200.0, rel=0.005)
     assert values["links.l2.stiffness"] == pytest.approx(3500.0, rel=0.005)
+
+
+def test_the_curve_of_a_stiff_link_is_read_from_where_noise_is_small() -> None:
+    """From the lowest frequencies on, noise would be half of the heatblock's integrated deflection."""
+    rig = wire_bonder({**THESIS, "friction_force": 9.0})
+    campaign = virtual_campaign(with_law(rig, "heatblock", laws.Cubic(cubic_stiffness=3e18)), seed=SEED)
+    equations = equations_of(campaign, rig)
+    best, second, *_ = ranking(equations).explanations
+    assert (best.place, best.what) == ("heatblock", "force over deflection")
+    assert best.score > 5.0 * second.score
+    force = element_force(equations, best)
+    assert force is not None
+    assert np.std(force.left) < 0.05 * np.std(force.force)
+    columns = np.stack([force.deflection, force.deflection**3, force.velocity], 1)
+    sizes = columns.std(axis=0)
+    stiffness, cubic, _ = np.linalg.lstsq(columns / sizes, force.force, rcond=None)[0] / sizes
+    assert stiffness == pytest.approx(rig.link("heatblock").stiffness, rel=0.1)
+    assert cubic == pytest.approx(3e18, rel=0.2)
+
+
+@pytest.mark.parametrize(("share", "raised"), [(0.9, False), (1.1, True)])
+def test_the_slow_part_is_fitted_up_to_where_noise_is_a_tenth_of_the_deflection(share: float, raised: bool) -> None:
+    rig = wire_bonder()
+    equations = equations_of(virtual_campaign(rig, SESSION[:1], noise=1e-5, seed=SEED), rig)
+    balance = equations.balance_of("heatblock")
+    ((element, _),) = balance.crossing
+    usual = HIGHEST_CUT * equations.lowest
+    assert equations.cut(balance, element) == usual
+    scale = share * NOISY / equations.noise_share(element, SURE * usual)
+    equations.noise = {channel: scale * level for channel, level in equations.noise.items()}
+    assert (equations.cut(balance, element) > usual) == raised
 
 
 def test_a_wrong_gain_is_named_with_its_factor() -> None:
