@@ -1,58 +1,83 @@
 """The only place that uses the compiler: kernels are compiled on first use, cached on disk, and run without the GIL.
 
-A kernel contains the code of all kernels that it calls, also of those in other files. The cache is therefore valid only as long
-as no kernel's source has changed: every file of this package that imports this one. Constants used by kernels are in such files.
-The compiler itself is imported with the first call of a kernel, because commands that simulate nothing need none.
+A kernel contains the code of all kernels that it calls, also of those in other files. What is cached is therefore valid only as
+long as the kernel's code, that of all kernels that it calls, and the constants that they use are unchanged. Docstrings, comments
+and the place in the file do not count: they do not change the code. Of a separate kernel, callers contain only the name: so the
+engine stays valid when a law is added or changed. The compiler itself is imported with the first call of a kernel, because
+commands that simulate nothing need none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dis import EXTENDED_ARG, hasconst
 from functools import cache, cached_property, partial
 from hashlib import sha256
-from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar, cast
+
+import numpy as np
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-
-def sources() -> tuple[Path, ...]:
-    """The files of this package that contain kernels."""
-    files = sorted(Path(__file__).parent.rglob("*.py"))
-    return tuple(file for file in files if b"isorig.analysis.jit import" in file.read_bytes())
-
-
-@cache
-def fingerprint() -> str:
-    """Digest of all kernels' sources."""
-    digest = sha256()
-    for file in sources():
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
-
 
 #: Without Python objects and the GIL, with fused multiply-add.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 #: Without reference counting of arrays: counting for every row view would cost more than the arithmetic.
 UNCOUNTED: dict[str, Any] = {"_nrt": False, **OPTIONS}
+#: Of the compiler. Vectorize straight-line arithmetic too, which numba does not by default: it halves the kernels' time.
+SETTINGS = {"SLP_VECTORIZE": 1}
+PACKAGE = __name__.partition(".")[0]
 
 
 class Kernel:
     """A function that becomes machine code when it, or a kernel that calls it, is first called."""
 
-    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
-        self._function, self._options = function, options
+    def __init__(self, function: Callable[..., Any], *, cached: bool, **options: Any) -> None:
+        self._function, self._cached, self._options = function, cached, options
 
     @cached_property
     def compiled(self) -> Any:
         """Numba's dispatcher."""
-        dispatcher = _numba().njit(**self._options)(self._function)
-        if self._options.get("cache"):
-            # Numba considers a cache valid as long as the function's own file is unchanged; here all kernel files count.
-            file = dispatcher._cache._cache_file
-            file._source_stamp = (file._source_stamp, fingerprint())
-        return dispatcher
+        for each in self.calls_by_name:
+            # Otherwise the linker does not find it when it loads this kernel.
+            each.type  # noqa: B018
+        return _compiler().dispatcher(self._function, self._options, SETTINGS, self.digest if self._cached else "")
+
+    @cached_property
+    def type(self) -> Any:
+        """Numba's type of it, for the kernels that call it."""
+        from numba.extending import typeof_impl
+
+        return typeof_impl(self.compiled, None)
+
+    @cached_property
+    def calls_by_name(self) -> frozenset[SeparateKernel]:
+        """The separate kernels that it, or a kernel contained in it, calls."""
+        called = [value for value in _outside(self._function) if isinstance(value, Kernel)]
+        inside = (each.calls_by_name for each in called if not isinstance(each, SeparateKernel))
+        return frozenset(each for each in called if isinstance(each, SeparateKernel)).union(*inside)
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of what the machine code depends on: this code, that of all kernels contained in it, constants, and options.
+
+        Raises
+        ------
+        TypeError
+            If the kernel uses an object whose content is unknown.
+        """
+        codes = (
+            (code.co_names, code.co_varnames, code.co_exceptiontable, *_instructions(code))
+            for code in _codes(self._function.__code__)
+        )
+        content = (sorted(SETTINGS.items()), sorted(self._options.items()), *codes, *map(_content, _outside(self._function)))
+        return sha256(repr(content).encode()).hexdigest()
+
+    @property
+    def contained(self) -> str:
+        """What a kernel depends on that calls this one."""
+        return self.digest
 
     def __call__(self, *args: Any) -> Any:
         """Call the compiled function."""
@@ -65,15 +90,85 @@ class Kernel:
         return getattr(self.compiled, name)
 
 
+class SeparateKernel(Kernel):
+    """A kernel of one signature that its callers call by its name: they do not contain its code."""
+
+    def __init__(self, function: Callable[..., Any], *, signature: str, **options: Any) -> None:
+        super().__init__(function, **options)
+        self._signature = signature
+        self._symbol = f"{function.__module__}.{function.__qualname__}"
+
+    @cached_property
+    def type(self) -> Any:
+        """Numba's type of it, for the kernels that call it; afterwards these can be loaded."""
+        return _compiler().called_by_name(self._symbol, self.compiled, self._signature)
+
+    @property
+    def contained(self) -> str:
+        """What a kernel depends on that calls this one."""
+        return f"{self._symbol}: {self._signature}"
+
+
+def _outside(function: Any) -> Iterator[Any]:
+    # The values that a function uses from outside it. A name may be an attribute's as well: then there is one too many.
+    yield function.__defaults__
+    for cell in function.__closure__ or ():
+        yield cell.cell_contents
+    for code in _codes(function.__code__):
+        for name in code.co_names:
+            if name in function.__globals__:
+                yield function.__globals__[name]
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    # With the code of functions and comprehensions inside it.
+    yield code
+    for const in code.co_consts:
+        if isinstance(const, CodeType):
+            yield from _codes(const)
+
+
+def _instructions(code: CodeType) -> Iterator[Any]:
+    # Constants by their value: a docstring is a constant that no instruction uses, and shifts the numbers of the others.
+    high = 0
+    for operation, low in zip(code.co_code[::2], code.co_code[1::2], strict=True):
+        number = high | low
+        high = number << 8 if operation == EXTENDED_ARG else 0
+        if operation not in hasconst:
+            yield operation, number
+        elif not isinstance(code.co_consts[number], CodeType):
+            yield operation, code.co_consts[number]
+
+
+def _content(value: Any) -> Any:
+    """What a kernel that uses a value depends on, as an object whose `repr` differs where that differs."""
+    match value:
+        case Kernel():
+            return value.contained
+        case np.ndarray() | np.generic():
+            return value.dtype.str, value.shape, value.tobytes()
+        case None | bool() | int() | float() | complex() | str():
+            return value
+        case tuple():
+            return type(value).__qualname__, *map(_content, value)
+        case type() | FunctionType() | BuiltinFunctionType() | np.ufunc():
+            # Of other packages, or named tuples: the compiler refuses other classes and functions of this project.
+            return getattr(value, "__module__", ""), value.__name__, getattr(value, "_fields", ())
+        case ModuleType() if value.__name__.partition(".")[0] != PACKAGE:
+            return value.__name__
+    raise TypeError(
+        f"a kernel uses {value!r}, whose content is unknown; import kernels, numbers, arrays and tuples by their names"
+    )
+
+
 @cache
-def _numba() -> Any:
-    import numba
+def _compiler() -> ModuleType:
     from numba.extending import typeof_impl
 
-    # Vectorize straight-line arithmetic too, which numba does not by default: it halves the kernels' time.
-    numba.config.SLP_VECTORIZE = 1  # type: ignore[attr-defined]
-    typeof_impl.register(Kernel)(lambda value, context: typeof_impl(value.compiled, context))
-    return numba
+    from isorig.analysis import compiler
+
+    typeof_impl.register(Kernel)(lambda value, context: value.type)
+    return compiler
 
 
 def _decorator(**options: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -81,10 +176,17 @@ def _decorator(**options: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 #: Compiles a numeric function to machine code, cached on disk. It uses its caller's arrays and cannot allocate any.
-kernel = _decorator(cache=True, **UNCOUNTED)
+kernel = _decorator(cached=True, **UNCOUNTED)
 #: The same for one that allocates arrays.
-allocating_kernel = _decorator(cache=True, **OPTIONS)
+allocating_kernel = _decorator(cached=True, **OPTIONS)
 #: The same inlined into each calling kernel: passing many arrays takes longer than a short body.
-inlined = _decorator(inline="always", **UNCOUNTED)
+inlined = _decorator(cached=False, inline="always", **UNCOUNTED)
 #: As `kernel`, with reassociation of sums so that they are vectorized.
-fast_kernel = _decorator(cache=True, nogil=True, fastmath=True, error_model="numpy")
+fast_kernel = _decorator(cached=True, nogil=True, fastmath=True, error_model="numpy")
+
+
+def separate_kernel(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """As `kernel`, for one signature in numba's words; what calls it stays valid when it changes."""
+    return cast(
+        "Callable[[Callable[P, R]], Callable[P, R]]", partial(SeparateKernel, signature=signature, cached=True, **UNCOUNTED)
+    )

@@ -1,54 +1,176 @@
-"""Cached kernels: what is cached counts only as long as no kernel's source has changed, in this or another file."""
+"""Cached kernels: valid as long as their code, the kernels that they contain and their constants are unchanged, in any file."""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 from isorig import analysis
-from isorig.analysis.jit import sources
+from isorig.analysis import jit
+from isorig.analysis.jit import Kernel, inlined, kernel
 
-CALLER = '''"""A kernel that calls another file's."""
+ROOT = Path(__file__).parents[2]
+CALLEE = '''"""Two kernels, a constant and a named tuple."""
 
-from isorig.analysis.jit import kernel
-from isorig.analysis.simulate.step import polynomial
+from typing import NamedTuple
+
+from isorig.analysis.jit import kernel, separate_kernel
+
+SCALE = 2.0
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float
 
 
 @kernel
-def where(p):
-    return polynomial(p, 1.0)
+def contained(x):
+    return SCALE * x
+
+
+@separate_kernel("float64(float64)")
+def separate(x):
+    return 10.0 * x
 '''
+CALLER = '''"""A kernel that calls another file's."""
+
+from isorig.analysis.callee import Pair, contained, separate
+from isorig.analysis.jit import kernel
+
+# A comment.
+@kernel
+def total(pair):
+    """Sum."""
+    return contained(pair.first) + separate(pair.first)
+'''
+CALL = """
+from isorig.analysis.callee import Pair, separate
+from isorig.analysis.caller import total
+
+print(total(Pair(first=1.0, second=100.0)), sum(total.stats.cache_hits.values()), sum(separate.stats.cache_hits.values()))
+"""
+#: Digests of all kernels, by name; laws' closures have several.
+DIGESTS = """
+import gc, json
+import isorig.rig.virtual.compile_kernels
+from isorig.analysis.jit import Kernel
+
+found = {}
+for each in gc.get_objects():
+    if isinstance(each, Kernel):
+        found.setdefault(f"{each._function.__module__}.{each._function.__qualname__}", []).append(each.digest)
+print(json.dumps({name: sorted(digests) for name, digests in found.items()}))
+"""
 
 
-def test_editing_one_kernels_file_renews_the_kernels_of_others(tmp_path: Path) -> None:
-    copy = tmp_path / "isorig" / "analysis"
-    shutil.copytree(Path(analysis.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "isorig" / "__init__.py").touch()
-    (copy / "simulate" / "caller.py").write_text(CALLER, encoding="utf-8")
-
-    def answer() -> float:
-        code = "import numpy as np; from isorig.analysis.simulate.caller import where; print(where(np.array([1.0, -2.0])))"
-        ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-        return float(ran.stdout)
-
-    assert answer() == -1.0
-    assert list((copy / "simulate" / "__pycache__").glob("caller.where*.nbi"))
-    step = copy / "simulate" / "step.py"
-    text = step.read_text(encoding="utf-8")
-    step.write_text(re.sub(r"acc = acc \* x \+ p\[k\]", "acc = acc * x + 3.0 * p[k]", text, count=1), encoding="utf-8")
-    assert answer() == -3.0
+def copied(to: Path) -> Path:
+    """A copy of the package without compiled kernels; its folder."""
+    shutil.copytree(Path(analysis.__file__).parents[1], to / "isorig", ignore=shutil.ignore_patterns("__pycache__"))
+    return to / "isorig" / "analysis"
 
 
-def test_numbers_that_kernels_use_stand_in_their_files() -> None:
-    """A constant in a file that is none of the sources could change without the kernels knowing."""
-    root = Path(analysis.__file__).parent
-    known = {".".join(("isorig", "analysis", *file.relative_to(root).with_suffix("").parts)) for file in sources()}
-    for file in sources():
-        for module, names in re.findall(r"^from (isorig[\w.]*) import (.+)$", file.read_text(encoding="utf-8"), re.MULTILINE):
-            constants = [name for name in re.findall(r"\w+", names) if re.fullmatch(r"[A-Z][A-Z_]+", name)]
-            # Names, tables of names and objects, which no kernel can use.
-            if constants and constants not in (["GROUND"], ["FORMULAS"], ["MOTION"], ["NO_LINK"]):
-                assert module in known, f"{file.name} takes {constants} from {module}"
+def said(folder: Path, code: str) -> str:
+    """What a program prints that uses the package in a folder."""
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+def edited(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_a_kernel_is_compiled_again_only_if_it_or_what_it_contains_changes(tmp_path: Path) -> None:
+    folder = copied(tmp_path)
+    callee, caller = folder / "callee.py", folder / "caller.py"
+    callee.write_text(CALLEE, encoding="utf-8")
+    caller.write_text(CALLER, encoding="utf-8")
+
+    def answer() -> tuple[float, bool, bool]:
+        # The result; whether the caller and the separate kernel come from the cache.
+        value, hits, separate_hits = said(tmp_path, CALL).split()
+        return float(value), hits == "1", separate_hits == "1"
+
+    assert answer() == (12.0, False, False)
+    assert answer() == (12.0, True, True)
+    # Words, and the place in the file.
+    edited(caller, '    """Sum."""\n', '    """Sum of both.\n\n    With more lines."""\n')
+    edited(caller, "# A comment.\n", "\n\nUNUSED = 5\n\n\n")
+    edited(callee, "def contained(x):\n", 'def contained(x):\n    """The first docstring."""\n')
+    assert answer() == (12.0, True, True)
+    # The code of a contained kernel, and a constant of another file.
+    edited(callee, "return SCALE * x", "return SCALE * x + 1.0")
+    assert answer() == (13.0, False, True)
+    edited(callee, "SCALE = 2.0", "SCALE = 3.0")
+    assert answer() == (14.0, False, True)
+    # The code of a separate kernel takes effect, but the caller does not contain it.
+    edited(callee, "10.0 * x", "20.0 * x")
+    assert answer() == (24.0, True, False)
+    # The order of an argument's fields: the types are the same.
+    edited(callee, "    first: float\n    second: float\n", "    second: float\n    first: float\n")
+    assert answer()[:2] == (24.0, False)
+
+
+def test_a_new_law_leaves_the_engine_and_the_other_laws_valid(tmp_path: Path) -> None:
+    folder = copied(tmp_path)
+    page = (ROOT / "docs" / "add-law.md").read_text(encoding="utf-8")
+    law = re.search(r'^```python title="isorig/analysis/laws/(\w+\.py)"\n(.*?)^```$', page, re.MULTILINE | re.DOTALL)
+    assert law is not None
+    before = json.loads(said(tmp_path, DIGESTS))
+    (folder / "laws" / law[1]).write_text(law[2], encoding="utf-8")
+    after = json.loads(said(tmp_path, DIGESTS))
+    assert set(after) - set(before) == {"isorig.analysis.laws.quintic.resist"}
+    changed = {name.removeprefix("isorig.analysis.") for name, digests in before.items() if after[name] != digests}
+    closures = {f"simulate.curves.{name}.<locals>.resisting" for name in ("_resisting", "_either_resisting")}
+    assert changed == {"simulate.curves.plain", *closures}
+
+
+def test_an_object_of_unknown_content_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "unknown", {"content": 1})
+
+    @kernel
+    def takes_the_size() -> int:
+        return len(unknown)  # type: ignore[name-defined] # noqa: F821
+
+    @kernel
+    def takes_from_a_module() -> str:
+        return jit.PACKAGE
+
+    for each in (takes_the_size, takes_from_a_module):
+        assert isinstance(each, Kernel)
+        with pytest.raises(TypeError, match="content is unknown"):
+            each.digest  # noqa: B018
+
+
+def test_digests_differ_by_the_type_of_a_constant() -> None:
+    def scaled(by: object) -> str:
+        @inlined
+        def times(x: float) -> float:
+            return by * x  # type: ignore[no-any-return, operator]
+
+        assert isinstance(times, Kernel)
+        return times.digest
+
+    constants = (
+        2,
+        2.0,
+        True,
+        np.float32(2.0),
+        np.float64(2.0),
+        np.array([2.0]),
+        np.array([[2.0]]),
+        np.array([2]),
+        (2.0,),
+        None,
+        "2.0",
+    )
+    assert len({scaled(each) for each in constants}) == len(constants)
+    assert scaled(np.array([2.0])) == scaled(np.array([2.0]))

@@ -18,7 +18,7 @@ from isorig.analysis.jit import Kernel
 from isorig.rig.virtual.compile_kernels import main
 
 main()
-cached = [each for each in gc.get_objects() if isinstance(each, Kernel) and each._options.get("cache")]
+cached = [each for each in gc.get_objects() if isinstance(each, Kernel) and each._cached]
 assert len(cached) > 50
 print(*(each.__name__ for each in cached if not os.path.exists(each.compiled._cache._cache_file._index_path)))
 """

@@ -1,4 +1,7 @@
-"""Curved laws in the kernel: the formulas of all laws, selected by number."""
+"""Curved laws in the kernel: the formulas of all laws, selected by number.
+
+They are compiled separately from the engine that calls them, so that a new or changed law does not compile the engine.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,24 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import inlined, kernel
+from isorig.analysis.jit import inlined, kernel, separate_kernel
 from isorig.analysis.laws import FORMULAS
 from isorig.analysis.laws.elements import Formula
 
-#: Codes from this one on are of laws with memory (state variables).
-MEMORY = sum(formula.carry is None for formula in FORMULAS)
-CODES = {formula: code for code, formula in enumerate(FORMULAS)}
+#: Codes from this one on are of laws with memory (state variables): the same for any number of laws.
+MEMORY = 1_000_000
+PLAIN = [formula for formula in FORMULAS if formula.carry is None]
+WITH_MEMORY = [formula for formula in FORMULAS if formula.carry is not None]
+CODES = {formula: code for first, formulas in ((0, PLAIN), (MEMORY, WITH_MEMORY)) for code, formula in enumerate(formulas, first)}
+#: The compiler's names of a number's and an array's type.
+WHOLE, NUMBER, ROW, ROWS = "int64", "float64", "float64[::1]", "float64[:, ::1]"
+
+
+def _signature(result: str, *arguments: str) -> str:
+    return f"{result}({', '.join(arguments)})"
+
+
+TWO = f"UniTuple({NUMBER}, 2)"
 
 
 def code_of(formula: Formula | None) -> int:
@@ -95,12 +109,12 @@ def _either_carrying(border: int, first: Callable[..., None], second: Callable[.
 
 
 # For the laws without memory, and for those with memory.
-_plain = _chosen([_resisting(formula.resist) for formula in FORMULAS[:MEMORY]], 0, _either_resisting)
-_recall = _chosen([_recalling(formula.resist) for formula in FORMULAS[MEMORY:]], MEMORY, _either_recalling)
+_plain = _chosen([_resisting(formula.resist) for formula in PLAIN], 0, _either_resisting)
+_recall = _chosen([_recalling(formula.resist) for formula in WITH_MEMORY], MEMORY, _either_recalling)
 _carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.carry], MEMORY, _either_carrying)
 
 
-@kernel
+@separate_kernel(_signature(TWO, WHOLE, ROW, *7 * (NUMBER,)))
 def plain(
     code: int, p: FloatArray, gate: float, dm: float, vm: float, tm: float, d1: float, v1: float, t1: float
 ) -> tuple[float, float]:
@@ -108,7 +122,7 @@ def plain(
     return _plain(code, p, gate, dm, vm, tm, d1, v1, t1)
 
 
-@kernel
+@separate_kernel(_signature(TWO, WHOLE, ROW, NUMBER, ROWS, ROW, ROWS, WHOLE, *8 * (NUMBER,)))
 def carried(
     code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
     dm: float, vm: float, d1: float, v1: float, h: float, t: float,
@@ -120,7 +134,7 @@ def carried(
     return _recall(code, p, gate, half, dm, vm, t + 0.5 * h), _recall(code, p, gate, end, d1, v1, t + h)
 
 
-@kernel
+@separate_kernel(_signature(NUMBER, WHOLE, ROW, NUMBER, ROWS, WHOLE, *3 * (NUMBER,)))
 def resist(code: int, p: FloatArray, gate: float, inner: FloatArray, c: int, d: float, v: float, t: float) -> float:
     """Resistance of curved element c with the state variables inner[c]."""
     if code < MEMORY:
