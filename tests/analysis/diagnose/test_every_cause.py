@@ -4,18 +4,32 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import ClassVar, TypeVar, get_args
 
 import numpy as np
 import pytest
 
 from isorig.analysis.diagnose.causes import CATALOGUE
-from isorig.analysis.diagnose.causes.base import SMALLEST, Cause, Evidence, Kind, RandomSizes
+from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns
+from isorig.analysis.diagnose.causes.base import (
+    SMALLEST,
+    Cause,
+    Evidence,
+    Kind,
+    RandomSizes,
+    RigWithCause,
+    Sizes,
+    WeakestSizes,
+)  # fmt: skip
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws import QuadraticDamping
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.effects import KINDS, OUTSIDE, PAIRS, drawing, hidden_in
 
+T = TypeVar("T")
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "diagnosing.md").read_text(encoding="utf-8")
 CHANNELS = ("head", "motor", "table", "heatblock")
@@ -25,11 +39,6 @@ EVIDENCE = Evidence(
     mains=dict.fromkeys(CHANNELS, 50.0), misfit_frequencies=(30.0,), forces={}, push=25.0,
     configurations=frozenset({"locked", "unlocked"}), described=wire_bonder(), guess=wire_bonder(),
 )  # fmt: skip
-#: Reported parameters that grow with the size of their cause.
-DETERMINE_SIZE = {
-    "cubic_stiffness", "softening", "clearance", "contact_stiffness", "quadratic_damping", "relaxation_stiffness", "mode_mass",
-    "drive_arm", "static_force", "delay", "amplitude",
-}  # fmt: skip
 
 
 def name_of(cause: Cause) -> str:
@@ -85,10 +94,60 @@ def test_the_smallest_cause_changes_the_rig_less_than_a_hidden_one(cause: Cause)
     for place in cause.supposed_places(model):
         for smallest in cause.smallest(model, EVIDENCE, place):
             assert smallest.model != model or smallest.hum is not None
-            hidden = [cause.sized(model, EVIDENCE, place, SMALLEST, RandomSizes(drawing(seed, "any"))) for seed in range(9)]
-            assert all(set(one.parameters) == set(smallest.parameters) for one in hidden)
-            for name in DETERMINE_SIZE & set(smallest.parameters):
-                assert smallest.parameters[name] <= min(one.parameters[name] for one in hidden), name
+            assert not_beyond_the_smallest(cause, model, place, smallest) == []
+
+
+class DrawnSizes(RandomSizes):
+    """At random, but always the first option: an effect of either sign is of the same size."""
+
+    def one_of(self, options: Sequence[T]) -> T:
+        return options[0]
+
+
+def not_beyond_the_smallest(cause: Cause, model: RigModel, place: str, smallest: RigWithCause) -> list[str]:
+    """The parameters of the smallest cause that a hidden one of the same relative size does not always exceed.
+
+    A parameter determines the size if it changes with the relative size; the direction of this change is that of larger effects.
+    """
+    once, twice = (cause.sized(model, EVIDENCE, place, size * SMALLEST, WeakestSizes()).parameters for size in (1.0, 2.0))
+    towards = {name: np.sign(twice[name] - once[name]) for name in once if twice[name] != once[name]}
+    assert towards, "a cause has a parameter that grows or decreases with its size"
+    hidden = [cause.sized(model, EVIDENCE, place, SMALLEST, DrawnSizes(drawing(seed, "any"))).parameters for seed in range(9)]
+    assert all(set(one) == set(smallest.parameters) for one in hidden)
+    return [name for name, sign in towards.items() if any(sign * (one[name] - smallest.parameters[name]) < 0.0 for one in hidden)]
+
+
+class Drags(LinkCause):
+    """A cause with a parameter that no other cause has, of a size in the wrong order or drawn as one that does not matter."""
+
+    kind = "damping_shape"
+    family = "damping"
+    law = QuadraticDamping
+    names: ClassVar = {"quadratic_damping": "drag"}
+
+    def __init__(self, number: Callable[[Sizes], float]) -> None:
+        self.number = number
+
+    def free(self, link: LinkInRuns) -> Iterable[Free]:
+        return (Free(path="quadratic_damping", low=1e-3, high=1e3),)
+
+    def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> QuadraticDamping:
+        return QuadraticDamping(quadratic_damping=size * self.number(sizes))
+
+
+@pytest.mark.parametrize(
+    ("number", "found"),
+    [
+        (lambda sizes: sizes.weak_to_strong(1.0, 2.0), []),
+        (lambda sizes: sizes.weak_to_strong(2.0, 1.0), ["drag"]),
+        (lambda sizes: sizes.between(1.0, 2.0), ["drag"]),
+    ],
+    ids=["weak to strong", "strong to weak", "between"],
+)  # fmt: skip
+def test_a_size_of_any_name_is_compared(number: Callable[[Sizes], float], found: list[str]) -> None:
+    cause, model = Drags(number), wire_bonder()
+    (smallest,) = cause.smallest(model, EVIDENCE, "isolation")
+    assert not_beyond_the_smallest(cause, model, "isolation", smallest) == found
 
 
 def test_an_effects_random_numbers_follow_from_its_name() -> None:
