@@ -93,6 +93,7 @@ def test_a_bent_sensor_is_named_although_a_rocking_body_repairs_more_of_its_equa
         ("uneven friction", 1.0, 870048, {("friction_shape", "l1")}),
         ("end_stop", 1.0, 880015, {("spring_shape", "l0")}),
         ("two", 0.33, 880065, {("friction_shape", "l0"), ("spring_shape", "l0")}),
+        ("uneven friction", 1.0, 881048, {("friction_shape", "wall")}),
     ],
 )
 def test_causes_that_hold_a_chain_or_hide_behind_another_one(

@@ -24,17 +24,20 @@ from isorig.analysis.diagnose.policy import (
     Stage,
     adequacy_threshold,
     explains_own_channel,
+    is_superfluous,
     may_be_noise,
     more_draws,
     step_counts,
     verdict,
 )
 from isorig.analysis.diagnose.search import Job, next_step
-from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evidence, without_form
+from isorig.analysis.diagnose.step import Entry, Found, Step, rescored, updated, with_evidence, without_form
+from isorig.analysis.diagnose.superfluous import without_cause
 from isorig.analysis.diagnose.suspects import BROKEN, equations_of, suspects
 from isorig.analysis.equations.forms import start_values
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.errors import FitError, OutOfTimeError
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
@@ -294,11 +297,12 @@ def _lean(entry: Entry) -> Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class _Stage:
-    # An intermediate model, the step that led to it (None for the baseline), whether the next one belongs to it, and whether the
-    # equations of motion show the step's kind and place.
+    # An intermediate model, the step that led to it (None for the baseline) with its candidate, whether the next one belongs to
+    # it, and whether the equations of motion show the step's kind and place.
     fit: Fit
     score: Score
     step: Step | None = None
+    candidate: Candidate | None = None
     paired: bool = False
     shown: bool = False
 
@@ -391,12 +395,25 @@ class _Search:
             # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
             # of the baseline.
             quiet = self.floors(stages[0].fit.model, judged)
-        word, kept = verdict(_seen(stages), _allowed(quiet), enough, self._tolerance)
-        named, replaced = merged(stages[: kept + 1], _allowed(quiet))
+        word, named, replaced = self._concluded(stages, division, _allowed(quiet), enough)
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced,
         )  # fmt: skip
+
+    def _concluded(
+        self, stages: Sequence[_Stage], division: Division, floors: FloatArray, enough: float
+    ) -> tuple[str, list[_Stage], frozenset[tuple[str, str]]]:  # fmt: skip
+        # The verdict, the stages that count, and the causes whose steps were replaced.
+        word, kept = verdict(_seen(stages), floors, enough, self._tolerance)
+        named, replaced = merged(stages[: kept + 1], floors)
+        needed = named
+        with self.until_the_time_ends():
+            needed = self._needed(named, division, floors, enough)
+        if len(needed) < len(named):
+            word, kept = verdict(_seen(needed), floors, enough, self._tolerance)
+            named = needed[: kept + 1]
+        return word, named, replaced
 
     def _ends(self, stages: Sequence[_Stage], quiet: FloatArray, enough: float) -> bool:
         # Whether the last stage is adequate, or a free shape that leaves little.
@@ -455,6 +472,45 @@ class _Search:
             return now, moved
         self._progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
         return replace(now, fit=widened(bare), score=plain), moved
+
+    def _needed(self, stages: list[_Stage], division: Division, floors: FloatArray, enough: float) -> list[_Stage]:
+        # The stages without the causes that later ones leave nothing to explain: an early cause may have stood for what the model
+        # lacked then. Those that remain are refitted without it.
+        k = 1
+        while k < len(stages) - 1:
+            leaner = self._leaner(stages, k, division, floors, enough)
+            stages, k = (stages, k + 1) if leaner is None else ([*stages[:k], *leaner], k)
+        return stages
+
+    def _leaner(
+        self, stages: Sequence[_Stage], k: int, division: Division, floors: FloatArray, enough: float
+    ) -> list[_Stage] | None:  # fmt: skip
+        # The stages after stage k as they are without its cause; None if the last one needs that.
+        before, gone, last = stages[k - 1], stages[k], stages[-1]
+        assert gone.step is not None
+        assert gone.candidate is not None
+        found: list[_Stage] = []
+        for stage in stages[:k:-1]:  # the last one first: it decides
+            extended = without_cause(before.fit, gone.fit, stage.fit)
+            rough = extended and tried(*extended, ladder(division.fits)[-1])
+            if not rough:
+                return None
+            try:
+                bare = finished(rough, division.fits)
+            except FitError:
+                return None
+            plain = score(bare.model, division.judged)
+            if not found:
+                superfluous = is_superfluous(plain.error, last.score.error, floors, enough, self._tolerance)
+                if gone.candidate.plausible(last.fit.model) and not superfluous:
+                    return None
+                self._progress(f"without {gone.step.cause} at {gone.step.location} the later causes reach {plain.figure:.3g}")
+            found.insert(0, replace(stage, fit=widened(bare), score=plain))
+        errors = [before.score.figure, *(stage.score.figure for stage in found)]
+        return [
+            replace(now, step=now.step and rescored(now.step, pair, (stage.fit.model, now.fit.model)))
+            for stage, now, pair in zip(stages[k + 1 :], found, pairwise(errors), strict=True)
+        ]
 
     @contextmanager
     def until_the_time_ends(self) -> Iterator[None]:
@@ -524,7 +580,10 @@ class _Search:
 def _stage(before: Score, found: Found) -> _Stage:
     entry = found.entry
     step = replace(found.step, before=before.figure, after=entry.score.figure)
-    return _Stage(fit=widened(entry.fit), score=entry.score, step=step, paired=found.then is not None, shown=found.shown)
+    return _Stage(
+        fit=widened(entry.fit), score=entry.score, step=step, candidate=entry.candidate, paired=found.then is not None,
+        shown=found.shown,
+    )  # fmt: skip
 
 
 def merged(stages: Sequence[_Stage], floors: FloatArray) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:

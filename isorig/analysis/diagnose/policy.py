@@ -224,6 +224,27 @@ def adequacy_threshold(calibration: float | None, policy: Policy = POLICY) -> fl
     return max(policy.enough, policy.beyond_calibration * (calibration or 0.0))
 
 
+def is_superfluous(
+    without: FloatArray, present: FloatArray, floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
+) -> bool:  # fmt: skip
+    """Whether the causes found after a cause leave it nothing to explain.
+
+    Parameters
+    ----------
+    without, present
+        Errors of the last model, refitted without the cause, and with it, shape (runs, channels).
+    floors
+        Shape (runs, channels).
+    enough
+        The adequacy threshold for these data.
+    tolerance
+        Error that counts as adequate.
+    policy
+        The thresholds.
+    """
+    return is_adequate(without, floors, enough, tolerance) or ratio(without, present, floors) < policy.matters
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stage:
     """An intermediate model of a diagnosis, as needed for the verdict.

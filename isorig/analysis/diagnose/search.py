@@ -385,64 +385,85 @@ class Suspected:
         for begun in unlike(_with_curve(self._started, self.found, job.current, job.evidence))[:PAIRS]:
             if any(pair[3].cost <= AGREES for pair in found) and not self.found.blamed(begun[0].cause, begun[0].location):
                 break  # only what the equations show as clearly may stand for the first cause of a pair that agrees
-            starts = self._after(begun)
-            if not starts:
+            starts, then = self._after(begun)
+            if not starts or then is None:
                 continue
             job.progress(f"an equation does not hold with {begun[0].cause} ({begun[0].location}); fitting another cause with it")
-            other = self._alone(starts, begun[0].location)
-            back = [start for start in self._after(other) if start[0].key == begun[0].key] if other else []
-            run = verified([*starts, *back], job.rungs[-1], job.progress)
-            first = other if run and other and run[0][0].key == begun[0].key else begun
-            if run and run[0][0].shape is not None:
-                run = self._forms_for(*run[0], first) or run
+            others = self._alone(starts, then, begun[0].location)
+            back = [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
+            run = self._followed([*starts, *(start for start, _ in back)])
+            behind = {id(start[0]): other for start, other in back}
+            first = behind.get(id(run[0][0]), begun) if run else begun
+            if run and run[0][0].shape is not None and (forms := self._forms_for(*run[0], first)):
+                run, behind = forms, {id(candidate): first for candidate, _ in forms}
             if not job.stays(run):
                 continue
-            alone = [pair for pair in self.forms if pair[0] is first[0]] or verified([first], job.rungs[-1], job.progress)
-            if alone:
-                # Others that agree with the data too are reported as indistinguishable.
-                alike = [run[0], *(pair for pair in run[1:] if pair[1].cost <= AGREES and first is begun)]
-                found += [(first[0], alone[0][1], *pair) for pair in alike if pair[0].key != first[0].key]
+            # Others that agree with the data too are reported as indistinguishable.
+            named: list[set[tuple[str, str]]] = []
+            for candidate, both in [run[0], *(pair for pair in run[1:] if pair[1].cost <= AGREES)]:
+                first = behind.get(id(candidate), begun)
+                keys = {first[0].key, candidate.key}
+                alone = [pair for pair in self.forms if pair[0] is first[0]] if keys not in named else []
+                if keys not in named and (alone := alone or verified([first], job.rungs[-1], job.progress)):
+                    named.append(keys)
+                    found.append((first[0], alone[0][1], candidate, both))
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
+
+    def _followed(self, starts: Starts) -> Running:
+        # Fits of pairs, on growing lengths of the runs where none agrees with the data at once: impacts soon make two motions
+        # differ, however close their parameters are.
+        job = self.job
+        run = verified(starts, job.rungs[-1], job.progress)
+        if not run or run[0][1].cost <= TELLING:
+            return run
+        again = followed(starts, job.rungs, job.current, job.progress, job.promising)
+        return again if again and again[0][1].cost < run[0][1].cost else run
 
     def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
         # Forms of a curve's kind at its place that come as close to the data, with the same other cause.
         kinds = OVER_VELOCITY if kind_of(shape.cause) in OVER_VELOCITY else {kind_of(shape.cause)}
         forms = [
             start
-            for start in self._after(begun, curves=False)
+            for start in self._after(begun, curves=False)[0]
             if kind_of(start[0].cause) in kinds and start[0].location == shape.location
         ]
         run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
         return [pair for pair in run if pair[1].cost <= max(AGREES, POLICY.form_close**2 * curve.cost)]
 
-    def _after(self, begun: Start, *, curves: bool = True) -> Starts:
-        # Starting points of a second cause by the equations with the first one in place, if these do not hold.
+    def _after(self, begun: Start, *, curves: bool = True) -> tuple[Starts, Suspects | None]:
+        # Starting points of a second cause by the equations with the first one in place, and what these point to; none if they
+        # hold. What replaces the first cause is no second one.
         job, (first, free, model) = self.job, begun
         then = suspects(equations_of(job.campaign, model), further=True)
         if then is None or not then.broken:
-            return []
+            return [], None
         extended = replace(job.current, model=model, free=free)
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
-        candidates = [c for c in then.candidates(extended, evidence) if c.key != first.key and c.cause not in ALWAYS]
+        candidates = [c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS]
         own = {f.path for f in first.free}
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts
-        return [start for start in starts if own <= {f.path for f in start[1]}]
+        return [start for start in starts if start[0].key != first.key and own <= {f.path for f in start[1]}], then
 
-    def _alone(self, starts: Starts, place: str) -> Start | None:
-        # The second cause alone, at another place than the first: the equations gave the values of the first as if there were no
-        # second, so they are to be computed again with that in place.
+    def _alone(self, starts: Starts, then: Suspects, place: str) -> Starts:
+        # The second causes alone, at another place than the first, that the equations show as clearly as any other: they gave
+        # the values of the first as if there were no second, so they are to be computed again with each of these in place. What
+        # is closest at these values may only be what they disturb least.
         current, problem = self.job.current, self.job.rungs[-1].problem
         elsewhere = unlike([start for start in starts if start[0].location != place])[:FINALISTS]
         costs = np.array([misfit(model, problem) for _, _, model in elsewhere])
         if not np.any(np.isfinite(costs)) or np.nanmin(costs) < TELLING:
-            return None
-        nearest, _, pair = elsewhere[int(np.nanargmin(costs))]
-        for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence)):
-            if candidate.key == nearest.key:
-                free = candidate.parameters(current.model, current.free)
-                return candidate, free, candidate.starts[0].replace(values_at(pair, [f.path for f in free]))
-        return None
+            return []
+        order = [elsewhere[int(k)] for k in np.argsort(costs) if np.isfinite(costs[k])]
+        blamed = [start for start in order[1:] if then.blamed(start[0].cause, start[0].location)]
+        found: Starts = []
+        for nearest, _, pair in [order[0], *blamed][:PAIRS]:
+            for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence)):
+                if candidate.key == nearest.key:
+                    free = candidate.parameters(current.model, current.free)
+                    found.append((candidate, free, candidate.starts[0].replace(values_at(pair, [f.path for f in free]))))
+                    break
+        return found
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""

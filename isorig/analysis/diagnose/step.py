@@ -62,6 +62,11 @@ class Curve:
         points = [(x, y, std.get(path, s)) for path, (x, y, s) in zip(self.paths, self.points, strict=True)]
         return replace(self, points=tuple(points)) if self.paths else self
 
+    def moved(self, before: RigModel, after: RigModel) -> Curve:
+        """The curve of one model with the values of another one, which has the same points."""
+        points = [(x, y + after.get(path) - before.get(path), s) for path, (x, y, s) in zip(self.paths, self.points, strict=True)]
+        return replace(self, points=tuple(points)) if self.paths else self
+
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
@@ -248,10 +253,7 @@ def found_step(
             if e.candidate is not candidate
         ),
         indistinguishable=tuple(sorted(twins)),
-        evidence=(
-            f"With {candidate.cause} at {candidate.location} the held-out error falls from {now.figure:.3g} to "
-            f"{carried.score.figure:.3g}.",
-        ),
+        evidence=(_falls(candidate.cause, candidate.location, now.figure, carried.score.figure),),
         before=now.figure, after=carried.score.figure, reported=candidate.reported, curve=curve,
     )  # fmt: skip
     return Found(step=step, entry=carried, entries=tuple(entries))
@@ -276,6 +278,29 @@ def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | N
     return Curve(
         over=shape.over, unit=shape.unit, value_unit=shape.value_unit, points=tuple(points[k] for k in order), reached=reached,
         paths=tuple(paths[k] for k in order),
+    )  # fmt: skip
+
+
+def _falls(cause: str, place: str, before: float, after: float) -> str:
+    return f"With {cause} at {place} the held-out error falls from {before:.3g} to {after:.3g}."
+
+
+def rescored(step: Step, scores: tuple[float, float], models: tuple[RigModel, RigModel]) -> Step:
+    """The step where one before it is left out.
+
+    Parameters
+    ----------
+    step
+        The step as it was.
+    scores
+        Held-out errors without and with it now.
+    models
+        The models with it before and now.
+    """
+    _, *others = step.evidence
+    return replace(
+        step, before=scores[0], after=scores[1], evidence=(_falls(step.cause, step.location, *scores), *others),
+        curve=step.curve and step.curve.moved(*models),
     )  # fmt: skip
 
 

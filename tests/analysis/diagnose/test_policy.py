@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.diagnose.policy import POLICY, Policy, Stage, form_stands, step_counts, verdict, wins
+from isorig.analysis.diagnose.policy import POLICY, Policy, Stage, form_stands, is_superfluous, step_counts, verdict, wins
 from isorig.analysis.fitting.excess import MOST_ERROR, excess, is_adequate, ratio, share_removed
 
 FLOORS = np.full((6, 3), 0.004)
@@ -170,6 +170,26 @@ def test_four_standard_errors_over_runs() -> None:
 def test_rivals_within_a_few_per_cent_do_not_differ() -> None:
     assert ratio(errors(0.102), errors(0.1), FLOORS) < POLICY.matters < ratio(errors(0.11), errors(0.1), FLOORS)
     assert ratio(0.5 * FLOORS, FLOORS, FLOORS) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("without", "present", "superfluous"),
+    [
+        (0.99 * POLICY.enough * 0.004, 0.004, True),
+        (1.01 * POLICY.enough * 0.004, 0.004, False),
+        (0.99 * POLICY.matters * 0.1, 0.1, True),
+        (1.01 * POLICY.matters * 0.1, 0.1, False),
+    ],
+)
+def test_a_cause_is_superfluous_where_the_later_ones_suffice_or_it_adds_too_little(
+    without: float, present: float, superfluous: bool
+) -> None:  # fmt: skip
+    assert is_superfluous(errors(without), errors(present), FLOORS, POLICY.enough) == superfluous
+
+
+def test_a_tolerance_makes_a_cause_superfluous() -> None:
+    assert is_superfluous(errors(0.049), errors(0.01), FLOORS, POLICY.enough, tolerance=0.05)
+    assert not is_superfluous(errors(0.051), errors(0.01), FLOORS, POLICY.enough, tolerance=0.05)
 
 
 def test_certainty_is_the_share_of_resampled_runs_that_win() -> None:

@@ -7,7 +7,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from diagnosed import COLUMNS, Line, append, group_of, judged, lines_of, table
+from diagnosed import COLUMNS, Line, append, diagnosed, group_of, judged, lines_of, table
+from foreign_campaign import Setting, draw
 
 HARDENING = {"effect": "fifth power", "cause": None, "kinds": ["spring_shape"], "place": "l0"}
 GAIN = {"effect": "sensor_gain", "cause": "sensor_gain", "kinds": ["sensor"], "place": "a1"}
@@ -51,3 +52,13 @@ def test_lines_are_read_again_and_counted_by_group(tmp_path: Path) -> None:
     assert lines_of(tmp_path / "study.csv") == lines
     group, *counts = table(lines).splitlines()[1].rsplit(maxsplit=5)
     assert (group.strip(), counts) == ("one cause, a third, 2 % of disturbances", ["2", "0", "0", "0", "1"])
+
+
+@pytest.mark.study
+@pytest.mark.timeout(600)
+def test_a_wrong_gain_beside_play_is_not_taken_for_a_wrong_mass(tmp_path: Path) -> None:
+    """A stage in a frame: the gain of the stage's sensor and the stage's mass change the frame's equation by a twelfth."""
+    assert draw("stage", 1949, Setting(severity=None, soiled=None, effects=None), tmp_path) is not None
+    line = diagnosed(tmp_path / "1949.h5", tmp_path / "1949.json")
+    assert line.hidden == "backlash at rail; sensor_gain at x"
+    assert line.outcome == "right"
