@@ -118,6 +118,39 @@ def test_the_second_of_two_causes_is_left_out_if_the_first_suffices(
     assert len(search.causes(baseline, ends).stages) == 1 + steps
 
 
+@pytest.mark.parametrize(
+    ("alone", "plausible", "named"),
+    [
+        (0.004, True, ["backlash"]),  # the second one suffices
+        (0.0204, True, ["backlash"]),  # the first one adds less than 5 %
+        (0.03, True, ["wrong_mass", "backlash"]),
+        (0.03, False, ["backlash"]),  # the first one is as given after all
+    ],
+)
+def test_the_first_of_two_causes_is_left_out_if_the_last_fit_needs_it_no_more(
+    alone: float, plausible: bool, named: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    mass = replace(entry("sensor_gain", "x", 0.2).candidate, cause="wrong_mass", plausible=lambda model: plausible)
+    first = replace(step_to("wrong_mass", "known_value", 0.3, 0.2), candidate=mass, paired=True)
+    last = step_to("backlash", "spring_shape", 0.2, 0.02)
+    leaner = replace(last.fit, cost=0.5)
+    monkeypatch.setattr(diagnosis, "without_cause", lambda before, after, last: (last.model, last.free))
+    monkeypatch.setattr(diagnosis, "tried", lambda model, free, rung: leaner)
+    monkeypatch.setattr(diagnosis, "finished", lambda rough, trials: leaner)
+    monkeypatch.setattr(diagnosis, "widened", lambda done: done)
+    monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(alone))
+    baseline = replace(first, step=None, candidate=None, score=scored(0.3))
+    _, *steps = search._needed([baseline, first, last], ends(trials), FLOORS, POLICY.enough)
+    assert [stage.step.cause for stage in steps if stage.step] == named
+    if len(named) == 1:
+        assert steps[0].fit is leaner
+        assert steps[0].step is not None
+        assert (steps[0].step.before, steps[0].step.after) == (scored(0.3).figure, scored(alone).figure)
+
+
 def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A baseline in a local minimum takes a first step; a second one leads to parameters that need neither."""
     campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
