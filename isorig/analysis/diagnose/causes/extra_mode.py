@@ -47,12 +47,11 @@ class ExtraMode(Cause):
     found_as = frozenset({"resonator"})
 
     def places(self, model: RigModel) -> tuple[str, ...]:
-        """The bodies without one."""
-        names = [body.name for body in model.bodies]
-        return tuple(name for name in names if f"{name}_added" not in names and not name.endswith("_added"))
+        """The bodies with fewer than two: what is attached to a body may be several parts."""
+        return tuple(body.name for body in model.bodies if not body.name.endswith("_added") and _names_left(model, body.name))
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
-        body, name = model.body(place), f"{place}_added"
+        body, name = model.body(place), _names_left(model, place)[0]
         mass, fastest = MASSES[0] * body.mass, 2.0 * pi * evidence.sample_rate
         frequencies = _around(evidence.misfit_frequencies)
         at_mass, stiffness, damping = f"bodies.{name}.mass", f"links.{name}.stiffness", f"links.{name}.damping"
@@ -88,8 +87,14 @@ def _sized(model: RigModel, body: Body, frequency: float, size: float, sizes: Si
     return RigWithCause(model=_attached(model, body, mass, frequency, damping), parameters=values)
 
 
+def _names_left(model: RigModel, body: str) -> list[str]:
+    # Names for attached parts that the rig does not have yet.
+    names = {body.name for body in model.bodies}
+    return [name for name in (f"{body}_added", f"{body}_second_added") if name not in names]
+
+
 def _attached(model: RigModel, body: Body, mass: float, frequency: float, damping: float) -> RigModel:
-    name, omega = f"{body.name}_added", 2.0 * pi * frequency
+    name, omega = _names_left(model, body.name)[0], 2.0 * pi * frequency
     link = Link(name=name, a=name, b=body.name, stiffness=mass * omega**2, damping=2.0 * damping * mass * omega)
     return msgspec.structs.replace(model, bodies=(*model.bodies, Body(name=name, mass=mass)), links=(*model.links, link))
 
