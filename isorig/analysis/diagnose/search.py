@@ -390,8 +390,13 @@ class Suspected:
                 continue
             job.progress(f"an equation does not hold with {begun[0].cause} ({begun[0].location}); fitting another cause with it")
             others = self._alone(starts, then, begun[0].location)
-            back = [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
-            run = self._followed([*starts, *(start for start, _ in back)])
+            back = self._back(others[:1], begun)
+            run = verified([*starts, *(start for start, _ in back)], job.rungs[-1], job.progress)
+            if not run or run[0][1].cost > TELLING:
+                # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
+                back += self._back(others[1:], begun)
+                again = followed([*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising)
+                run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
             behind = {id(start[0]): other for start, other in back}
             first = behind.get(id(run[0][0]), begun) if run else begun
             if run and run[0][0].shape is not None and (forms := self._forms_for(*run[0], first)):
@@ -409,15 +414,9 @@ class Suspected:
                     found.append((first[0], alone[0][1], candidate, both))
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
 
-    def _followed(self, starts: Starts) -> Running:
-        # Fits of pairs, on growing lengths of the runs where none agrees with the data at once: impacts soon make two motions
-        # differ, however close their parameters are.
-        job = self.job
-        run = verified(starts, job.rungs[-1], job.progress)
-        if not run or run[0][1].cost <= TELLING:
-            return run
-        again = followed(starts, job.rungs, job.current, job.progress, job.promising)
-        return again if again and again[0][1].cost < run[0][1].cost else run
+    def _back(self, others: Starts, begun: Start) -> list[tuple[Start, Start]]:
+        # The first cause started again with each of these in place, and which one that is.
+        return [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
 
     def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
         # Forms of a curve's kind at its place that come as close to the data, with the same other cause.
@@ -446,9 +445,9 @@ class Suspected:
         return [start for start in starts if start[0].key != first.key and own <= {f.path for f in start[1]}], then
 
     def _alone(self, starts: Starts, then: Suspects, place: str) -> Starts:
-        # The second causes alone, at another place than the first, that the equations show as clearly as any other: they gave
-        # the values of the first as if there were no second, so they are to be computed again with each of these in place. What
-        # is closest at these values may only be what they disturb least.
+        # Second causes alone, at another place than the first: the equations gave the values of the first as if there were no
+        # second, so they are to be computed again with that in place. The closest one at these values, and those that the
+        # equations show as clearly as any other: the closest may only be what these values disturb least.
         current, problem = self.job.current, self.job.rungs[-1].problem
         elsewhere = unlike([start for start in starts if start[0].location != place])[:FINALISTS]
         costs = np.array([misfit(model, problem) for _, _, model in elsewhere])
